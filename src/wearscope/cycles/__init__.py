@@ -1,0 +1,1 @@
+"""Test-cycles: one file each, a jerk-limited reference motion of all joints."""

@@ -1,0 +1,1 @@
+"""Factors, coded and natural levels, experimental designs and their checks."""

@@ -1,0 +1,1 @@
+"""Questions asked of the surrogates: relevant factors, SNR, effective scope, audit."""

@@ -1,0 +1,1 @@
+"""Robots: URDF intake, the model file, rigid-body dynamics."""

@@ -1,0 +1,1 @@
+"""Surrogates of the test quantity over coded factors, with their own uncertainty."""
