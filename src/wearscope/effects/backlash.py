@@ -1,0 +1,22 @@
+"""Lost motion between motor and link at torque reversal."""
+
+import numpy as np
+
+from wearscope.effects.base import Parameter, TransmissionEffect
+
+
+def _take_up(torque: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    return 0.5 * np.tanh(torque / shape[0])
+
+
+EFFECT = TransmissionEffect(
+    name="backlash",
+    form="inverse dynamics along q - (lost_motion/2) tanh(tau_rb/mesh_torque), to first order",
+    coefficients=(Parameter("lost_motion", "{position}", lower=0.0),),
+    source="Nordin and Gutman 2002, Automatica 38(10)",
+    depends_on=("load_{joint}", "reversal_load_{joint}"),
+    shape=(Parameter("mesh_torque", "{torque}", lower=1e-9, default=1.0),),
+    spread=True,
+    bend=_take_up,
+    installs=("lost_motion", "mesh_torque"),
+)

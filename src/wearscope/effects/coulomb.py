@@ -1,0 +1,18 @@
+"""Coulomb friction."""
+
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    out[0] = sign[j]
+
+
+EFFECT = Effect(
+    name="coulomb",
+    form="level sign(v)",
+    coefficients=(Parameter("level", "{torque}", lower=0.0),),
+    source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
+    depends_on=("sign_qd_{joint}",),
+    row=_row,
+)

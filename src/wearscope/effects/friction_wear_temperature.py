@@ -1,0 +1,44 @@
+"""Static friction with temperature and wear, the paper's eq. (17), odd in the speed."""
+
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    warmth, worn = temperature[j], wear[j]
+    speed = abs(v[j])
+    bump = np.exp(-((speed / (shape[0] + shape[1] * warmth)) ** shape[3])) * sign[j]
+    out[0] = sign[j]
+    out[1] = bump
+    out[2] = warmth * bump
+    out[3] = v[j]
+    out[4] = warmth * v[j]
+    # Every wear term vanishes at f = 0, where eta8 f would divide by zero.
+    out[5] = worn * np.exp(-((speed / (shape[2] * worn)) ** shape[3])) * sign[j] if worn > 0.0 else 0.0
+    out[6] = worn * v[j]
+
+
+EFFECT = Effect(
+    name="friction_wear_temperature",
+    form="eta0 + (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) + (eta5 + eta6 T) v + eta7 f exp(-abs(v/(eta8 f))^alpha) + eta9 f v",
+    coefficients=(
+        Parameter("eta0", "{torque}"),
+        Parameter("eta1", "{torque}"),
+        Parameter("eta2", "{torque}/K"),
+        Parameter("eta5", "{torque} s/{position}"),
+        Parameter("eta6", "{torque} s/({position} K)"),
+        Parameter("eta7", "{torque}"),
+        Parameter("eta9", "{torque} s/{position}"),
+    ),
+    source="Samuelsson et al. 2014, eq. (17); Bittencourt et al. 2011",
+    depends_on=("qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"),
+    row=_row,
+    shape=(
+        Parameter("eta3", "{position}/s"),
+        Parameter("eta4", "{position}/(s K)"),
+        Parameter("eta8", "{position}/s", lower=0.0),
+        Parameter("alpha", "-", lower=0.1, upper=4.0, default=1.0),
+    ),
+)

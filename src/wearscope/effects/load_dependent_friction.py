@@ -1,0 +1,21 @@
+"""Friction that grows with the transmitted load."""
+
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    out[0] = abs(load[j]) * sign[j]
+
+
+EFFECT = Effect(
+    name="load_dependent_friction",
+    form="coefficient abs(tau_rb) sign(v)",
+    coefficients=(Parameter("coefficient", "-"),),
+    source="Gogoussis and Donath 1988; Hamon et al. 2010, IEEE IROS",
+    depends_on=(
+        "load_{joint}",
+        "sign_qd_{joint}",
+    ),
+    row=_row,
+)

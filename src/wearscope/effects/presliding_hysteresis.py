@@ -1,0 +1,28 @@
+"""Presliding: friction as a function of displacement since the last reversal (Dahl)."""
+
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    moved = np.exp(-abs(v[j]) * dt / shape[0])
+    next_state[0] = sign[j] + (state[0] - sign[j]) * moved if sign[j] != 0.0 else state[0]
+    out[0] = next_state[0] - sign[j]
+
+
+EFFECT = Effect(
+    name="presliding_hysteresis",
+    form="level (z - sign(v)), dz/dt = (v - abs(v) z)/displacement",
+    coefficients=(Parameter("level", "{torque}"),),
+    source="Dahl 1968; Canudas de Wit et al. 1995, IEEE T. Automatic Control 40(3)",
+    depends_on=(
+        "qd_{joint}",
+        "sign_qd_{joint}",
+        "reversal_{joint}",
+    ),
+    row=_row,
+    shape=(Parameter("displacement", "{position}", lower=1e-12, default=1e-3),),
+    n_states=1,
+)

@@ -1,0 +1,27 @@
+"""Stribeck effect: friction that falls from break-away as lubrication sets in."""
+
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    out[0] = np.exp(-((abs(v[j]) / shape[0]) ** shape[1])) * sign[j]
+
+
+EFFECT = Effect(
+    name="stribeck",
+    form="level exp(-abs(v/speed)^exponent) sign(v)",
+    coefficients=(Parameter("level", "{torque}"),),
+    source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
+    depends_on=(
+        "qd_{joint}",
+        "sign_qd_{joint}",
+    ),
+    row=_row,
+    shape=(
+        Parameter("speed", "{position}/s", lower=1e-9, default=0.1),
+        Parameter("exponent", "-", lower=0.3, upper=4.0, default=1.0),
+    ),
+)

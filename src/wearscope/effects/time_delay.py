@@ -1,0 +1,12 @@
+"""Torque channel that lags the position channel."""
+
+from wearscope.effects.base import MeasurementEffect, Parameter
+
+EFFECT = MeasurementEffect(
+    name="time_delay",
+    form="tau(t - delay) in place of tau(t), to first order -delay d tau/dt",
+    coefficients=(Parameter("delay", "s"),),
+    source="Swevers et al. 1997, IEEE T. Robotics and Automation 13(5)",
+    depends_on=("dtau_{joint}",),
+    kind="lag",
+)
