@@ -1,0 +1,54 @@
+# make run    set everything up and run the paper's study
+# make test   set everything up and run the tests
+# After either, the daily command is .venv/bin/snakemake --cores 2
+
+PYTHON ?= python3.11
+CORES ?= 2
+BIN := .venv/bin
+LOCKS := envs/build.lock envs/requirements.lock
+
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: run test setup lint format lock clean
+
+run: setup
+	$(BIN)/snakemake --cores $(CORES)
+
+test: setup
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal $(ARGS)
+
+setup: .venv/installed
+
+# The stamp makes the second run start at once; a changed lock or pyproject.toml makes the environment anew.
+.venv/installed: $(LOCKS) pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { echo >&2 \
+	"wearscope needs Python 3.11, because snakemake 9.27 needs at least 3.11 and pybullet 3.2.7 has no wheels" \
+	"for anything newer; '$(PYTHON)' is not it: install it, or call 'make PYTHON=/path/to/python3.11'."; exit 1; }
+	@echo "Installing the locked packages into .venv (1 to 3 minutes) ..."
+	@$(PYTHON) -m venv --clear .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/build.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation \
+		--requirement envs/requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+lint: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+
+format: setup
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+	$(BIN)/snakefmt Snakefile workflow
+
+# Needs uv, which the environment does not hold. build.lock is what packages without a wheel are built with.
+lock:
+	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
+		--no-annotate --no-header --upgrade envs/requirements.in --output-file envs/requirements.lock
+	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .mypy_cache
