@@ -1,0 +1,253 @@
+"""Rigid-body dynamics of a normalised URDF by Pinocchio, with joints in the caller's order."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from wearscope.errors import InputError
+from wearscope.robots.spatial import Array, Inertia, pseudo_inertia
+from wearscope.robots.urdf import replace_inertias
+
+N_PARAMETERS = 10
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A load on the last joint's link.
+
+    Attributes
+    ----------
+    mass : float
+        [kg]
+    com : tuple of 3 float
+        Centre of mass in the frame of the last joint's link [m].
+    inertia : tuple of 6 float
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, along the link's axes [kg m^2].
+    """
+
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def parameters(self) -> Array:
+        """Ten inertial parameters (10,) about the link frame, as `RigidBody.payload_regressor` takes them."""
+        xx, xy, xz, yy, yz, zz = self.inertia
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertia(self.mass, np.array(self.com, dtype=float), tensor).to_parameters()
+
+    def scaled(self, factor: float) -> "Payload":
+        """Payload with mass and inertia times `factor`, the centre of mass unchanged."""
+        xx, xy, xz, yy, yz, zz = (factor * value for value in self.inertia)
+        return Payload(factor * self.mass, self.com, (xx, xy, xz, yy, yz, zz))
+
+
+class RigidBody:
+    """Inverse dynamics, mass matrix, bias and inertial regressors of a robot on a fixed base.
+
+    Parameters
+    ----------
+    urdf_text : str
+        Normalised URDF (`wearscope.robots.urdf.normalise_urdf`) with exactly the joints `joints`.
+    joints : sequence of str, length n
+        The order of joints in every array.
+    gravity : sequence of 3 float
+        In the base frame [m/s^2].
+    payload : Payload, optional
+        Rigidly on the link of the last joint.
+
+    Notes
+    -----
+    Inertial parameters are ten a joint's link, about the joint's frame, in the order
+    `wearscope.robots.spatial.PARAMETER_NAMES`. `inertial_parameters` are the links' own, without the payload:
+    torque = inertial_regressor @ inertial_parameters + payload_regressor @ payload.parameters.
+
+    Raises
+    ------
+    InputError
+        Where the URDF's joints are not `joints`.
+    """
+
+    def __init__(
+        self,
+        urdf_text: str,
+        joints: Sequence[str],
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        payload: Payload | None = None,
+    ) -> None:
+        model = pin.buildModelFromXML(urdf_text)
+        found = list(model.names)[1:]
+        if sorted(found) != sorted(joints) or model.nq != len(joints):
+            raise InputError(
+                f"URDF '{model.name}': its one-dof joints are {', '.join(found)}, not {', '.join(joints)}; "
+                "normalise it with these joints first."
+            )
+        self.names = list(joints)
+        self.gravity = tuple(float(value) for value in gravity)
+        self.payload = payload
+        self._urdf_text = urdf_text
+        self._model = model
+        self._model.gravity.linear = np.array(self.gravity)
+        # Pinocchio sorts the joints of a tree by name: `_order[k]` is where it keeps joint k of ours.
+        self._order = np.array([model.joints[model.getJointId(name)].idx_v for name in joints])
+        self._ids = [model.getJointId(name) for name in joints]
+        self._in_order = bool(np.array_equal(self._order, np.arange(len(joints))))
+        self._links = np.array([model.inertias[i].toDynamicParameters() for i in self._ids])
+        self._nominal = self._links.copy()
+        self._load_inertias()
+
+    def _load_inertias(self) -> None:
+        totals = self._links.copy()
+        if self.payload is not None:
+            totals[-1] += self.payload.parameters
+        for joint_id, parameters in zip(self._ids, totals, strict=True):
+            if not parameters[0] > 0.0:
+                name = self._model.names[joint_id]
+                raise InputError(
+                    f"joint '{name}': its link would weigh {parameters[0]:g} kg; it must be positive."
+                )
+            self._model.inertias[joint_id] = pin.Inertia.FromDynamicParameters(parameters)
+        self._data = self._model.createData()
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    def _sorted(self, values: ArrayLike) -> Array:
+        array = np.asarray(values, dtype=float)
+        if self._in_order:
+            return array
+        out = np.empty_like(array)
+        out[..., self._order] = array
+        return out
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Joint torque of the rigid body, without rotors and friction.
+
+        Parameters
+        ----------
+        q, v, a : array (n,) or (N, n)
+            Joint position, speed, acceleration [rad or m, per s, per s^2].
+
+        Returns
+        -------
+        array of the same shape
+            [N m] or [N].
+        """
+        q, v, a = self._sorted(q), self._sorted(v), self._sorted(a)
+        model, data, rnea = self._model, self._data, pin.rnea
+        if q.ndim == 1:
+            return rnea(model, data, q, v, a)[self._order]
+        out = np.empty_like(q)
+        for row in range(len(q)):
+            out[row] = rnea(model, data, q[row], v[row], a[row])
+        return out if self._in_order else out[:, self._order]
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Joint-space mass matrix (n, n), symmetric to the last bit."""
+        upper = np.triu(pin.crba(self._model, self._data, self._sorted(q)))
+        full = upper + np.triu(upper, 1).T
+        return full if self._in_order else full[np.ix_(self._order, self._order)]
+
+    def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Coriolis, centrifugal and gravity torque (n,)."""
+        return pin.nonLinearEffects(self._model, self._data, self._sorted(q), self._sorted(v))[self._order]
+
+    def inertial_regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Regressor (N, n, 10 n) of the links' inertial parameters; (n, 10 n) for one sample (n,)."""
+        single = np.ndim(q) == 1
+        q, v, a = (np.atleast_2d(self._sorted(x)) for x in (q, v, a))
+        columns = np.concatenate(
+            [np.arange(N_PARAMETERS) + N_PARAMETERS * (joint_id - 1) for joint_id in self._ids]
+        )
+        out = np.empty((len(q), self.n, N_PARAMETERS * self.n))
+        for row in range(len(q)):
+            block = pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
+            out[row] = block if self._in_order else block[np.ix_(self._order, columns)]
+        return out[0] if single else out
+
+    def payload_regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Regressor (N, n, 10) of a payload on the last joint's link; (n, 10) for one sample."""
+        single = np.ndim(q) == 1
+        q, v, a = (np.atleast_2d(self._sorted(x)) for x in (q, v, a))
+        start = N_PARAMETERS * (self._ids[-1] - 1)
+        out = np.empty((len(q), self.n, N_PARAMETERS))
+        for row in range(len(q)):
+            block = pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
+            out[row] = block[self._order, start : start + N_PARAMETERS]
+        return out[0] if single else out
+
+    @property
+    def inertial_parameters(self) -> Array:
+        """Ten parameters a link (10 n,), without the payload."""
+        return self._links.ravel().copy()
+
+    def with_inertial_parameters(self, parameters: ArrayLike) -> "RigidBody":
+        """Return the same robot with other link parameters (10 n,); the payload stays.
+
+        Raises
+        ------
+        InputError
+            Where a link with its payload would weigh nothing or less.
+        """
+        other = self._copy()
+        other._links = np.array(parameters, dtype=float).reshape(self.n, N_PARAMETERS)
+        other._load_inertias()
+        return other
+
+    def with_payload(self, payload: Payload | None) -> "RigidBody":
+        """Return the same robot with another payload in place of its own."""
+        other = self._copy()
+        other.payload = payload
+        other._load_inertias()
+        return other
+
+    def _copy(self) -> "RigidBody":
+        other = RigidBody.__new__(RigidBody)
+        other.__dict__.update(self.__dict__)
+        other._model = self._model.copy()
+        return other
+
+    def __getstate__(self) -> dict:
+        """Pickle what defines the robot; Pinocchio's objects are made again."""
+        return {
+            "arguments": (self._urdf_text, self.names, self.gravity, self.payload),
+            "parameters": self._links,
+        }
+
+    def __setstate__(self, state: dict) -> None:
+        """Make Pinocchio's objects again."""
+        RigidBody.__init__(self, *state["arguments"])
+        self._links = state["parameters"]
+        self._load_inertias()
+
+    def urdf_text(self) -> str:
+        """Normalised URDF with the links' present parameters, without the payload."""
+        changed = {
+            name: Inertia.from_parameters(parameters)
+            for name, parameters, nominal in zip(self.names, self._links, self._nominal, strict=True)
+            if not np.array_equal(parameters, nominal)
+        }
+        return replace_inertias(self._urdf_text, changed) if changed else self._urdf_text
+
+    def is_physically_consistent(self, tolerance: float = 0.0) -> bool:
+        """Whether every link's pseudo-inertia is positive definite.
+
+        Parameters
+        ----------
+        tolerance : float
+            Smallest eigenvalue allowed, as a share of the trace of the link's pseudo-inertia.
+
+        References
+        ----------
+        Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018.
+        """
+        for parameters in self._links:
+            matrix = pseudo_inertia(parameters)
+            if np.linalg.eigvalsh(matrix)[0] <= tolerance * np.trace(matrix):
+                return False
+        return True

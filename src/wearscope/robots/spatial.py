@@ -1,0 +1,110 @@
+"""Rotations and rigid-body inertias as arrays: the algebra that URDF intake and dynamics share."""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# Order of Pinocchio's ten inertial parameters: m, m c (3), then the tensor about the frame's origin.
+PARAMETER_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass [kg], centre of mass (3,) [m] in a frame, tensor (3, 3) [kg m^2] about it, along its axes."""
+
+    mass: float
+    com: Array
+    tensor: Array
+
+    def to_parameters(self) -> Array:
+        """Ten parameters (10,) in the order of `PARAMETER_NAMES`, the tensor about the frame's origin."""
+        c = self.com
+        origin = self.tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        i, j = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+        return np.concatenate(([self.mass], self.mass * c, origin[i, j]))
+
+    @staticmethod
+    def from_parameters(parameters: ArrayLike) -> "Inertia":
+        """Inverse of `to_parameters`; a mass of zero keeps a centre of mass at the origin."""
+        pi = np.asarray(parameters, dtype=float)
+        mass = float(pi[0])
+        com = pi[1:4] / mass if mass != 0.0 else np.zeros(3)
+        origin = np.array([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])
+        return Inertia(mass, com, origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+
+    def moved(self, rotation: Array, translation: Array) -> "Inertia":
+        """Express the inertia in a frame in which this one sits at `rotation` (3, 3), `translation` (3,)."""
+        tensor = rotation @ self.tensor @ rotation.T
+        return Inertia(self.mass, rotation @ self.com + translation, 0.5 * (tensor + tensor.T))
+
+
+def add_inertias(inertias: list[Inertia]) -> Inertia:
+    """One rigid body made of several that are expressed in the same frame."""
+    mass = sum(i.mass for i in inertias)
+    com = sum((i.mass * i.com for i in inertias), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
+    tensor = np.zeros((3, 3))
+    for inertia in inertias:
+        d = inertia.com - com
+        tensor = tensor + inertia.tensor + inertia.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return Inertia(mass, com, 0.5 * (tensor + tensor.T))
+
+
+def rpy_to_matrix(rpy: ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
+    r, p, y = np.asarray(rpy, dtype=float)
+    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def matrix_to_rpy(rotation: Array) -> Array:
+    """Roll, pitch, yaw (3,) [rad] of a rotation matrix, accurate at pitch +-90 degrees as well."""
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    # The roll that belongs to this very yaw: at pitch +-90 degrees only their combination is determined.
+    s, c = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], -s * rotation[0, 1] + c * rotation[1, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def diagonalise_tensor(tensor: Array) -> tuple[Array, Array]:
+    """Principal moments (3,) and the rotation (3, 3) of the principal frame, the one nearest to the identity.
+
+    A tensor that is diagonal already comes back as it is. The nearest frame keeps roll, pitch and yaw away
+    from the pole.
+    """
+    if not np.any(tensor[np.triu_indices(3, 1)]):
+        return np.diag(tensor).copy(), np.eye(3)
+    moments, axes = np.linalg.eigh(0.5 * (tensor + tensor.T))
+    best, best_order, best_trace = axes, [0, 1, 2], -np.inf
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            candidate = axes[:, order] * np.array(signs)
+            trace = np.trace(candidate)
+            if trace > best_trace and np.linalg.det(candidate) > 0.0:
+                best, best_order, best_trace = candidate, list(order), trace
+    return moments[best_order], best
+
+
+def pseudo_inertia(parameters: ArrayLike) -> Array:
+    """Pseudo-inertia matrix (4, 4) of ten inertial parameters; physical if and only if positive definite.
+
+    Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent inertial parameter
+    identification", IEEE Robotics and Automation Letters 3(1), 2018, eq. (15).
+    """
+    pi = np.asarray(parameters, dtype=float)
+    origin = np.array([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])
+    matrix = np.empty((4, 4))
+    matrix[:3, :3] = 0.5 * np.trace(origin) * np.eye(3) - origin
+    matrix[:3, 3] = matrix[3, :3] = pi[1:4]
+    matrix[3, 3] = pi[0]
+    return matrix
