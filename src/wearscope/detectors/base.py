@@ -1,0 +1,150 @@
+"""What a detector sees (`Batch`), what it must offer (`Detector`), and how one is found (`load_detector`)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wearscope import plugins
+from wearscope.errors import InputError
+
+if TYPE_CHECKING:
+    from wearscope.robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """One recorded test-cycle, all joints, evenly sampled.
+
+    Parameters
+    ----------
+    t : array (N,)
+        Time [s].
+    q, qd, tau : array (N, n)
+        Joint position [rad or m], joint speed [rad/s or m/s] and motor torque on the joint side [N m or N],
+        as the drive records them.
+    sample_rate : float, optional
+        Samples per second [Hz]; from `t` when left out.
+
+    Attributes
+    ----------
+    derived : dict
+        Signals derived from the recording (acceleration, rigid-body torque), kept so that several detectors
+        and axes compute them once.
+
+    Raises
+    ------
+    ValueError
+        Where the shapes do not fit together or there are fewer than 2 samples.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    tau: Array
+    sample_rate: float = 0.0
+    derived: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("t", "q", "qd", "tau"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        if self.t.ndim != 1 or len(self.t) < 2:
+            raise ValueError(f"a batch needs at least 2 samples of t (N,), got shape {self.t.shape}")
+        for name in ("q", "qd", "tau"):
+            shape = getattr(self, name).shape
+            if len(shape) != 2 or shape[0] != len(self.t) or shape != self.q.shape:
+                raise ValueError(f"batch: {name} has shape {shape}, expected ({len(self.t)}, n) like q")
+        if not self.sample_rate:
+            object.__setattr__(self, "sample_rate", float((len(self.t) - 1) / (self.t[-1] - self.t[0])))
+
+
+class Detector(Protocol):
+    """A batch fault detector (the paper's FDA) for one axis; it never sees factor values.
+
+    A detector is made with its options as keyword arguments, fitted once for a robot, test-cycle and axis,
+    and then asked for one number a batch. Any class with these two methods is a detector.
+    """
+
+    def fit(self, nominal: Sequence[Batch], axis: int, model: "RobotModel") -> None:
+        """Learn the nominal, wear-free behaviour.
+
+        Parameters
+        ----------
+        nominal : sequence of Batch
+            Wear-free recordings of this robot and test-cycle, at least one.
+        axis : int
+            The tested axis, counted from 0: a column of `Batch.q`, `qd` and `tau`.
+        model : RobotModel
+            The robot as its controller knows it: the declared payload and the declared effects.
+        """
+
+    def test_quantity(self, batch: Batch) -> float:
+        """The scalar y of a batch: how far the tested axis is from nominal.
+
+        Raise an exception where the batch allows none; it is counted as a failed point.
+        """
+
+
+def load_detector(reference: str, options: Mapping[str, Any] | None = None) -> Detector:
+    """Make a detector.
+
+    Parameters
+    ----------
+    reference : str
+        The name of a module of `wearscope.detectors`, or the path of a ``.py`` file, that defines a class
+        ``DETECTOR``.
+    options : mapping, optional
+        Keyword arguments of that class; defaults otherwise.
+
+    Raises
+    ------
+    InputError
+        Where there is no such detector, it has not the two methods, or it refuses the options.
+    """
+    return make_detector(plugins.load(reference, "detectors", "DETECTOR"), reference, options)
+
+
+def make_detector(factory: Any, reference: str, options: Mapping[str, Any] | None = None) -> Detector:
+    """Make a detector of a class already loaded by `plugins.load`; see `load_detector`."""
+    options = dict(options or {})
+    if not callable(factory):
+        raise InputError(f"{reference}: DETECTOR is no class; set DETECTOR to the detector's class.")
+    try:
+        detector = factory(**options)
+    except Exception as error:
+        raise InputError(
+            f"{reference}: the detector refuses its options {options} ({type(error).__name__}: {error}); "
+            "give options that it has."
+        ) from error
+    for method in ("fit", "test_quantity"):
+        if not callable(getattr(detector, method, None)):
+            raise InputError(f"{reference}: the detector has no method {method}; add it.")
+    return detector
+
+
+def check_nominal(nominal: Sequence[Batch]) -> None:
+    """Refuse nominal data that a built-in detector cannot learn from.
+
+    Raises
+    ------
+    ValueError
+        Where there is none, the sample rates differ, or a sample is not finite.
+    """
+    if not nominal:
+        raise ValueError("no nominal batch to fit to")
+    for batch in nominal:
+        check_sample_rate(batch, nominal[0].sample_rate)
+        if not (np.isfinite(batch.tau).all() and np.isfinite(batch.q).all() and np.isfinite(batch.qd).all()):
+            raise ValueError("a nominal batch holds samples that are not finite")
+
+
+def check_sample_rate(batch: Batch, sample_rate: float) -> None:
+    """Refuse a batch sampled at another rate than the nominal data (to 1e-3 relative) with ValueError."""
+    if abs(batch.sample_rate - sample_rate) > 1e-3 * sample_rate:
+        raise ValueError(
+            f"the batch is sampled at {batch.sample_rate:g} Hz, the nominal data at {sample_rate:g} Hz"
+        )

@@ -1,0 +1,233 @@
+"""Test quantities of one robot and test-cycle: every detector, axis and batch."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import plugins
+from wearscope.designs.factors import PAPER_FACTORS, Factor
+from wearscope.designs.views import view_for_axis
+from wearscope.detectors.base import Batch, Detector, make_detector
+from wearscope.errors import InputError
+
+if TYPE_CHECKING:
+    from wearscope.robots.model import RobotModel
+
+OK = "ok"
+
+
+@dataclass(frozen=True)
+class DetectorSpec:
+    """A detector of the study.
+
+    Attributes
+    ----------
+    name : str
+        The name in the column `fda`.
+    reference : str
+        Module of `wearscope.detectors` or path of a ``.py`` file.
+    options : mapping
+        Keyword arguments of the detector.
+    """
+
+    name: str
+    reference: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+def compute_test_quantities(
+    batches: Iterable[tuple[str, int, Batch]],
+    detectors: Sequence[DetectorSpec],
+    axes: Sequence[int],
+    model: "RobotModel",
+    nominal: Sequence[Batch],
+    *,
+    robot: str,
+    cycle: str,
+    designs: Mapping[str, pd.DataFrame],
+    factors: Sequence[Factor] = PAPER_FACTORS,
+    max_failed_share: float = 0.1,
+    report: Callable[[int], None] | None = None,
+) -> pd.DataFrame:
+    """Fit every detector to the nominal batches of each axis, then ask it for each batch.
+
+    Parameters
+    ----------
+    batches : iterable of (set, point, Batch)
+        Recordings in any order, read as they are needed; none is kept.
+    detectors : sequence of DetectorSpec
+    axes : sequence of int
+        Tested axes, counted from 1.
+    model : RobotModel
+        The nominal declared model.
+    nominal : sequence of Batch
+        Wear-free recordings of this robot and cycle.
+    robot, cycle : str
+    designs : mapping of str to DataFrame
+        Design table by set, with `point` and the coded factors; each point must have its batch.
+    factors : sequence of Factor
+    max_failed_share : float
+        Largest share of a set's points at which a detector may fail on an axis.
+    report : callable, optional
+        Called with the number of batches done, after each.
+
+    Returns
+    -------
+    DataFrame
+        One row an axis, detector, set and point, in that order: `robot`, `cycle`, `axis`, `fda`, `set`,
+        `point`, the coded factors as the axis sees them, `y`, and `status`, which is ``ok`` or the reason for
+        a NaN `y` in one line.
+
+    Raises
+    ------
+    InputError
+        Where a detector cannot be made or fitted, returns no number, or fails at more than the share; where a
+        design point has no batch or a batch no design point.
+    """
+    where = f"robot {robot}, cycle {cycle}"
+    _check_specs(detectors, axes, model, where)
+    fitted = _fit_all(detectors, axes, model, nominal, where)
+    wanted = {(name, int(point)) for name, design in designs.items() for point in design["point"]}
+    results: dict[tuple[str, int], list[tuple[float, str]]] = {}
+    for done, (set_name, point, batch) in enumerate(batches, start=1):
+        key = (set_name, int(point))
+        if key in results:
+            raise InputError(f"{where}: point {point} of set '{set_name}' has two batches; keep one.")
+        if key not in wanted:
+            raise InputError(
+                f"{where}: the batch of set '{set_name}', point {point} is in no design; "
+                "delete the trace or give its design."
+            )
+        results[key] = [
+            _ask(detector, batch, f"fda '{spec.name}', {where}, axis {axis}, {set_name} point {point}")
+            for axis, spec, detector in fitted
+        ]
+        if report is not None:
+            report(done)
+    missing = sorted(wanted - results.keys())
+    if missing:
+        raise InputError(
+            f"{where}: {len(missing)} design points have no batch, the first is point {missing[0][1]} of set "
+            f"'{missing[0][0]}'; simulate them first."
+        )
+    parts = []
+    for axis in axes:
+        for column, (fitted_axis, spec, _) in enumerate(fitted):
+            if fitted_axis != axis:
+                continue
+            for set_name in sorted(designs):
+                part = _tabulate(view_for_axis(designs[set_name], axis, factors), factors)
+                outcome = [results[set_name, int(point)][column] for point in part["point"]]
+                part["y"] = np.array([y for y, _ in outcome], dtype=float)
+                part["status"] = [status for _, status in outcome]
+                _check_failed_share(
+                    part, f"fda '{spec.name}', {where}, axis {axis}", set_name, max_failed_share
+                )
+                keys = {"robot": robot, "cycle": cycle, "axis": axis, "fda": spec.name, "set": set_name}
+                for place, (name, value) in enumerate(keys.items()):
+                    part.insert(place, name, value)
+                parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
+    """Failed points by cell and set, with the first reason.
+
+    Parameters
+    ----------
+    test_quantities : DataFrame
+        As `compute_test_quantities` returns it.
+
+    Returns
+    -------
+    DataFrame
+        `robot`, `cycle`, `axis`, `fda`, `set`, `points`, `failed`, `first_reason`; only where any failed.
+    """
+    keys = ["robot", "cycle", "axis", "fda", "set"]
+    rows: list[dict[str, Any]] = []
+    for values, group in test_quantities.groupby(keys, sort=False):
+        failed = group[group["status"] != OK]
+        if len(failed):
+            first = f"point {failed['point'].iloc[0]}: {failed['status'].iloc[0]}"
+            counts = {"points": len(group), "failed": len(failed), "first_reason": first}
+            rows.append(dict(zip(keys, values, strict=True)) | counts)
+    return pd.DataFrame(rows, columns=[*keys, "points", "failed", "first_reason"])
+
+
+def _check_specs(
+    detectors: Sequence[DetectorSpec], axes: Sequence[int], model: "RobotModel", where: str
+) -> None:
+    names = [spec.name for spec in detectors]
+    if not names or not axes:
+        raise InputError(f"{where}: no detector or no axis to test; name at least one of each.")
+    if len(set(names)) != len(names) or len(set(axes)) != len(axes):
+        raise InputError(f"{where}: a detector or an axis is named twice; name each once.")
+    for axis in axes:
+        if not 1 <= axis <= len(model.joints):
+            raise InputError(
+                f"{where}: there is no axis {axis}; the robot has axes 1 to {len(model.joints)}."
+            )
+
+
+def _fit_all(
+    detectors: Sequence[DetectorSpec],
+    axes: Sequence[int],
+    model: "RobotModel",
+    nominal: Sequence[Batch],
+    where: str,
+) -> list[tuple[int, DetectorSpec, Detector]]:
+    fitted = []
+    # A user's file is imported once, not once an axis.
+    factories = [plugins.load(spec.reference, "detectors", "DETECTOR") for spec in detectors]
+    for axis in axes:
+        for spec, factory in zip(detectors, factories, strict=True):
+            detector = make_detector(factory, spec.reference, spec.options)
+            try:
+                detector.fit(nominal, axis - 1, model)
+            except Exception as error:
+                raise InputError(
+                    f"fda '{spec.name}', {where}, axis {axis}: cannot be fitted to the nominal batch, "
+                    f"{_one_line(error)}; mend the detector or its data, or leave it out of the study."
+                ) from error
+            fitted.append((axis, spec, detector))
+    return fitted
+
+
+def _ask(detector: Detector, batch: Batch, where: str) -> tuple[float, str]:
+    """Test quantity and status of one batch."""
+    try:
+        value = detector.test_quantity(batch)
+    except Exception as error:
+        return math.nan, _one_line(error)
+    number = np.asarray(value)
+    if number.ndim or number.dtype.kind not in "iuf":
+        kind = f"an array of shape {number.shape}" if number.ndim else f"{type(value).__name__}"
+        raise InputError(
+            f"{where}: test_quantity returned {kind}, not a number; make it return one float a batch."
+        )
+    y = float(number)
+    return (y, OK) if math.isfinite(y) else (math.nan, f"returned {y}")
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _tabulate(design: pd.DataFrame, factors: Sequence[Factor]) -> pd.DataFrame:
+    """The point and the coded factors, sorted by point."""
+    names = ["point", *(factor.name for factor in factors)]
+    return design[names].sort_values("point", kind="stable", ignore_index=True)
+
+
+def _check_failed_share(part: pd.DataFrame, where: str, set_name: str, max_failed_share: float) -> None:
+    failed = part[part["status"] != OK]
+    if len(failed) > max_failed_share * len(part):
+        raise InputError(
+            f"{where}: failed at {len(failed)} of {len(part)} {set_name} points, more than the share "
+            f"{max_failed_share:g} allowed; first at point {failed['point'].iloc[0]}: "
+            f"{failed['status'].iloc[0]}; mend the detector or raise max_failed_share."
+        )

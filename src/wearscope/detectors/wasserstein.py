@@ -1,0 +1,40 @@
+"""Optimal-transport distance between torque distributions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.stats import wasserstein_distance
+
+from wearscope.detectors.base import Array, Batch, check_nominal
+
+
+@dataclass
+class Wasserstein:
+    r"""First Wasserstein distance between the torques of a batch and the nominal torques.
+
+    .. math:: y = \int_0^1 |F^{-1}(u) - F_0^{-1}(u)| \, du
+
+    In N m: the mean distance that torque must be moved. No bandwidth, grid or floor; the order of the samples
+    does not matter. Villani, Topics in Optimal Transportation, AMS 2003, sec. 2.2.
+    """
+
+    axis: int = field(default=0, init=False)
+    nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+
+    def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
+        """Pool the nominal torques of the tested axis."""
+        check_nominal(nominal)
+        self.axis = axis
+        self.nominal = np.sort(np.concatenate([batch.tau[:, axis] for batch in nominal]))
+
+    def test_quantity(self, batch: Batch) -> float:
+        """First Wasserstein distance [N m], at least 0."""
+        torque = batch.tau[:, self.axis]
+        if not np.isfinite(torque).all():
+            raise ValueError("the batch holds torque samples that are not finite")
+        return float(wasserstein_distance(torque, self.nominal))
+
+
+DETECTOR = Wasserstein
