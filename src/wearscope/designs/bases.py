@@ -1,0 +1,102 @@
+"""Model structures (2), (3) and (19) as lists of terms, and their model matrices."""
+
+import re
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wearscope.designs.factors import FAULT
+from wearscope.errors import InputError
+
+MODELS = ("main", "full", "simplified")
+_POWER = re.compile(r"([A-Za-z_]\w*)(?:\^([1-9]))?")
+
+
+def model_terms(model: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Terms of a named model structure.
+
+    Parameters
+    ----------
+    model : {"main", "full", "simplified"}
+        Main effects (2), full second order (3), or second order without cross or square terms of the
+        fault (19).
+    names : sequence of str, (n,)
+        Factor names, the fault ``f`` among them.
+
+    Returns
+    -------
+    tuple of str
+        ``"1"``, the factors, the interactions ``"f:w1"``, the squares ``"w3^2"``, in that order.
+
+    Raises
+    ------
+    InputError
+        Where there is no such model.
+    """
+    if model not in MODELS:
+        raise InputError(f"models: there is no '{model}'; choose among {', '.join(MODELS)}.")
+    terms = ["1", *names]
+    if model == "main":
+        return tuple(terms)
+    second = [name for name in names if model == "full" or name != FAULT]
+    terms += [f"{a}:{b}" for a, b in combinations(second, 2)]
+    terms += [f"{name}^2" for name in second]
+    return tuple(terms)
+
+
+def interaction_terms(names: Sequence[str], order: int) -> tuple[str, ...]:
+    """All products of `order` different factors, e.g. ``"f:w1:w2"`` for order 3."""
+    return tuple(":".join(group) for group in combinations(names, order))
+
+
+def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
+    """Exponent of each factor in each term, shape (p, n).
+
+    Raises
+    ------
+    InputError
+        Where a term names an unknown factor or cannot be read.
+    """
+    index = {name: k for k, name in enumerate(names)}
+    exponents = np.zeros((len(terms), len(names)), dtype=np.int64)
+    for row, term in enumerate(terms):
+        if term == "1":
+            continue
+        for part in term.split(":"):
+            match = _POWER.fullmatch(part)
+            if match is None or match[1] not in index:
+                raise InputError(
+                    f"term '{term}': '{part}' is no factor of {', '.join(names)}; write terms like f:w1 or w3^2."
+                )
+            exponents[row, index[match[1]]] += int(match[2] or 1)
+    return exponents
+
+
+def linear_names(terms: Sequence[str]) -> tuple[str, ...]:
+    """Factor names of a model, in order: its terms that are one factor alone."""
+    return tuple(term for term in terms if term != "1" and ":" not in term and "^" not in term)
+
+
+def model_matrix(z: ArrayLike, names: Sequence[str], terms: Sequence[str]) -> NDArray[np.float64]:
+    """Regressors Phi(Z) of eqs. (1) and (5).
+
+    Parameters
+    ----------
+    z : array (N, n)
+        Coded levels.
+    names : sequence of str, (n,)
+    terms : sequence of str, (p,)
+
+    Returns
+    -------
+    array (N, p)
+    """
+    z = np.atleast_2d(np.asarray(z, dtype=float))
+    exponents = term_exponents(terms, names)
+    columns = np.ones((z.shape[0], len(terms)))
+    for row, powers in enumerate(exponents):
+        for k in np.flatnonzero(powers):
+            columns[:, row] *= z[:, k] ** powers[k]
+    return columns

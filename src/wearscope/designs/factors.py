@@ -1,0 +1,191 @@
+"""Factors, their coded and natural levels, and the paper's Tables 1 and 3 as data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from wearscope.errors import InputError
+
+CODED_LOW = -2.0
+CODED_HIGH = 2.0
+FAULT = "f"
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One input of the study: a fault or a nuisance.
+
+    Parameters
+    ----------
+    name : str
+        Column name; the fault is called ``f``.
+    description : str
+    role : {"fault", "nuisance"}
+    kind : str
+        What the simulator does with it: ``wear``, ``temperature``, ``dwell``, ``payload_mass_error``, ...
+        The k-th factor of kind ``wear`` is, in a simulated point, the wear of axis k.
+    low, high : float
+        Natural levels at coded -2 and +2, in `unit`; the map between is linear.
+    unit : str
+    levels : int
+        Number of levels m of a full factorial design, equally spaced over -2..2.
+    nominal : float, optional
+        Coded level of the nominal point z0, eq. (18); default -2 (none) for wear, 0 for all else.
+    validation_low, validation_high : float, optional
+        Natural levels that the levels -2 and +2 stand for in the validation design (Table 3); default the
+        inner 80 % of the range.
+
+    Raises
+    ------
+    InputError
+        Where a field does not fit.
+    """
+
+    name: str
+    description: str
+    role: str
+    kind: str
+    low: float
+    high: float
+    unit: str = ""
+    levels: int = 5
+    nominal: float | None = None
+    validation_low: float | None = None
+    validation_high: float | None = None
+
+    def __post_init__(self) -> None:
+        where = f"factor '{self.name}'"
+        if not self.name.isidentifier() or self.name in {"point", "y", "set"}:
+            raise InputError(f"{where}: the name is no free column name; use letters, digits, underscores.")
+        if self.role not in {"fault", "nuisance"}:
+            raise InputError(f"{where}: role is '{self.role}'; use 'fault' or 'nuisance'.")
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
+            raise InputError(f"{where}: low {self.low} is not below high {self.high}; swap or widen them.")
+        if self.levels < 2:
+            raise InputError(f"{where}: levels is {self.levels}; give at least 2.")
+        if not CODED_LOW <= self.nominal_coded <= CODED_HIGH:
+            raise InputError(f"{where}: nominal {self.nominal} is a coded level and must lie in -2..2.")
+        low, high = self.validation_range
+        if not self.low <= low < high <= self.high:
+            raise InputError(
+                f"{where}: the validation range {low}..{high} must rise and lie inside {self.low}..{self.high}."
+            )
+
+    @property
+    def nominal_coded(self) -> float:
+        """Coded level of the nominal point z0, eq. (18)."""
+        if self.nominal is not None:
+            return float(self.nominal)
+        return CODED_LOW if self.kind == "wear" else 0.0
+
+    @property
+    def validation_range(self) -> tuple[float, float]:
+        """Natural levels at -2 and +2 of the validation matrix."""
+        span = self.high - self.low
+        low = self.low + 0.1 * span if self.validation_low is None else self.validation_low
+        high = self.high - 0.1 * span if self.validation_high is None else self.validation_high
+        return float(low), float(high)
+
+    def to_natural(self, coded: ArrayLike) -> NDArray[np.float64]:
+        """Natural levels of coded ones, any shape; linear, -2 is `low`, +2 is `high`."""
+        share = (np.asarray(coded, dtype=float) - CODED_LOW) / (CODED_HIGH - CODED_LOW)
+        return np.round(self.low + share * (self.high - self.low), 12)
+
+    def to_coded(self, natural: ArrayLike) -> NDArray[np.float64]:
+        """Coded levels of natural ones, any shape; the inverse of `to_natural`."""
+        share = (np.asarray(natural, dtype=float) - self.low) / (self.high - self.low)
+        return np.round(CODED_LOW + share * (CODED_HIGH - CODED_LOW), 12)
+
+    def validation_to_coded(self, level: ArrayLike) -> NDArray[np.float64]:
+        """Identification coding of the levels -2..2 of the validation matrix (Table 3).
+
+        The validation matrix has the same entries as the identification matrix, but they stand for other
+        natural values; the surrogate is evaluated in the identification coding.
+        """
+        low, high = self.validation_range
+        share = (np.asarray(level, dtype=float) - CODED_LOW) / (CODED_HIGH - CODED_LOW)
+        return self.to_coded(low + share * (high - low))
+
+
+def check_factors(factors: Sequence[Factor]) -> None:
+    """Refuse a set of factors that no design can be made of.
+
+    Raises
+    ------
+    InputError
+        Where names repeat, or there is not exactly one fault, named ``f``, of kind wear and first among
+        the wear factors.
+    """
+    names = [factor.name for factor in factors]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InputError(f"factors: the name '{repeated[0]}' is used twice; rename one.")
+    natural = sorted(set(names) & {f"{name}_natural" for name in names})
+    if natural:
+        raise InputError(f"factors: '{natural[0]}' is the column of another factor's natural levels; rename it.")
+    faults = [factor.name for factor in factors if factor.role == "fault"]
+    if faults != [FAULT]:
+        raise InputError(f"factors: the faults are {faults}; declare exactly one, named '{FAULT}'.")
+    wear = wear_names(factors)
+    if wear and wear[0] != FAULT:
+        raise InputError(f"factors: the first wear factor is '{wear[0]}'; put '{FAULT}' before it.")
+    ranges = {
+        (factor.low, factor.high, factor.nominal_coded, *factor.validation_range)
+        for factor in factors
+        if factor.kind == "wear"
+    }
+    if len(ranges) > 1:
+        raise InputError(
+            "factors: the wear factors differ in range, nominal or validation levels; give all the same, "
+            "because one simulation serves every axis."
+        )
+
+
+def wear_names(factors: Sequence[Factor]) -> list[str]:
+    """Names of the factors of kind wear; in a simulated point the k-th is the wear of axis k."""
+    return [factor.name for factor in factors if factor.kind == "wear"]
+
+
+def nominal_levels(factors: Sequence[Factor]) -> dict[str, float]:
+    """Coded nominal point z0 by factor, eq. (18)."""
+    return {factor.name: factor.nominal_coded for factor in factors}
+
+
+def level_table(factors: Sequence[Factor]) -> pd.DataFrame:
+    """Table 1 and Table 3: one row a factor and level.
+
+    Returns
+    -------
+    DataFrame
+        ``factor``, ``description``, ``unit``, ``level`` (-2..2), ``natural`` (identification),
+        ``validation_natural`` and ``validation_coded`` (what the level stands for in the validation design).
+    """
+    rows = []
+    for factor in factors:
+        for level in np.linspace(CODED_LOW, CODED_HIGH, factor.levels):
+            coded = float(factor.validation_to_coded(level))
+            rows.append(
+                {
+                    "factor": factor.name,
+                    "description": factor.description,
+                    "unit": factor.unit,
+                    "level": float(level),
+                    "natural": float(factor.to_natural(level)),
+                    "validation_natural": float(factor.to_natural(coded)),
+                    "validation_coded": coded,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+PAPER_FACTORS: tuple[Factor, ...] = (
+    Factor("f", "wear of the tested axis", "fault", "wear", 0, 50, "-", 5, None, 5, 45),
+    Factor("w1", "wear of the first other axis", "nuisance", "wear", 0, 50, "-", 5, None, 5, 45),
+    Factor("w2", "wear of the second other axis", "nuisance", "wear", 0, 50, "-", 5, None, 5, 45),
+    Factor("w3", "joint temperature", "nuisance", "temperature", 30, 70, "degC", 5, None, 35, 63),
+    Factor("w4", "point-to-point delay", "nuisance", "dwell", 25, 75, "ms", 5, None, 31, 71),
+    Factor("w5", "payload mass error", "nuisance", "payload_mass_error", -10, 10, "%", 5, None, -9, 3),
+)

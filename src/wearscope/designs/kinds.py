@@ -1,0 +1,294 @@
+"""Design matrices (4): composites, factorials, fractions, Latin hypercubes; nominal and validation runs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_factors
+from wearscope.designs.seeds import generator_for
+from wearscope.errors import InputError
+
+MAX_POINTS = 100_000
+Array = NDArray[np.float64]
+
+
+def read_generators(
+    generators: Mapping[str, str] | Sequence[str] | None, names: Sequence[str]
+) -> dict[str, tuple[int, tuple[str, ...]]]:
+    """Read generators such as ``"w5 = f w1 w2 w3 w4"`` or ``{"w5": "-f*w1"}``.
+
+    Parameters
+    ----------
+    generators : mapping or sequence of str, optional
+    names : sequence of str
+        Factor names.
+
+    Returns
+    -------
+    dict
+        Sign and base factors by generated factor.
+
+    Raises
+    ------
+    InputError
+        Where a generator cannot be read, or a factor is generated from a generated one.
+    """
+    if generators is None:
+        return {}
+    if isinstance(generators, Mapping):
+        pairs = [(str(left).strip(), str(right)) for left, right in generators.items()]
+    else:
+        for text in generators:
+            if str(text).count("=") != 1:
+                raise InputError(f"generator '{text}': write it as 'w5 = f w1 w2 w3 w4'.")
+        pairs = [(text.split("=")[0].strip(), text.split("=")[1]) for text in map(str, generators)]
+    result: dict[str, tuple[int, tuple[str, ...]]] = {}
+    for left, right in pairs:
+        sign = -1 if right.strip().startswith("-") else 1
+        letters = tuple(right.strip().lstrip("+-").replace("*", " ").replace(":", " ").split())
+        unknown = [name for name in (left, *letters) if name not in names]
+        if unknown:
+            raise InputError(f"generator of '{left}': there is no factor '{unknown[0]}'; use {', '.join(names)}.")
+        if not letters or len(set(letters)) != len(letters):
+            raise InputError(f"generator of '{left}': name each base factor once.")
+        if left in result:
+            raise InputError(f"generator of '{left}': it is given twice; keep one.")
+        result[left] = (sign, letters)
+    for left, (_, letters) in result.items():
+        for name in letters:
+            if name in result:
+                raise InputError(f"generator of '{left}': '{name}' is itself generated; use base factors only.")
+    return result
+
+
+def fractional_factorial(
+    names: Sequence[str], generators: Mapping[str, str] | Sequence[str] | None = None
+) -> Array:
+    """Two-level full or fractional factorial at -1 and +1.
+
+    Rows run over the base factors in standard order, the last one fastest, as in Table 2.
+
+    Parameters
+    ----------
+    names : sequence of str, (n,)
+    generators : optional
+        See `read_generators`; p of them give the 2^(n-p) fraction.
+
+    Returns
+    -------
+    array (2^(n-p), n)
+    """
+    rules = read_generators(generators, names)
+    base = [name for name in names if name not in rules]
+    _refuse_many(2 ** len(base))
+    columns = dict(zip(base, np.array(list(product((-1.0, 1.0), repeat=len(base)))).T, strict=True))
+    for name, (sign, letters) in rules.items():
+        columns[name] = sign * np.prod([columns[letter] for letter in letters], axis=0)
+    return np.column_stack([columns[name] for name in names])
+
+
+def composite(cube: Array, star_level: float, centre_points: int = 1) -> Array:
+    """Composite design: the cube, then 2n star points at -+`star_level`, then the centre.
+
+    Parameters
+    ----------
+    cube : array (N_c, n)
+    star_level : float
+        Coded distance of the star points from the centre.
+    centre_points : int
+
+    Returns
+    -------
+    array (N_c + 2 n + centre_points, n)
+    """
+    n = cube.shape[1]
+    star = np.zeros((2 * n, n))
+    star[0::2] = -star_level * np.eye(n)
+    star[1::2] = star_level * np.eye(n)
+    return np.vstack([cube, star, np.zeros((centre_points, n))])
+
+
+def _refuse_many(points: int) -> None:
+    if points > MAX_POINTS:
+        raise InputError(
+            f"design: {points} points are more than {MAX_POINTS}; use a fraction, fewer levels or a Latin hypercube."
+        )
+
+
+def _central_composite(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
+    cube_level = float(options.get("cube_level", 1.0))
+    return composite(cube * cube_level, float(options.get("star_level", 2.0)), _centre_points(options))
+
+
+def _face_centred(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
+    return composite(cube * CODED_HIGH, CODED_HIGH, _centre_points(options))
+
+
+def _alpha(cube: Array, options: dict[str, Any]) -> float:
+    """Star distance in cube units; by default the rotatable one, N_c^(1/4)."""
+    alpha = options.get("alpha")
+    value = float(cube.shape[0] ** 0.25 if alpha is None else alpha)
+    if value <= 0:
+        raise InputError(f"design: alpha is {value}; give a positive star distance in cube units.")
+    return value
+
+
+def _circumscribed(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
+    level = float(options.get("cube_level", 1.0))
+    return composite(cube * level, _alpha(cube, options) * level, _centre_points(options))
+
+
+def _inscribed(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
+    return composite(cube * CODED_HIGH / _alpha(cube, options), CODED_HIGH, _centre_points(options))
+
+
+def _centre_points(options: dict[str, Any]) -> int:
+    number = int(options.get("centre_points", 1))
+    if number < 0:
+        raise InputError(f"design: centre_points is {number}; give 0 or more.")
+    return number
+
+
+def _full_factorial(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    levels = [int(options.get("levels", factor.levels)) for factor in factors]
+    if min(levels) < 2:
+        raise InputError(f"design: levels is {min(levels)}; give at least 2.")
+    _refuse_many(int(np.prod(np.array(levels, dtype=float))))
+    return np.array(list(product(*[np.linspace(CODED_LOW, CODED_HIGH, m) for m in levels])))
+
+
+def _fractional_factorial(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
+    return cube * float(options.get("cube_level", CODED_HIGH))
+
+
+def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    points = int(options.get("points", 45))
+    if points < 2:
+        raise InputError(f"design: points is {points}; give at least 2.")
+    _refuse_many(points)
+    rng = generator_for(seed, "latin_hypercube", options.get("stream", "identification"))
+    sampler = qmc.LatinHypercube(d=len(factors), scramble=not options.get("centred", False), rng=rng)
+    return np.round(CODED_LOW + (CODED_HIGH - CODED_LOW) * sampler.random(points), 12)
+
+
+_COMPOSITE = {"generators", "centre_points"}
+KINDS: dict[str, tuple[Callable[[Sequence[Factor], dict[str, Any], int], Array], set[str]]] = {
+    "central_composite": (_central_composite, _COMPOSITE | {"cube_level", "star_level"}),
+    "face_centred": (_face_centred, _COMPOSITE),
+    "circumscribed": (_circumscribed, _COMPOSITE | {"alpha", "cube_level"}),
+    "inscribed": (_inscribed, _COMPOSITE | {"alpha"}),
+    "full_factorial": (_full_factorial, {"levels"}),
+    "fractional_factorial": (_fractional_factorial, {"generators", "cube_level"}),
+    "latin_hypercube": (_latin_hypercube, {"points", "centred", "stream"}),
+}
+
+
+def _coded_matrix(
+    kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None, seed: int
+) -> Array:
+    check_factors(factors)
+    if kind not in KINDS:
+        raise InputError(f"design: there is no kind '{kind}'; choose among {', '.join(KINDS)}.")
+    make, known = KINDS[kind]
+    chosen = {key: value for key, value in (options or {}).items() if value is not None}
+    unknown = sorted(set(chosen) - known)
+    if unknown:
+        raise InputError(
+            f"design: kind '{kind}' has no option '{unknown[0]}'; it has {', '.join(sorted(known))}."
+        )
+    matrix = make(factors, chosen, seed) + 0.0
+    outside = np.abs(matrix).max(axis=0) > CODED_HIGH + 1e-9
+    if outside.any():
+        name = factors[int(np.argmax(outside))].name
+        raise InputError(
+            f"design: kind '{kind}' needs the level {np.abs(matrix).max():.3g} of '{name}', beyond its range "
+            "-2..2; use the inscribed composite, or a smaller alpha, star_level or cube_level."
+        )
+    return matrix
+
+
+def design_table(coded: Array, factors: Sequence[Factor]) -> pd.DataFrame:
+    """Table of a coded matrix: ``point`` from 1, coded columns, then natural ones.
+
+    Parameters
+    ----------
+    coded : array (N, n)
+        Identification coding.
+    factors : sequence of Factor, (n,)
+
+    Returns
+    -------
+    DataFrame
+    """
+    columns: dict[str, Any] = {"point": np.arange(1, coded.shape[0] + 1, dtype=np.int64)}
+    for k, factor in enumerate(factors):
+        columns[factor.name] = coded[:, k].astype(float)
+    for k, factor in enumerate(factors):
+        columns[f"{factor.name}_natural"] = factor.to_natural(coded[:, k])
+    return pd.DataFrame(columns)
+
+
+def make_design(
+    kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
+) -> pd.DataFrame:
+    """Identification design.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`: ``central_composite`` (the paper's with ``generators={"w5": "f w1 w2 w3 w4"}``: cube
+        at +-1, star at +-2), ``face_centred`` (cube and star at +-2), ``circumscribed`` (cube at +-1, star
+        at ``alpha``, by default the rotatable N_c^(1/4)), ``inscribed`` (the same, scaled into -2..2),
+        ``full_factorial`` (``levels`` or each factor's own), ``fractional_factorial``, ``latin_hypercube``
+        (``points``, ``centred``).
+    factors : sequence of Factor
+    options : mapping, optional
+        Those of the kind; unknown ones are refused.
+    seed : int
+        Root seed, used by the Latin hypercube only.
+
+    Returns
+    -------
+    DataFrame
+        ``point`` (from 1), each factor coded, then each factor natural (``f_natural``, ...).
+
+    Raises
+    ------
+    InputError
+        Unknown kind or option, unreadable generator, a level beyond -2..2, too many points.
+    """
+    return design_table(_coded_matrix(kind, factors, options, seed), factors)
+
+
+def validation_design(
+    kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
+) -> pd.DataFrame:
+    """Validation design: the same matrix, whose levels stand for other natural values (Table 3).
+
+    The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube
+    is drawn anew. Parameters, columns and errors as `make_design`.
+    """
+    options = dict(options or {})
+    if kind == "latin_hypercube":
+        options["stream"] = "validation"
+    levels = _coded_matrix(kind, factors, options, seed)
+    coded = np.column_stack([f.validation_to_coded(levels[:, k]) for k, f in enumerate(factors)])
+    return design_table(coded, factors)
+
+
+def nominal_design(factors: Sequence[Factor], batches: int = 1) -> pd.DataFrame:
+    """Nominal (wear-free) runs at z0, eq. (18), `batches` times. Columns as `make_design`."""
+    check_factors(factors)
+    if batches < 1:
+        raise InputError(f"nominal: batches is {batches}; give at least 1.")
+    return design_table(np.tile([f.nominal_coded for f in factors], (batches, 1)), factors)
