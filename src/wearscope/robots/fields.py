@@ -1,0 +1,80 @@
+"""Sections of the model file."""
+
+from typing import Annotated
+
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
+
+from wearscope.robots.dynamics import Payload
+
+Finite = Annotated[float, AllowInfNan(False)]
+Positive = Annotated[PositiveFloat, AllowInfNan(False)]
+NotNegative = Annotated[NonNegativeFloat, AllowInfNan(False)]
+
+
+class Section(BaseModel):
+    """A mapping of the model file; a key it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Drive(Section):
+    """Drive train, one value a joint; limits hold on the joint side."""
+
+    gear_ratio: list[Finite] | None = None
+    """Motor rad per unit of the joint; its sign is that of the mounting."""
+    rotor_inertia: list[NotNegative] | None = None
+    """Inertia of rotor and gear reflected to the joint [kg m^2; kg for a prismatic joint]."""
+    torque_limit: list[Positive] | None = None
+    """Largest motor torque, times the gear ratio [N m or N]."""
+    speed_limit: list[Positive] | None = None
+    """Largest joint speed [rad/s or m/s]."""
+    acceleration_limit: list[Positive] | None = None
+    """Largest joint acceleration of a reference motion [rad/s^2 or m/s^2]."""
+    jerk_limit: list[Positive] | None = None
+    """Largest joint jerk of a reference motion [rad/s^3 or m/s^3]."""
+
+
+class Sensors(Section):
+    """What the drive records, and how well."""
+
+    encoder_resolution: list[NotNegative] | None = None
+    """Step of the position reading on the joint side [rad or m]; 0 does not quantise."""
+    torque_noise: list[NotNegative] | None = None
+    """Standard deviation of white noise on the recorded torque [N m or N]."""
+    sample_rate: Positive = 250.0
+    """Rate of the recording [Hz]."""
+
+
+class DeclaredPayload(Section):
+    """The payload that the controller believes in, in the frame of the last joint's link."""
+
+    mass: NotNegative
+    """[kg]"""
+    com: Annotated[list[Finite], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    """Centre of mass [m]."""
+    inertia: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [0.0] * 6
+    """Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass [kg m^2]."""
+
+    def to_payload(self) -> Payload:
+        """Payload as `RigidBody` takes it."""
+        x, y, z = self.com
+        xx, xy, xz, yy, yz, zz = self.inertia
+        return Payload(self.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+class Controller(Section):
+    """Feedback controller of each joint."""
+
+    bandwidth_hz: Positive | list[Positive] = 5.0
+    """Natural frequency of the closed position loop, for all joints or one by one [Hz]."""
+    damping: Positive = 1.0
+    """Damping ratio of the closed position loop."""
+
+
+class EffectEntry(Section):
+    """An effect at a joint, with its parameters and where they come from."""
+
+    joint: str
+    effect: str
+    parameters: dict[str, Finite] = {}
+    source: str = "assumed"

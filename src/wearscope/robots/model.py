@@ -1,0 +1,352 @@
+"""`RobotModel`: everything the platform knows of a robot, as one YAML file with its URDF beside it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import Field, PrivateAttr, ValidationError
+
+from wearscope import plugins, tables
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.fields import (
+    Controller,
+    DeclaredPayload,
+    Drive,
+    EffectEntry,
+    Finite,
+    Section,
+    Sensors,
+)
+from wearscope.robots.spatial import Array
+from wearscope.robots.urdf import normalise_urdf
+from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+
+DEFAULT_ROBOTS_DIR = Path("config/robots")
+
+
+class RobotModel(Section):
+    """A robot: kinematics and inertias by its URDF, drive train, sensors, payload, effects.
+
+    Every list is by joint, in the order of `joints`.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$")]
+    """Used in file names: letters, digits, ``_``, ``-``, ``.``"""
+    description: str = ""
+    source: str = ""
+    urdf: str
+    """Path of the URDF from the model file."""
+    joints: Annotated[list[str], Field(min_length=1)]
+    """The joints that move; others of the URDF are locked at 0."""
+    gravity: Annotated[list[Finite], Field(min_length=3, max_length=3)] = [0.0, 0.0, -9.81]
+    """In the base frame [m/s^2]."""
+    drive: Drive = Drive()
+    sensors: Sensors = Sensors()
+    payload: DeclaredPayload | None = None
+    controller: Controller | None = None
+    home: list[Finite] | None = None
+    """Posture that the test-cycles start from and return to; default 0, or the middle of the range."""
+    lower: list[Finite] | None = None
+    """Position limits; default the URDF's."""
+    upper: list[Finite] | None = None
+    """Position limits; default the URDF's."""
+    wear_axes: list[str] | None = None
+    """Joints that wear; default the first three."""
+    effects: list[EffectEntry] = []
+
+    _urdf_text: str = PrivateAttr(default="")
+    _kinds: list[str] = PrivateAttr(default_factory=list)
+
+    @property
+    def urdf_text(self) -> str:
+        """Normalised URDF."""
+        return self._urdf_text
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def position_units(self) -> list[str]:
+        """``rad`` or ``m`` by joint."""
+        return ["m" if kind == "prismatic" else "rad" for kind in self._kinds]
+
+    @property
+    def torque_units(self) -> list[str]:
+        """``N m`` or ``N`` by joint."""
+        return ["N" if kind == "prismatic" else "N m" for kind in self._kinds]
+
+    @property
+    def gear_ratio(self) -> Array:
+        """Motor rad per joint unit (n,); 1 where unknown."""
+        return np.ones(self.n) if self.drive.gear_ratio is None else np.array(self.drive.gear_ratio)
+
+    @property
+    def rotor_inertia(self) -> Array:
+        """Reflected to the joint (n,) [kg m^2 or kg]; 0 where unknown."""
+        return np.zeros(self.n) if self.drive.rotor_inertia is None else np.array(self.drive.rotor_inertia)
+
+    @property
+    def torque_limit(self) -> Array:
+        """Joint side (n,); infinite where unknown."""
+        limit = self.drive.torque_limit
+        return np.full(self.n, np.inf) if limit is None else np.array(limit)
+
+    @property
+    def encoder_resolution(self) -> Array:
+        """Joint side (n,); 0 where unknown."""
+        steps = self.sensors.encoder_resolution
+        return np.zeros(self.n) if steps is None else np.array(steps)
+
+    @property
+    def torque_noise(self) -> Array:
+        """Standard deviation (n,); 0 where unknown."""
+        noise = self.sensors.torque_noise
+        return np.zeros(self.n) if noise is None else np.array(noise)
+
+    @property
+    def position_limits(self) -> tuple[Array, Array]:
+        """Lower and upper position limits (n,), infinite where there are none."""
+        joints = {joint.name: joint for joint in parse_urdf(self._urdf_text).joints}
+        lower = [joints[name].lower for name in self.joints] if self.lower is None else self.lower
+        upper = [joints[name].upper for name in self.joints] if self.upper is None else self.upper
+        low, high = np.array(lower), np.array(upper)
+        return np.where(low <= -OPEN_LIMIT, -np.inf, low), np.where(high >= OPEN_LIMIT, np.inf, high)
+
+    @property
+    def home_posture(self) -> Array:
+        """`home`, or 0 moved into the position limits."""
+        if self.home is not None:
+            return np.array(self.home)
+        lower, upper = self.position_limits
+        middle = 0.5 * (np.where(np.isfinite(lower), lower, 0.0) + np.where(np.isfinite(upper), upper, 0.0))
+        return np.where((lower < 0.0) & (upper > 0.0), 0.0, middle)
+
+    @property
+    def wear_joints(self) -> list[str]:
+        """`wear_axes`, or the first three joints."""
+        return self.joints[:3] if self.wear_axes is None else self.wear_axes
+
+    @property
+    def declared_payload(self) -> Payload | None:
+        """The payload that the controller believes in."""
+        return None if self.payload is None else self.payload.to_payload()
+
+    def motion_limits(self) -> tuple[Array, Array, Array]:
+        """Speed, acceleration and jerk limits (n,) of a reference motion.
+
+        Raises
+        ------
+        InputError
+            Where the model states none: a test-cycle is planned within them.
+        """
+        drive = self.drive
+        for key in ("speed_limit", "acceleration_limit", "jerk_limit"):
+            if getattr(drive, key) is None:
+                raise InputError(
+                    f"{self.name}: drive.{key} is missing; test-cycles are planned within it, so add it."
+                )
+        return np.array(drive.speed_limit), np.array(drive.acceleration_limit), np.array(drive.jerk_limit)
+
+    def rigid_body(self, payload: Payload | None = None) -> RigidBody:
+        """Rigid-body dynamics with the given payload (none by default, see `declared_payload`)."""
+        return RigidBody(self._urdf_text, self.joints, self.gravity, payload)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Content of the model file; what was left out stays out."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    def replace(self, urdf_text: str | None = None, **changes: Any) -> "RobotModel":
+        """Return a checked copy with other fields, as the file has them, and, where given, another URDF."""
+        text = self._urdf_text if urdf_text is None else urdf_text
+        return make_model({**self.to_mapping(), **changes}, text, self.name)
+
+
+def make_model(
+    fields: Mapping[str, Any], urdf: str | Path, where: str = "model", strict: bool = True
+) -> RobotModel:
+    """Build and check a model.
+
+    Parameters
+    ----------
+    fields : mapping
+        Content of the model file.
+    urdf : str or Path
+        URDF text or path; normalised here.
+    where : str
+        What messages call it, e.g. the path of the file.
+    strict : bool
+        Refuse moving links without physical inertia, see `wearscope.robots.urdf.normalise_urdf`.
+
+    Raises
+    ------
+    InputError
+        One sentence for the first breach found.
+    """
+    try:
+        model = RobotModel.model_validate(dict(fields))
+    except ValidationError as error:
+        raise InputError(f"{where}: {_first_breach(error)}") from None
+    if len(set(model.joints)) != model.n:
+        raise InputError(f"{where}: joints: a joint is named twice; name each once.")
+    _check_lists(model, where)
+    model._urdf_text = normalise_urdf(urdf, model.joints, strict)
+    kinds = {joint.name: joint.kind for joint in parse_urdf(model._urdf_text).joints}
+    model._kinds = [kinds[name] for name in model.joints]
+    _check_references(model, where)
+    return model
+
+
+def _first_breach(error: ValidationError) -> str:
+    first = error.errors()[0]
+    place = ""
+    for part in first["loc"]:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+    if first["type"] == "extra_forbidden":
+        return f"{place}: there is no such key; remove it or correct its spelling."
+    if first["type"] == "missing":
+        return f"{place}: is missing; add it."
+    given = "" if isinstance(first["input"], dict) else f" (given: {first['input']!r})"
+    return f"{place}: {first['msg'][0].lower() + first['msg'][1:]}{given}; correct it."
+
+
+def _check_lists(model: RobotModel, where: str) -> None:
+    bandwidth = None
+    if model.controller is not None and isinstance(model.controller.bandwidth_hz, list):
+        bandwidth = model.controller.bandwidth_hz
+    lists: dict[str, Sequence[float] | None] = {
+        **{f"drive.{key}": getattr(model.drive, key) for key in Drive.model_fields},
+        "sensors.encoder_resolution": model.sensors.encoder_resolution,
+        "sensors.torque_noise": model.sensors.torque_noise,
+        "controller.bandwidth_hz": bandwidth,
+        "home": model.home,
+        "lower": model.lower,
+        "upper": model.upper,
+    }
+    for key, values in lists.items():
+        if values is not None and len(values) != model.n:
+            raise InputError(
+                f"{where}: {key} has {len(values)} values for {model.n} joints; give one value a joint."
+            )
+    if model.drive.gear_ratio is not None and 0.0 in model.drive.gear_ratio:
+        raise InputError(f"{where}: drive.gear_ratio holds a 0; give motor turns per joint turn.")
+
+
+def _check_references(model: RobotModel, where: str) -> None:
+    for key, names in (
+        ("wear_axes", model.wear_joints),
+        *((f"effects[{k}].joint", [entry.joint]) for k, entry in enumerate(model.effects)),
+    ):
+        for name in names:
+            if name not in model.joints:
+                raise InputError(
+                    f"{where}: {key}: there is no joint '{name}'; choose one of {', '.join(model.joints)}."
+                )
+    lower, upper = model.position_limits
+    home = model.home_posture
+    for k, name in enumerate(model.joints):
+        if lower[k] >= upper[k]:
+            raise InputError(
+                f"{where}: joint '{name}' has no room between lower and upper limit; correct them."
+            )
+        if not lower[k] <= home[k] <= upper[k]:
+            raise InputError(
+                f"{where}: home of joint '{name}' is {home[k]:g}, outside its limits {lower[k]:g} to "
+                f"{upper[k]:g}; move it inside."
+            )
+
+
+def check_effects(model: RobotModel) -> None:
+    """Check the effects' names and parameters against the vocabulary.
+
+    Raises
+    ------
+    InputError
+        Naming the entry, and the names that exist.
+    """
+    for k, entry in enumerate(model.effects):
+        effect = plugins.load(entry.effect, "effects", "EFFECT")
+        effect.check_values(entry.parameters, f"{model.name}: effects[{k}] at joint '{entry.joint}'")
+
+
+def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> Path:
+    """Path of a model file, given as `load_model` takes it.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    folder = DEFAULT_ROBOTS_DIR if robots_dir is None else Path(robots_dir)
+    path = Path(reference)
+    for candidate in (path, path / "model.yaml", folder / path / "model.yaml"):
+        if candidate.is_file():
+            return candidate
+    known = ", ".join(sorted(file.parent.name for file in folder.glob("*/model.yaml"))) or "none"
+    raise InputError(
+        f"robot '{reference}': no such model file, nor folder with a model.yaml, nor robot in {folder} "
+        f"(there: {known}); correct the name."
+    )
+
+
+def load_model(
+    reference: str | Path, robots_dir: str | Path | None = None, strict: bool = True
+) -> RobotModel:
+    """Load a model file.
+
+    Parameters
+    ----------
+    reference : str or Path
+        A model file, a folder that holds ``model.yaml``, or a name in `robots_dir`.
+    robots_dir : str or Path, optional
+        ``config/robots`` by default.
+    strict : bool
+        Refuse moving links without physical inertia.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or breaks a rule; effects are checked by `check_effects`.
+    """
+    path = find_model(reference, robots_dir)
+    try:
+        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not readable YAML ({' '.join(str(error).split())}); mend it.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the file.") from error
+    if not isinstance(fields, dict):
+        raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
+    urdf = fields.get("urdf")
+    if not isinstance(urdf, str):
+        raise InputError(f"{path}: urdf: is missing or no text; name the URDF beside the model file.")
+    return make_model(fields, path.parent / urdf, str(path), strict)
+
+
+def save_model(model: RobotModel, path: str | Path) -> Path:
+    """Write the model file, and its normalised URDF beside it under the same stem.
+
+    Loading the file gives an equal model.
+
+    Parameters
+    ----------
+    model : RobotModel
+    path : str or Path
+        E.g. ``model_after.yaml``; the URDF then is ``model_after.urdf``.
+
+    Returns
+    -------
+    Path
+        Of the URDF.
+    """
+    path = Path(path)
+    urdf = path.with_suffix(".urdf")
+    fields = {**model.to_mapping(), "urdf": urdf.name}
+    text = yaml.safe_dump(fields, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
+    tables.write_text(urdf, model.urdf_text)
+    tables.write_text(path, text)
+    return urdf
