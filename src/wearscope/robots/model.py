@@ -41,7 +41,7 @@ class RobotModel(Section):
     """Path of the URDF from the model file."""
     joints: Annotated[list[str], Field(min_length=1)]
     """The joints that move; others of the URDF are locked at 0."""
-    gravity: Annotated[list[Finite], Field(min_length=3, max_length=3)] = [0.0, 0.0, -9.81]
+    gravity: list[Finite] = Field(default=[0.0, 0.0, -9.81], min_length=3, max_length=3)
     """In the base frame [m/s^2]."""
     drive: Drive = Drive()
     sensors: Sensors = Sensors()
@@ -55,7 +55,7 @@ class RobotModel(Section):
     """Position limits; default the URDF's."""
     wear_axes: list[str] | None = None
     """Joints that wear; default the first three."""
-    effects: list[EffectEntry] = []
+    effects: list[EffectEntry] = Field(default=[])
 
     _urdf_text: str = PrivateAttr(default="")
     _kinds: list[str] = PrivateAttr(default_factory=list)
