@@ -125,7 +125,9 @@ def check_factors(factors: Sequence[Factor]) -> None:
         raise InputError(f"factors: the name '{repeated[0]}' is used twice; rename one.")
     natural = sorted(set(names) & {f"{name}_natural" for name in names})
     if natural:
-        raise InputError(f"factors: '{natural[0]}' is the column of another factor's natural levels; rename it.")
+        raise InputError(
+            f"factors: '{natural[0]}' is the column of another factor's natural levels; rename it."
+        )
     faults = [factor.name for factor in factors if factor.role == "fault"]
     if faults != [FAULT]:
         raise InputError(f"factors: the faults are {faults}; declare exactly one, named '{FAULT}'.")

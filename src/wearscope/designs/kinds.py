@@ -53,7 +53,9 @@ def read_generators(
         letters = tuple(right.strip().lstrip("+-").replace("*", " ").replace(":", " ").split())
         unknown = [name for name in (left, *letters) if name not in names]
         if unknown:
-            raise InputError(f"generator of '{left}': there is no factor '{unknown[0]}'; use {', '.join(names)}.")
+            raise InputError(
+                f"generator of '{left}': there is no factor '{unknown[0]}'; use {', '.join(names)}."
+            )
         if not letters or len(set(letters)) != len(letters):
             raise InputError(f"generator of '{left}': name each base factor once.")
         if left in result:
@@ -62,7 +64,9 @@ def read_generators(
     for left, (_, letters) in result.items():
         for name in letters:
             if name in result:
-                raise InputError(f"generator of '{left}': '{name}' is itself generated; use base factors only.")
+                raise InputError(
+                    f"generator of '{left}': '{name}' is itself generated; use base factors only."
+                )
     return result
 
 

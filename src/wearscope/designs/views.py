@@ -8,9 +8,7 @@ from wearscope.designs.factors import PAPER_FACTORS, Factor, wear_names
 from wearscope.errors import InputError
 
 
-def view_for_axis(
-    design: pd.DataFrame, axis: int, factors: Sequence[Factor] = PAPER_FACTORS
-) -> pd.DataFrame:
+def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = PAPER_FACTORS) -> pd.DataFrame:
     """A design with the wear columns permuted to one axis's point of view.
 
     In a simulated point the k-th wear factor (``f``, ``w1``, ``w2``) is the wear of axis k. The detector of
