@@ -2,7 +2,10 @@
 # make test   set everything up and run the tests
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
-PYTHON ?= python3.11
+# The first Python 3.11 on the path; expanded only when the environment is made.
+IS_311 := import sys; sys.exit(sys.version_info[:2] != (3, 11))
+PYTHON ?= $(or $(shell for p in python3.11 python3 python; do \
+	$$p -c '$(IS_311)' >/dev/null 2>&1 && echo $$p && break; done),python3)
 CORES ?= 2
 BIN := .venv/bin
 LOCKS := envs/build.lock envs/requirements.lock
@@ -21,7 +24,7 @@ setup: .venv/installed
 
 # The stamp makes the second run start at once; a changed lock or pyproject.toml makes the environment anew.
 .venv/installed: $(LOCKS) pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { echo >&2 \
+	@$(PYTHON) -c '$(IS_311)' 2>/dev/null || { echo >&2 \
 	"wearscope needs Python 3.11, because snakemake 9.27 needs at least 3.11 and pybullet 3.2.7 has no wheels" \
 	"for anything newer; '$(PYTHON)' is not it: install it, or call 'make PYTHON=/path/to/python3.11'."; exit 1; }
 	@echo "Installing the locked packages into .venv (1 to 3 minutes) ..."

@@ -1,0 +1,411 @@
+"""The configuration of a study, validated; the text under each field is its reference manual."""
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from wearscope.errors import InputError
+
+Model = Literal["main", "full", "simplified"]
+CellKey = Literal["robot", "cycle", "axis", "fda"]
+FactorName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Share = Annotated[float, Field(ge=0, le=1)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Section(BaseModel):
+    """A part of the configuration: unknown keys are refused, defaults are filled in."""
+
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+
+
+class FactorSettings(Section):
+    """A factor: a fault or a nuisance, and the natural values that its coded levels stand for."""
+
+    description: str
+    """What it is, as figures and the report say it."""
+    kind: Literal["wear", "temperature", "dwell", "payload_mass_error"]
+    """What the simulation does with it. The first, second and third factor of kind `wear` are the wear of
+    axes 1, 2 and 3; the cells of an axis see their own axis's wear as `f`."""
+    range: tuple[float, float]
+    """Natural values at the coded levels -2 and +2 of the identification (Table 1)."""
+    unit: str
+    """Unit of the natural values."""
+    levels: Annotated[int, Field(ge=2)] = 5
+    """Number of levels in a full factorial, evenly spread."""
+    nominal: Annotated[float, Field(ge=-2, le=2)] | None = None
+    """Coded level in the nominal point z0 (18); -2, none, for wear, 0 for all else, where left out."""
+    validation: tuple[float, float] | None = None
+    """Natural values that the levels -2 and +2 stand for in the validation runs (Table 3); the inner 80 % of
+    the range where left out."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> "FactorSettings":
+        for name in ("range", "validation"):
+            pair = getattr(self, name)
+            if pair is not None and not pair[0] < pair[1]:
+                raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")
+        return self
+
+
+class DesignSettings(Section):
+    """Which design points are simulated to identify the surrogates."""
+
+    kind: Literal[
+        "central_composite",
+        "face_centred",
+        "circumscribed",
+        "inscribed",
+        "full_factorial",
+        "fractional_factorial",
+        "latin_hypercube",
+    ] = "central_composite"
+    """`central_composite`: cube at +-1, star points at +-2, centre; `face_centred`: both at +-2;
+    `circumscribed`: cube at +-1, star points at `alpha`; `inscribed`: the same scaled into -2..2;
+    `full_factorial`; `fractional_factorial`; `latin_hypercube`."""
+    generators: list[str] | None = None
+    """Defining relations of the cube, e.g. `w5 = f w1 w2 w3 w4`; the full cube where left out."""
+    cube_level: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Coded level of the cube's corners."""
+    star_level: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Coded level of the star points of `central_composite`."""
+    alpha: Annotated[float, Field(gt=0)] | None = None
+    """Star distance in units of the cube; the rotatable one where left out."""
+    centre_points: Annotated[int, Field(ge=0)] | None = None
+    """Number of centre points, 1 where left out; more only repeat the simulation with other sensor noise."""
+    levels: Annotated[int, Field(ge=2)] | None = None
+    """Number of levels of every factor of `full_factorial`; each factor's own where left out."""
+    points: Annotated[int, Field(ge=2)] | None = None
+    """Number of points of `latin_hypercube`."""
+    centred: bool | None = None
+    """Whether the points of `latin_hypercube` sit in the middle of their cells."""
+
+    def options(self) -> dict[str, Any]:
+        """Options of the kind that are given."""
+        return self.model_dump(exclude={"kind"}, exclude_none=True)
+
+    def count_points(self, factors: Mapping[str, FactorSettings]) -> int:
+        """Number of points of the design matrix, known before it is made."""
+        if self.kind == "latin_hypercube":
+            return self.points or 45
+        if self.kind == "full_factorial":
+            return math.prod(self.levels or factor.levels for factor in factors.values())
+        cube = 2 ** (len(factors) - len(self.generators or []))
+        if self.kind == "fractional_factorial":
+            return cube
+        return cube + 2 * len(factors) + (1 if self.centre_points is None else self.centre_points)
+
+
+class SimulationSettings(Section):
+    """How a design point is simulated and recorded."""
+
+    step: Annotated[float, Field(gt=0, le=0.01)] = 0.001
+    """Integration step [s]."""
+    sample_rate: Annotated[float, Field(gt=0)] = 250.0
+    """Recorded samples per second [Hz]; the step must fit into it a whole number of times."""
+    nominal_runs: Annotated[int, Field(ge=1)] = 1
+    """Wear-free runs that the detectors learn from, a robot and test-cycle; they differ in sensor noise."""
+    chunk: Annotated[int, Field(ge=1)] = 23
+    """Design points a job: long enough to outweigh the start of a process, short enough to resume."""
+
+    @model_validator(mode="after")
+    def _whole_samples(self) -> "SimulationSettings":
+        ratio = 1.0 / (self.step * self.sample_rate)
+        if abs(ratio - round(ratio)) > 1e-9 * ratio or round(ratio) < 1:
+            raise ValueError(
+                f"sample_rate {self.sample_rate:g} Hz is no whole number of steps of {self.step:g} s; "
+                "choose a step that divides the sample time"
+            )
+        return self
+
+
+class DetectorSettings(Section):
+    """One detector under its configured name."""
+
+    use: Annotated[str, Field(min_length=1)]
+    """Name of a module of `wearscope.detectors`, or the path of a .py file that defines `DETECTOR`."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Keyword arguments of the detector."""
+
+
+class SurrogateSettings(Section):
+    """Which surrogates are fitted to each cell."""
+
+    models: Annotated[list[Model], Field(min_length=1)] = ["main", "full", "simplified"]
+    """`main` effects (2), `full` second order (3), `simplified` (19)."""
+
+
+class SensitivitySettings(Section):
+    """Which factors matter (Q-1)."""
+
+    model: Model = "simplified"
+    """The surrogate whose normalised coefficients (8) are compared."""
+    group_by: list[CellKey] = ["fda"]
+    """The cells that share these keys form a group (9)."""
+
+
+class SnrSettings(Section):
+    """How the detectors compare (Q-2); defaults are (20)."""
+
+    model: Model = "full"
+    """The surrogate that is asked."""
+    f0: float = -0.5
+    """Fault without change, coded."""
+    delta: float = 1.0
+    """Change of the fault, coded."""
+    sigma: Annotated[float, Field(gt=0)] = 0.25
+    """Standard deviation of every nuisance factor, coded."""
+    runs: Annotated[int, Field(ge=100)] = 100_000
+    """Monte Carlo runs a cell and hypothesis."""
+    group_by: list[CellKey] = ["fda"]
+    """The cells that share these keys form a group."""
+
+
+class ScopeSettings(Section):
+    """Where a detector works (Q-3); defaults are Sec. 6.4."""
+
+    model: Model = "full"
+    """The surrogate that is asked."""
+    factors: Annotated[list[str], Field(min_length=1)] = ["w3", "w5"]
+    """Nuisance factors that vary, one at a time."""
+    f0: float = -2.0
+    """Fault without change, coded."""
+    delta: tuple[float, float] = (0.0, 4.0)
+    """First and last change of the fault, coded."""
+    sigma: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = (0.01, 1.0)
+    """First and last standard deviation of the factor that varies, coded."""
+    grid: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]] = (30, 30)
+    """Number of values of delta and of sigma."""
+    p_f: Probability = 0.01
+    """Highest probability of false alarm that passes."""
+    p_d: Probability = 0.99
+    """Lowest probability of detection that passes."""
+    runs: Annotated[int, Field(ge=100)] = 100_000
+    """Monte Carlo runs a grid cell and hypothesis, for the kernel density estimate of the paper."""
+    group_by: list[CellKey] = ["fda"]
+    """The cells that share these keys form a group scope matrix."""
+
+
+class AuditSettings(Section):
+    """Surrogates against direct simulation, where the scope analysis extrapolates."""
+
+    enabled: bool = True
+    """Whether the audit runs."""
+    points: Annotated[int, Field(ge=1)] = 6
+    """Points on the way from f0 to the largest delta at z0, simulated directly a robot and test-cycle."""
+    cycles: Annotated[int, Field(ge=1)] = 1
+    """Number of test-cycles audited, the first ones of the list."""
+
+
+class ClosedLoopSettings(Section):
+    """The loop closed with measured data."""
+
+    demonstration: bool = True
+    """Whether the study records a twin with an undeclared effect and closes the loop on it."""
+    robot: str = "medium"
+    """Robot of the demonstration's twin."""
+
+
+class BoardSettings(Section):
+    """The attribution board: planted effects, their verdicts scored."""
+
+    robots: Annotated[list[str], Field(min_length=1)] = ["medium", "large"]
+    """Robots that effects are planted in."""
+    sizes: Annotated[list[float], Field(min_length=1)] = [1.0, 2.0, 4.0, 8.0]
+    """Effect torque RMS over the noise."""
+    seeds: Annotated[int, Field(ge=1)] = 3
+    """Cases of each effect, size and robot."""
+    nulls: Annotated[int, Field(ge=0)] = 300
+    """Cases with nothing planted."""
+
+
+def _short_detectors(value: Any) -> Any:
+    """Allow `A: residual_energy` for `A: {use: residual_energy}`."""
+    if not isinstance(value, Mapping):
+        return value
+    return {name: {"use": one} if isinstance(one, str) else one for name, one in value.items()}
+
+
+class StudyConfig(Section):
+    """A study: a design over factors, crossed with robots, test-cycles, axes and detectors."""
+
+    study: Name
+    """Name of the study; its results go to `results/<study>/`."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Root of all random numbers."""
+    robots: Annotated[list[str], Field(min_length=1)]
+    """Names of folders of `config/robots/`, or paths of a robot folder or model file."""
+    cycles: Annotated[list[str], Field(min_length=1)]
+    """Names of modules of `wearscope.cycles`, or paths of .py files that define `CYCLE`."""
+    axes: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(min_length=1)] = [1, 2, 3]
+    """Axes under test; the wear of each is `f` of its own cells, `w1` or `w2` of the others'."""
+    detectors: Annotated[dict[Name, DetectorSettings], Field(min_length=1), BeforeValidator(_short_detectors)]
+    """Detectors by the name they have in tables and figures."""
+    factors: Annotated[dict[FactorName, FactorSettings], Field(min_length=1)]
+    """Factors of the design by column name, in the design's order; the fault is `f` and comes before other
+    wear. What no factor is about stays at its nominal value."""
+    design: DesignSettings = DesignSettings()
+    """The design matrix."""
+    simulation: SimulationSettings = SimulationSettings()
+    """The simulation."""
+    max_failed_share: Share = 0.05
+    """Largest share of a cell's points for which a detector may fail; above it the study is refused."""
+    surrogates: SurrogateSettings = SurrogateSettings()
+    """The surrogates."""
+    sensitivity: SensitivitySettings = SensitivitySettings()
+    """Question Q-1."""
+    snr: SnrSettings = SnrSettings()
+    """Question Q-2."""
+    scope: ScopeSettings = ScopeSettings()
+    """Question Q-3."""
+    audit: AuditSettings = AuditSettings()
+    """The audit."""
+    closed_loop: ClosedLoopSettings = ClosedLoopSettings()
+    """The closed loop."""
+    attribution_board: BoardSettings = BoardSettings()
+    """The attribution board."""
+    dataset: str | None = None
+    """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
+    Left out, `closed_loop` runs the demonstration."""
+
+    def factor_table(self) -> list[dict[str, Any]]:
+        """Factors as the keyword arguments of `wearscope.designs.factors.Factor`, in the design's order."""
+        table = []
+        for name, factor in self.factors.items():
+            low, high = factor.validation or (None, None)
+            fields = factor.model_dump(include={"description", "kind", "unit", "levels", "nominal"})
+            table.append(
+                {
+                    "name": name,
+                    "role": "fault" if name == "f" else "nuisance",
+                    "low": factor.range[0],
+                    "high": factor.range[1],
+                    "validation_low": low,
+                    "validation_high": high,
+                    **fields,
+                }
+            )
+        return table
+
+    @field_validator("robots", "cycles", "axes")
+    @classmethod
+    def _no_repeats(cls, value: list[Any]) -> list[Any]:
+        for one in value:
+            if value.count(one) > 1:
+                raise ValueError(f"{one} is named twice; name it once")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "StudyConfig":
+        if "f" not in self.factors:
+            raise ValueError("factors: f, the fault, is missing; add it")
+        wear = [factor.range for factor in self.factors.values() if factor.kind == "wear"]
+        if max(self.axes) > len(wear):
+            raise ValueError(
+                f"axes: axis {max(self.axes)} has no wear factor; add a factor of kind wear, or drop the axis"
+            )
+        if len(self.axes) > 1 and len(set(wear)) > 1:
+            raise ValueError(
+                "factors: those of kind wear have different ranges, but the same simulations serve every "
+                "axis; give them one range, or test one axis"
+            )
+        nuisances = [name for name in self.factors if name != "f"]
+        for name in self.scope.factors:
+            if name not in nuisances:
+                raise ValueError(
+                    f"scope.factors: {name} is no nuisance factor of this study; choose among "
+                    f"{', '.join(nuisances)}"
+                )
+        for section in ("sensitivity", "snr", "scope"):
+            model = getattr(self, section).model
+            if model not in self.surrogates.models:
+                raise ValueError(f"{section}.model: {model} is not among surrogates.models; add it there")
+        names = [label(robot) for robot in self.robots], [label(cycle) for cycle in self.cycles]
+        for field, labels in zip(("robots", "cycles"), names, strict=True):
+            for one in labels:
+                if labels.count(one) > 1:
+                    raise ValueError(f"{field}: two of them would both be called {one}; rename one")
+        return self
+
+
+def label(reference: str) -> str:
+    """Name that a robot or test-cycle given by name or path has in tables and folders.
+
+    ``medium`` -> ``medium``; ``path/to/arm`` and ``path/to/arm/model.yaml`` -> ``arm``;
+    ``path/model_after.yaml`` -> ``model_after``; ``my/slow.py`` -> ``slow``.
+    """
+    parts = [part for part in reference.replace("\\", "/").split("/") if part not in ("", ".")]
+    name = parts[-1] if parts else reference
+    if name == "model.yaml" and len(parts) > 1:
+        return parts[-2]
+    return re.sub(r"\.(ya?ml|py)$", "", name)
+
+
+def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
+    """Validate a configuration and fill in its defaults.
+
+    Parameters
+    ----------
+    mapping : mapping
+        As read from YAML. Numbers may be text (YAML reads ``1e-3`` as text).
+
+    Raises
+    ------
+    InputError
+        With the path of the first field that is wrong, what is wrong with it, and what would be right.
+    """
+    try:
+        return StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        raise InputError(_explain(error)) from error
+
+
+def _explain(error: ValidationError) -> str:
+    first, more = error.errors()[0], error.error_count() - 1
+    path = ".".join(str(part) for part in first["loc"] if part != "[key]")
+    tail = f" ({more} more like this)" if more else ""
+    if first["type"] == "extra_forbidden":
+        known = _known_keys(first["loc"][:-1])
+        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+        remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}."
+        return f"config: {path} is no known setting{tail}; {remedy}"
+    if first["type"] == "missing":
+        return f"config: {path} is missing{tail}; add it."
+    message = first["msg"].removeprefix("Value error, ")
+    where = f"{path}: " if path else ""
+    given = "" if first["type"] == "value_error" else f", not {first['input']!r}"
+    return f"config: {where}{message[0].lower() if where else message[0]}{message[1:]}{given}{tail}."
+
+
+def _known_keys(path: tuple[int | str, ...]) -> list[str]:
+    """Keys known in the section at `path`."""
+    section: Any = StudyConfig
+    for part in path:
+        if isinstance(section, type) and issubclass(section, BaseModel):
+            section = section.model_fields[str(part)].annotation
+        else:  # the name of an entry of a mapping
+            section = get_args(section)[1]
+    return sorted(section.model_fields)
+
+
+def make_schema() -> str:
+    """JSON Schema of the configuration as text; `config/schema.json` is this, for editors."""
+    return json.dumps(StudyConfig.model_json_schema(), indent=2) + "\n"
+
+
+if __name__ == "__main__":
+    print(make_schema(), end="")

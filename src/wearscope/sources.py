@@ -1,0 +1,82 @@
+"""Which source files a script's result depends on, found by reading its imports."""
+
+import ast
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+PACKAGE = "wearscope"
+ROOT = Path(__file__).parent
+
+
+def find_sources(*files: str | Path) -> list[Path]:
+    """Python files that running `files` may run: themselves and, transitively, the modules they import.
+
+    Only modules of this package count; imports for type checking do not. Plug-ins are loaded by name, so
+    no import shows them: name their files too (see `plugin_file`).
+
+    Parameters
+    ----------
+    *files : path-like
+        Python files.
+
+    Returns
+    -------
+    list of Path
+        Sorted, each once.
+
+    Raises
+    ------
+    FileNotFoundError, SyntaxError
+        Where a file cannot be read as Python.
+    """
+    found: set[Path] = set()
+    waiting = [Path(file) for file in files]
+    while waiting:
+        file = waiting.pop()
+        if file not in found:
+            found.add(file)
+            waiting.extend(_imports(file))
+    return sorted(found)
+
+
+def plugin_file(reference: str, room: str) -> Path:
+    """File of a plug-in given as `wearscope.plugins.load` takes it; it need not exist."""
+    return Path(reference) if reference.endswith(".py") else ROOT / room / f"{reference}.py"
+
+
+@cache
+def _imports(file: Path) -> tuple[Path, ...]:
+    names: set[str] = set()
+    _collect(ast.parse(file.read_text(encoding="utf-8"), str(file)).body, names)
+    return tuple({path for name in names for path in _module_files(name)})
+
+
+def _collect(nodes: Iterable[ast.AST], names: set[str]) -> None:
+    """Dotted names of this package that the statements import."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            _collect(node.orelse, names)
+        else:
+            _collect(ast.iter_child_nodes(node), names)
+
+
+def _module_files(name: str) -> list[Path]:
+    """Files that importing a dotted name runs: the packages on the way and the module itself."""
+    first, *parts = name.split(".")
+    if first != PACKAGE:
+        return []
+    files, folder = [ROOT / "__init__.py"], ROOT
+    for part in parts:
+        if (folder / f"{part}.py").is_file():
+            files.append(folder / f"{part}.py")
+            break
+        folder = folder / part
+        if not (folder / "__init__.py").is_file():  # an attribute of the module
+            break
+        files.append(folder / "__init__.py")
+    return files
