@@ -1,0 +1,109 @@
+"""Which factors matter (Q-1): normalised coefficients (8), grouped (9)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from wearscope.designs.factors import FAULT
+from wearscope.errors import InputError
+from wearscope.evaluation.grouping import box_statistics, check_group, groups_of, wilson_interval
+from wearscope.surrogates.fitting import CELL
+
+
+def group_matrices(
+    surrogates: pd.DataFrame, model: str = "simplified", by: Sequence[str] = ("fda",)
+) -> dict[tuple, pd.DataFrame]:
+    """Matrices B^k of normalised coefficients, eq. (9).
+
+    Parameters
+    ----------
+    surrogates : DataFrame
+        From `wearscope.surrogates.fitting.fit_surrogates`.
+    model : str
+    by : sequence of str
+        Any subset of ``robot``, ``cycle``, ``axis``, ``fda``; empty for one group of all.
+
+    Returns
+    -------
+    dict
+        By group key, a frame (N_k, n_theta - 1): one row a cell (index: the other design parameters), one
+        column a term without the bias. Rows without a direct effect of the fault are NaN.
+
+    Raises
+    ------
+    InputError
+        Where the table has no such model, or `by` names something else.
+    """
+    by = check_group(by)
+    rows = surrogates[(surrogates["model"] == model) & (surrogates["term"] != "1")]
+    if rows.empty:
+        known = ", ".join(sorted(set(surrogates["model"])))
+        raise InputError(f"surrogates: the table has no model '{model}'; it has {known}.")
+    terms = list(dict.fromkeys(rows["term"]))
+    index = [name for name in CELL if name not in by] or CELL
+    matrices = {}
+    for key, group in groups_of(rows, by):
+        matrix = group.pivot(index=index, columns="term", values="theta_normalised")
+        matrices[key] = matrix.reindex(columns=terms)
+    return matrices
+
+
+def sensitivity_table(
+    surrogates: pd.DataFrame,
+    model: str = "simplified",
+    by: Sequence[str] = ("fda",),
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Box-plot statistics of every column of every group matrix (Fig. 2), and how often a term outweighs f.
+
+    Parameters
+    ----------
+    surrogates : DataFrame
+    model : str
+    by : sequence of str
+    level : float
+        Of the Wilson interval of the share of cells with a normalised coefficient beyond +-1.
+
+    Returns
+    -------
+    DataFrame
+        ``model``, the group columns, ``term``, the columns of
+        `wearscope.evaluation.grouping.box_statistics`, ``n_relevant``, ``share_relevant``, ``share_low``,
+        ``share_high`` (of the cells with a normalised coefficient), ``median_absolute``.
+    """
+    records = []
+    for key, matrix in group_matrices(surrogates, model, by).items():
+        for term in matrix.columns:
+            values = matrix[term].to_numpy(dtype=float)
+            good = values[np.isfinite(values)]
+            relevant = int(np.sum(np.abs(good) > 1.0))
+            low, high = wilson_interval(relevant, good.size, level)
+            records.append(
+                {
+                    "model": model,
+                    **dict(zip(by, key, strict=True)),
+                    "term": term,
+                    **box_statistics(values),
+                    "n_relevant": relevant,
+                    "share_relevant": relevant / good.size if good.size else np.nan,
+                    "share_low": low,
+                    "share_high": high,
+                    "median_absolute": float(np.median(np.abs(good))) if good.size else np.nan,
+                }
+            )
+    return pd.DataFrame(records)
+
+
+def relevant_terms(sensitivity: pd.DataFrame, share: float = 0.5) -> pd.DataFrame:
+    """Rows of terms that outweigh the fault in more than `share` of the cells, with what the interval allows.
+
+    Returns
+    -------
+    DataFrame
+        The rows other than the fault's own with ``share_relevant`` > `share`; ``certain`` is True where the
+        whole interval lies above.
+    """
+    rows = sensitivity[(sensitivity["share_relevant"] > share) & (sensitivity["term"] != FAULT)].copy()
+    rows["certain"] = rows["share_low"] > share
+    return rows.reset_index(drop=True)

@@ -1,0 +1,315 @@
+"""Comparing detectors (Q-2): the signal-to-noise ratio (11) under (20), by Monte Carlo and exactly."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from wearscope.designs.seeds import generator_for
+from wearscope.errors import InputError
+from wearscope.evaluation.grouping import bootstrap_indices, box_statistics, check_group
+from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
+from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
+
+Array = NDArray[np.float64]
+
+
+def quadratic_moments(c: ArrayLike, g: ArrayLike, a: ArrayLike, sigma: float) -> tuple[Array, Array]:
+    """Mean and standard deviation of y = c + g'w + w'Aw for w ~ N(0, sigma^2 I).
+
+    Parameters
+    ----------
+    c : array (...,)
+    g : array (..., m)
+    a : array (..., m, m)
+        Symmetric.
+    sigma : float
+
+    Returns
+    -------
+    mean, deviation : array (...,)
+        c + sigma^2 tr A; sqrt(sigma^2 g'g + 2 sigma^4 tr A^2).
+    """
+    g, a = np.asarray(g, dtype=float), np.asarray(a, dtype=float)
+    mean = np.asarray(c, dtype=float) + sigma**2 * np.trace(a, axis1=-2, axis2=-1)
+    variance = sigma**2 * np.sum(g * g, axis=-1) + 2 * sigma**4 * np.sum(a * a, axis=(-2, -1))
+    return mean, np.sqrt(variance)
+
+
+def ratio(change: ArrayLike, deviation: ArrayLike) -> Array:
+    """Change over deviation; NaN for 0/0, signed infinity for a change without deviation."""
+    change, deviation = np.broadcast_arrays(np.asarray(change, float), np.asarray(deviation, float))
+    result = np.full(change.shape, np.nan)
+    np.divide(change, deviation, out=result, where=deviation > 0)
+    sure = (deviation == 0) & (change != 0)
+    result[sure] = np.sign(change[sure]) * np.inf
+    return result
+
+
+def exact_snr(
+    theta: ArrayLike, terms: tuple[str, ...], f0: float = -0.5, delta: float = 1.0, sigma: float = 0.25
+) -> Array:
+    """SNR (11) from the moments of a quadratic form in Gaussian nuisances.
+
+    Parameters
+    ----------
+    theta : array (..., p)
+        Coefficients, any number of vectors.
+    terms : tuple of str, (p,)
+    f0, delta, sigma : float
+        The hypotheses (10) as set in (20), coded.
+
+    Returns
+    -------
+    array (...,)
+    """
+    mean0, _ = quadratic_moments(*condition_on_fault(theta, terms, f0), sigma)
+    mean1, deviation1 = quadratic_moments(*condition_on_fault(theta, terms, f0 + delta), sigma)
+    return ratio(mean1 - mean0, deviation1)
+
+
+def monte_carlo_snr(
+    surrogate: Surrogate,
+    rng: np.random.Generator,
+    runs: int = 100_000,
+    f0: float = -0.5,
+    delta: float = 1.0,
+    sigma: float = 0.25,
+) -> tuple[float, float]:
+    """SNR (11) by `runs` Monte Carlo runs under each hypothesis.
+
+    Returns
+    -------
+    snr : float
+    stderr : float
+        Its Monte Carlo standard error, by the delta method on the sample means and deviation.
+    """
+    y0 = sample_output(surrogate, rng, runs, f0, sigma)
+    y1 = sample_output(surrogate, rng, runs, f0 + delta, sigma)
+    centred = y1 - y1.mean()
+    m2, m3, m4 = (float(np.mean(centred**k)) for k in (2, 3, 4))
+    change = float(y1.mean() - y0.mean())
+    scale = max(abs(float(y1.mean())), abs(change))
+    if m2 <= (1e-12 * scale) ** 2:
+        return float(ratio(0.0 if abs(change) <= 1e-12 * scale else change, 0.0)), 0.0
+    deviation = float(np.sqrt(m2 * runs / (runs - 1)))
+    snr = change / deviation
+    variance = (m2 + float(y0.var())) / runs
+    variance += snr**2 * (m4 - m2**2) / (4 * m2 * runs)
+    variance -= snr * m3 / (m2 * runs) * deviation
+    return snr, float(np.sqrt(max(variance, 0.0)) / deviation)
+
+
+def sample_output(surrogate: Surrogate, rng: np.random.Generator, runs: int, f: float, sigma: float) -> Array:
+    """Outputs (runs,) of a surrogate at a fault level under nuisances w ~ N(0, sigma^2 I)."""
+    c, g, a = surrogate.at_fault(f)
+    w = rng.standard_normal((runs, g.size))
+    w *= sigma
+    product = w @ a
+    product += g
+    product *= w
+    return product.sum(axis=1) + c
+
+
+def parametric_interval(
+    surrogate: Surrogate,
+    rng: np.random.Generator,
+    draws: int = 2000,
+    level: float = 0.95,
+    f0: float = -0.5,
+    delta: float = 1.0,
+    sigma: float = 0.25,
+) -> tuple[float, float]:
+    """Interval of the exact SNR that the uncertainty of the coefficients allows.
+
+    Coefficients are drawn from their multivariate t distribution (estimate, covariance, residual degrees of
+    freedom); NaN without residual degrees of freedom.
+    """
+    if surrogate.status == "constant" or surrogate.dof < 1 or not np.all(np.isfinite(surrogate.covariance)):
+        return float("nan"), float("nan")
+    scale = float(np.abs(np.diag(surrogate.covariance)).max())
+    if scale == 0:
+        value = float(exact_snr(surrogate.theta, surrogate.terms, f0, delta, sigma))
+        return value, value
+    root = np.linalg.cholesky(surrogate.covariance / scale) * np.sqrt(scale)
+    shape = np.sqrt(surrogate.dof / rng.chisquare(surrogate.dof, size=(draws, 1)))
+    theta = surrogate.theta + shape * (rng.standard_normal((draws, len(surrogate.theta))) @ root.T)
+    low, high = np.quantile(
+        exact_snr(theta, surrogate.terms, f0, delta, sigma), [0.5 - level / 2, 0.5 + level / 2]
+    )
+    return float(low), float(high)
+
+
+def snr_table(
+    surrogates: pd.DataFrame,
+    model: str = "full",
+    f0: float = -0.5,
+    delta: float = 1.0,
+    sigma: float = 0.25,
+    runs: int = 100_000,
+    seed: int = 0,
+    level: float = 0.95,
+    draws: int = 2000,
+) -> pd.DataFrame:
+    """SNR of every cell.
+
+    Parameters
+    ----------
+    surrogates : DataFrame
+        From `wearscope.surrogates.fitting.fit_surrogates`.
+    model : str
+    f0, delta, sigma : float
+        Coded, as in (20).
+    runs : int
+        Monte Carlo runs under each hypothesis.
+    seed : int
+        Root seed; each cell has its own stream, keyed by its name.
+    level : float
+        Of ``snr_low``, ``snr_high``.
+    draws : int
+        Coefficient draws for that interval.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``snr`` (Monte Carlo), ``snr_exact``, ``snr_low``,
+        ``snr_high`` (of the exact SNR, from the uncertainty of the coefficients), ``snr_stderr`` (Monte
+        Carlo error), ``status``: ``ok``, ``constant`` (SNR NaN) or ``decreasing`` (theta_0 < 0).
+    """
+    if runs < 2 or sigma < 0:
+        raise InputError(f"snr: runs {runs} and sigma {sigma} must be at least 2 and 0; correct the setting.")
+    records = []
+    for key, surrogate in surrogates_of(surrogates, model):
+        setting = (f0, delta, sigma)
+        snr, error = monte_carlo_snr(surrogate, generator_for(seed, "snr", cell_name(key)), runs, *setting)
+        low, high = parametric_interval(
+            surrogate, generator_for(seed, "snr interval", cell_name(key)), draws, level, *setting
+        )
+        records.append(
+            {
+                **dict(zip([*CELL, "model"], key, strict=True)),
+                "snr": snr,
+                "snr_exact": float(exact_snr(surrogate.theta, surrogate.terms, *setting)),
+                "snr_low": low,
+                "snr_high": high,
+                "snr_stderr": error,
+                "status": output_status(surrogate),
+            }
+        )
+    return pd.DataFrame(records)
+
+
+def output_status(surrogate: Surrogate) -> str:
+    """``constant``, ``decreasing`` (the direct effect theta_0 of the fault is negative) or ``ok``."""
+    if surrogate.status == "constant":
+        return "constant"
+    return "decreasing" if surrogate.coefficient("f") < 0 else "ok"
+
+
+def snr_boxes(snr: pd.DataFrame, by: Sequence[str] = ("fda",), value: str = "snr") -> pd.DataFrame:
+    """Box-plot statistics of the SNR of each group (Fig. 3)."""
+    from wearscope.evaluation.grouping import groups_of
+
+    return pd.DataFrame(
+        [
+            {**dict(zip(by, key, strict=True)), **box_statistics(rows[value])}
+            for key, rows in groups_of(snr, by)
+        ]
+    )
+
+
+def rank_by_median(
+    table: pd.DataFrame,
+    value: str = "snr_exact",
+    by: Sequence[str] = ("fda",),
+    draws: int = 2000,
+    seed: int = 0,
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Rank groups by their median, with what the choice of cells leaves open.
+
+    The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
+    them at once), so that differences between groups are paired.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row a cell.
+    value : str
+        Column to rank by, larger is better; NaN rows are left out and counted.
+    by : sequence of str
+        Design parameters that form the groups.
+    draws : int
+        Bootstrap draws.
+    seed : int
+    level : float
+
+    Returns
+    -------
+    DataFrame
+        Best first: the group columns, ``n``, ``n_nan``, ``median``, ``median_low``, ``median_high``,
+        ``rank`` (1 is best), ``rank_low``, ``rank_high`` (interval), ``tied_with`` (groups whose median
+        difference has an interval that holds 0).
+
+    Raises
+    ------
+    InputError
+        Where `by` is empty or leaves no cell to compare over.
+    """
+    by = check_group(by)
+    rest = [name for name in CELL if name not in by]
+    if not by or not rest:
+        raise InputError("ranking: group by some, not all, of robot, cycle, axis and fda.")
+    wide = table.pivot(index=rest, columns=by, values=value).sort_index(axis=0).sort_index(axis=1)
+    values = wide.to_numpy(dtype=float)
+    keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
+    rows = bootstrap_indices(len(values), draws, generator_for(seed, "rank", value, *by))
+    median = _median(values)
+    boot = np.stack([_median(values[index]) for index in rows])
+    tail = 0.5 - level / 2
+    order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
+    filled = np.where(np.isnan(boot), -np.inf, boot)
+    ranks = stats.rankdata(-filled, method="min", axis=1)
+    tied: list[list[str]] = [[] for _ in keys]
+    for i, j in combinations(range(len(keys)), 2):
+        difference = boot[:, i] - boot[:, j]
+        difference = difference[np.isfinite(difference)]
+        if difference.size == 0:
+            continue
+        low, high = np.quantile(difference, [tail, 1 - tail])
+        if low <= 0 <= high:
+            tied[i].append(cell_name(keys[j]))
+            tied[j].append(cell_name(keys[i]))
+    records = []
+    for position, k in enumerate(order):
+        good = boot[:, k][np.isfinite(boot[:, k])]
+        low, high = np.quantile(good, [tail, 1 - tail]) if good.size else (np.nan, np.nan)
+        best, worst = np.quantile(ranks[:, k], [tail, 1 - tail], method="nearest")
+        records.append(
+            {
+                **dict(zip(by, keys[k], strict=True)),
+                "n": int(np.sum(~np.isnan(values[:, k]))),
+                "n_nan": int(np.sum(np.isnan(values[:, k]))),
+                "median": float(median[k]),
+                "median_low": float(low),
+                "median_high": float(high),
+                "rank": position + 1,
+                "rank_low": int(best),
+                "rank_high": int(worst),
+                "tied_with": ", ".join(tied[k]),
+            }
+        )
+    return pd.DataFrame(records)
+
+
+def _median(values: Array) -> Array:
+    """Median of each column, NaN left out; NaN where nothing is left."""
+    result = np.full(values.shape[1], np.nan)
+    for k in range(values.shape[1]):
+        good = values[:, k][~np.isnan(values[:, k])]
+        if good.size:
+            result[k] = np.median(good)
+    return result
