@@ -68,7 +68,7 @@ def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int
             match = _POWER.fullmatch(part)
             if match is None or match[1] not in index:
                 raise InputError(
-                    f"term '{term}': '{part}' is no factor of {', '.join(names)}; write terms like f:w1 or w3^2."
+                    f"term '{term}': '{part}' is no factor of {', '.join(names)}; write f:w1 or w3^2."
                 )
             exponents[row, index[match[1]]] += int(match[2] or 1)
     return exponents

@@ -71,7 +71,8 @@ class Factor:
         low, high = self.validation_range
         if not self.low <= low < high <= self.high:
             raise InputError(
-                f"{where}: the validation range {low}..{high} must rise and lie inside {self.low}..{self.high}."
+                f"{where}: the validation range {low}..{high} must rise and lie inside "
+                f"{self.low}..{self.high}."
             )
 
     @property

@@ -120,7 +120,8 @@ def composite(cube: Array, star_level: float, centre_points: int = 1) -> Array:
 def _refuse_many(points: int) -> None:
     if points > MAX_POINTS:
         raise InputError(
-            f"design: {points} points are more than {MAX_POINTS}; use a fraction, fewer levels or a Latin hypercube."
+            f"design: {points} points are more than {MAX_POINTS}; use a fraction, fewer levels or a Latin "
+            "hypercube."
         )
 
 
@@ -277,7 +278,7 @@ def make_design(
 def validation_design(
     kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
 ) -> pd.DataFrame:
-    """Validation design: the same matrix, whose levels stand for other natural values (Table 3).
+    """Make the validation design: the same matrix, whose levels stand for other natural values (Table 3).
 
     The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube
     is drawn anew. Parameters, columns and errors as `make_design`.

@@ -9,7 +9,7 @@ from wearscope.errors import InputError
 
 
 def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = PAPER_FACTORS) -> pd.DataFrame:
-    """A design with the wear columns permuted to one axis's point of view.
+    """Permute the wear columns of a design to one axis's point of view.
 
     In a simulated point the k-th wear factor (``f``, ``w1``, ``w2``) is the wear of axis k. The detector of
     axis j sees its own axis's wear as ``f`` and the others' as ``w1``, ``w2``, in axis order. All other
@@ -36,7 +36,8 @@ def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = P
     wear = wear_names(factors)
     if not 1 <= axis <= len(wear):
         raise InputError(
-            f"axis {axis}: the factors declare the wear of {len(wear)} axes; add a wear factor or drop the axis."
+            f"axis {axis}: the factors declare the wear of {len(wear)} axes; add a wear factor or drop the "
+            "axis."
         )
     seen = [wear[axis - 1], *(name for name in wear if name != wear[axis - 1])]
     view = design.copy()

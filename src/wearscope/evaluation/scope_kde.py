@@ -22,7 +22,7 @@ def bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
     weights = np.zeros(nodes)
     for value in x:
         place = (value - low) / step
-        k = int(math.floor(place))
+        k = math.floor(place)
         if k < 0:
             weights[0] += 1.0
         elif k >= nodes - 1:

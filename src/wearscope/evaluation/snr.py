@@ -10,7 +10,7 @@ from scipy import stats
 
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import bootstrap_indices, box_statistics, check_group
+from wearscope.evaluation.grouping import bootstrap_indices, box_statistics, check_group, groups_of
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 
@@ -211,8 +211,6 @@ def output_status(surrogate: Surrogate) -> str:
 
 def snr_boxes(snr: pd.DataFrame, by: Sequence[str] = ("fda",), value: str = "snr") -> pd.DataFrame:
     """Box-plot statistics of the SNR of each group (Fig. 3)."""
-    from wearscope.evaluation.grouping import groups_of
-
     return pd.DataFrame(
         [
             {**dict(zip(by, key, strict=True)), **box_statistics(rows[value])}

@@ -7,7 +7,7 @@ import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import ArrayLike
 
-from wearscope.designs.bases import MODELS, linear_names, model_matrix, model_terms
+from wearscope.designs.bases import MODELS, model_matrix, model_terms
 from wearscope.designs.factors import FAULT
 from wearscope.errors import InputError
 from wearscope.surrogates.surrogate import Surrogate
@@ -79,8 +79,8 @@ def fit_surrogate(z: ArrayLike, y: ArrayLike, names: Sequence[str], model: str) 
     rank = int(np.linalg.matrix_rank(phi))
     if rank < len(terms):
         raise InputError(
-            f"model '{model}': {len(y)} points give rank {rank} for {len(terms)} terms; add points or choose a "
-            "smaller model."
+            f"model '{model}': {len(y)} points give rank {rank} for {len(terms)} terms; add points or choose "
+            "a smaller model."
         )
     dof = len(y) - len(terms)
     if np.ptp(y) <= _CONSTANT * np.abs(y).max():
@@ -231,19 +231,3 @@ def surrogates_of(surrogates: pd.DataFrame, model: str | None = None) -> Iterato
         raise InputError(f"surrogates: the table has no model '{model}'; it has {known}.")
     for key, group in cells_of(rows, ["model"]):
         yield key, read_surrogate(group)
-
-
-__all__ = [
-    "CELL",
-    "cell_name",
-    "cells_of",
-    "factor_columns",
-    "fit_surrogate",
-    "fit_surrogates",
-    "linear_names",
-    "normalise_coefficients",
-    "read_surrogate",
-    "surrogate_rows",
-    "surrogates_of",
-    "usable_points",
-]

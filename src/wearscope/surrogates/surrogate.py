@@ -73,7 +73,7 @@ class Surrogate:
         return product.sum(axis=1) + c
 
     def standard_error(self, z: ArrayLike) -> Array:
-        """Standard error of the mean prediction at coded levels (N, n), shape (N,)."""
+        """Give the standard error of the mean prediction at coded levels (N, n), shape (N,)."""
         phi = model_matrix(z, self.names, self.terms)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", phi, self.covariance, phi), 0.0))
 
@@ -103,7 +103,7 @@ class Surrogate:
         return float(c), g, a
 
     def along(self, factor: str, levels: dict[str, float]) -> Array:
-        """a, b, c of y = a + b w + c w^2 in one factor, the others held; shape (3,).
+        """Give a, b, c of y = a + b w + c w^2 in one factor, the others held, (3,).
 
         Parameters
         ----------

@@ -12,6 +12,7 @@ from wearscope.surrogates.fitting import (
     CELL,
     IDENTIFICATION,
     VALIDATION,
+    cell_name,
     cells_of,
     factor_columns,
     read_surrogate,
@@ -106,9 +107,10 @@ def lack_of_fit(
 
 
 def fault_effect(surrogate: Surrogate, level: float = 0.95) -> str:
-    """Sign of the direct effect theta_0 of the fault: ``rises``, ``falls``, ``unclear`` (interval holds 0)
-    or ``none`` (exactly 0).
-    """  # noqa: D205
+    """Sign of the direct effect theta_0 of the fault, or that it is unclear.
+
+    ``rises``, ``falls``, ``unclear`` (its interval holds 0) or ``none`` (exactly 0).
+    """
     k = surrogate.terms.index(FAULT)
     value, error = surrogate.theta[k], np.sqrt(surrogate.covariance[k, k])
     if value == 0:
@@ -148,7 +150,7 @@ def diagnose(
 def validate_surrogates(
     test_quantities: pd.DataFrame, surrogates: pd.DataFrame, max_failed_share: float = 0.1
 ) -> pd.DataFrame:
-    """Validation table of every cell and model.
+    """Validate every cell and model.
 
     Parameters
     ----------
@@ -181,9 +183,7 @@ def validate_surrogates(
         sets = {}
         for which in (IDENTIFICATION, VALIDATION):
             if (*key, which) not in points:
-                raise InputError(
-                    f"cell {'/'.join(map(str, key))}: no '{which}' rows; make the test quantities again."
-                )
+                raise InputError(f"cell {cell_name(key)}: no '{which}' rows; make the test quantities again.")
             rows = points[(*key, which)].sort_values("point")
             good = usable_points(rows, key, max_failed_share)
             sets[which] = (good[names].to_numpy(), good["y"].to_numpy(dtype=float), len(rows) - len(good))
@@ -211,7 +211,7 @@ def validate_surrogates(
 
 
 def fit_table(validation: pd.DataFrame, models: tuple[str, ...] = ("simplified", "full")) -> pd.DataFrame:
-    """Table 4 for every robot and cycle: fit [%], one row a robot, cycle, detector and model, a column an axis.
+    """Table 4 for every robot and cycle: fit [%], a row for each detector and model, a column for each axis.
 
     Parameters
     ----------
