@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from wearscope.effects.base import Parameter, TransmissionEffect
+from wearscope.effects.base import Parameter, Signals, TransmissionEffect
 
 
 def _take_up(torque: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return 0.5 * np.tanh(torque / shape[0])
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    scale = max(np.std(signals.load[:, joint]), 1e-9)
+    return scale * np.array([[0.03], [0.1], [0.3]])
 
 
 EFFECT = TransmissionEffect(
@@ -19,4 +24,5 @@ EFFECT = TransmissionEffect(
     spread=True,
     bend=_take_up,
     installs=("lost_motion", "mesh_torque"),
+    search=_search,
 )

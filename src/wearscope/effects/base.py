@@ -188,6 +188,11 @@ class Effect:
         Signals, with ``{joint}`` for the joint and ``{other}`` for a driving joint.
     spread : bool
         Whether the effect at one joint is felt in the torque of every joint.
+    variants : tuple of tuple of str
+        Subsets of coefficients that make sense on their own; all of them together where empty.
+    search : callable or None
+        Values of the shape parameters worth trying for given signals and joint, (S, k); the defaults where
+        None.
     """
 
     name: str
@@ -199,6 +204,8 @@ class Effect:
     row: Callable | None = None
     n_states: int = 0
     spread: bool = False
+    variants: tuple[tuple[str, ...], ...] = ()
+    search: Callable[[Signals, int], np.ndarray] | None = None
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -228,6 +235,18 @@ class Effect:
         """Coefficient and shape vectors of named values, defaults filled in."""
         take = lambda ps: np.array([values.get(p.name, p.default) for p in ps], dtype=float)  # noqa: E731
         return take(self.coefficients), take(self.shape)
+
+    def shapes(self, signals: Signals, joint: int) -> np.ndarray:
+        """Shape vectors worth trying for given signals, (S, k)."""
+        if self.search is None:
+            return self.pack({})[1][None, :]
+        return np.atleast_2d(self.search(signals, joint))
+
+    def subsets(self) -> list[np.ndarray]:
+        """Indices of the coefficients of each variant."""
+        names = [p.name for p in self.coefficients]
+        variants = self.variants or (tuple(names),)
+        return [np.array([names.index(name) for name in variant], dtype=int) for variant in variants]
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressors along signals.

@@ -1,11 +1,17 @@
 """Viscous friction that levels off at high speed."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     out[0] = abs(v[j]) ** shape[0] * sign[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    return np.array([[0.2], [0.35], [0.5], [0.7]])
 
 
 EFFECT = Effect(
@@ -16,4 +22,5 @@ EFFECT = Effect(
     depends_on=("qd_{joint}",),
     row=_row,
     shape=(Parameter("exponent", "-", lower=0.05, upper=0.95, default=0.5),),
+    search=_search,
 )

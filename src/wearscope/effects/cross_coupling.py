@@ -1,6 +1,8 @@
 """Torque driven by the motion of another joint (wrist couplings)."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
@@ -9,6 +11,11 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     out[0] = v[other]
     out[1] = sign[other]
     out[2] = a[other]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    others = [i for i in range(signals.q.shape[1]) if i != joint]
+    return np.array(others, dtype=float)[:, None].reshape(len(others), 1)
 
 
 EFFECT = Effect(
@@ -23,4 +30,6 @@ EFFECT = Effect(
     depends_on=("qd_{other}", "sign_qd_{other}", "qdd_{other}"),
     row=_row,
     shape=(Parameter("other", "index of the driving joint", lower=0.0),),
+    variants=(("viscous",), ("coulomb",), ("inertia",), ("viscous", "coulomb", "inertia")),
+    search=_search,
 )

@@ -27,4 +27,9 @@ EFFECT = Effect(
     source="First harmonics of the balancer torque of Weigand et al. 2020 (KUKA KR300)",
     depends_on=("q_{joint}",),
     row=_row,
+    variants=(
+        ("sine1", "cosine1"),
+        ("sine1", "cosine1", "bias"),
+        ("sine1", "cosine1", "bias", "sine2", "cosine2"),
+    ),
 )

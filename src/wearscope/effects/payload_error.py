@@ -14,4 +14,5 @@ EFFECT = PayloadEffect(
     source="Swevers et al. 2007, IEEE Control Systems 27(5), payload identification",
     depends_on=("load_{joint}",),
     spread=True,
+    variants=(("mass",), ("mass", "moment_x", "moment_y", "moment_z")),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
@@ -10,6 +10,10 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     moved = np.exp(-abs(v[j]) * dt / shape[0])
     next_state[0] = sign[j] + (state[0] - sign[j]) * moved if sign[j] != 0.0 else state[0]
     out[0] = next_state[0] - sign[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    return np.ptp(signals.q[:, joint]) * np.geomspace(1e-3, 0.3, 7)[:, None]
 
 
 EFFECT = Effect(
@@ -25,4 +29,5 @@ EFFECT = Effect(
     row=_row,
     shape=(Parameter("displacement", "{position}", lower=1e-12, default=1e-3),),
     n_states=1,
+    search=_search,
 )

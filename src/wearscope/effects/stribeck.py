@@ -2,12 +2,19 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     out[0] = np.exp(-((abs(v[j]) / shape[0]) ** shape[1])) * sign[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    fastest = np.abs(signals.v[:, joint]).max()
+    return np.array(
+        [(fastest * share, power) for power in (1.0, 2.0) for share in (0.02, 0.05, 0.1, 0.2, 0.4)]
+    )
 
 
 EFFECT = Effect(
@@ -24,4 +31,5 @@ EFFECT = Effect(
         Parameter("speed", "{position}/s", lower=1e-9, default=0.1),
         Parameter("exponent", "-", lower=0.3, upper=4.0, default=1.0),
     ),
+    search=_search,
 )

@@ -1,6 +1,8 @@
 """Friction that changes with the measured temperature."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
@@ -8,6 +10,10 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     warmer = temperature[j] - shape[0]
     out[0] = warmer * sign[j]
     out[1] = warmer * v[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    return np.array([[np.mean(signals.temperature[:, joint])]])
 
 
 EFFECT = Effect(
@@ -21,4 +27,6 @@ EFFECT = Effect(
     depends_on=("temp_{joint}", "qd_{joint}", "sign_qd_{joint}"),
     row=_row,
     shape=(Parameter("reference", "deg C", default=40.0),),
+    variants=(("coulomb_slope",), ("viscous_slope",), ("coulomb_slope", "viscous_slope")),
+    search=_search,
 )

@@ -2,13 +2,22 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     out[0] = np.cos(shape[0] * q[j])
     out[1] = np.sin(shape[0] * q[j])
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    # From three periods over the visited range, in steps that the range resolves, to where the median
+    # speed would turn the ripple into an alias of the sampling.
+    reach = max(np.ptp(signals.q[:, joint]), 1e-12)
+    speed = max(np.median(np.abs(signals.v[:, joint])), 1e-12)
+    highest = min(0.8 * np.pi / signals.dt / speed, 2 * np.pi * 300 / reach)
+    return np.arange(2 * np.pi * 3 / reach, max(highest, 2 * np.pi * 4 / reach), np.pi / reach)[:, None]
 
 
 EFFECT = Effect(
@@ -22,4 +31,5 @@ EFFECT = Effect(
     depends_on=("q_{joint}",),
     row=_row,
     shape=(Parameter("wavenumber", "1/{position}", lower=0.0, default=1.0),),
+    search=_search,
 )

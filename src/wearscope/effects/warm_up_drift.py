@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 
 @compile_row
@@ -10,6 +10,10 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     cold = np.exp(-t / shape[0])
     out[0] = cold * sign[j]
     out[1] = cold * v[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    return signals.t.max() * np.array([[0.1], [0.3], [1.0], [3.0]])
 
 
 EFFECT = Effect(
@@ -23,4 +27,6 @@ EFFECT = Effect(
     depends_on=("t", "qd_{joint}", "sign_qd_{joint}"),
     row=_row,
     shape=(Parameter("time_constant", "s", lower=1e-3, default=100.0),),
+    variants=(("coulomb_drift",), ("viscous_drift",), ("coulomb_drift", "viscous_drift")),
+    search=_search,
 )

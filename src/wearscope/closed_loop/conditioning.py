@@ -1,0 +1,186 @@
+"""From recorded channels to signals of one bandwidth: resampling, zero-phase filtering, differentiation.
+
+Two zero-phase low-pass filters are used. The first, at `Band.motion`, stands before differentiation; its
+cut-off is where the position's spectrum meets its own noise plateau. The second, at `Band.torque`, is applied
+to the torque and to every regressor alike, since filtering only one of them makes a sharp Coulomb step look
+like a Stribeck effect; its cut-off is where the torque stops being coherent with what the declared model
+predicts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from wearscope.closed_loop.dataset import Run
+
+#: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
+_REST_NOISE, _REST_SHARE = 5.0, 0.01
+_ORDER = 4
+
+
+@dataclass(frozen=True)
+class Band:
+    """Bandwidths in use.
+
+    Attributes
+    ----------
+    rate : float
+        Sampling rate of the runs [Hz].
+    motion, torque : float
+        Cut-off [Hz] of the filter before differentiation, and of the common filter.
+    """
+
+    rate: float
+    motion: float
+    torque: float
+
+    @property
+    def stride(self) -> int:
+        """Every how many samples a row is kept, so that rows come at four times the common cut-off."""
+        return max(1, int(self.rate / (4.0 * self.torque)))
+
+
+@dataclass
+class Motion:
+    """Uniformly sampled motion of one run.
+
+    Attributes
+    ----------
+    t : ndarray (N,)
+    q, v, a, tau : ndarray (N, n)
+        `q`, `v`, `a` after the motion filter, `tau` as recorded.
+    temperature : ndarray (N, n)
+        NaN where not measured.
+    rest_speed : ndarray (n,)
+        Speed below which a joint counts as at rest.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    temperature: np.ndarray
+    rest_speed: np.ndarray
+
+
+def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
+    """Zero-phase Butterworth low-pass along the first axis; unchanged where the cut-off reaches Nyquist."""
+    if cutoff >= 0.45 * rate:
+        return x
+    sections = signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    length = min(len(x) - 1, int(3 * rate / cutoff))
+    columns = np.ascontiguousarray(x.T)
+    return np.ascontiguousarray(signal.sosfiltfilt(sections, columns, axis=-1, padlen=length).T)
+
+
+def resample(run: Run, rate: float) -> Run:
+    """Run on a uniform time grid; runs that already are uniform come back as they are."""
+    uniform = run.t[0] + np.arange(int(round((run.t[-1] - run.t[0]) * rate)) + 1) / rate
+    uniform = uniform[uniform <= run.t[-1] + 1e-9]
+    if len(uniform) == len(run.t) and np.abs(uniform - run.t).max() < 1e-3 / rate:
+        return run
+
+    def take(x: np.ndarray | None) -> np.ndarray | None:
+        return None if x is None else np.column_stack([np.interp(uniform, run.t, c) for c in x.T])
+
+    q, tau = take(run.q), take(run.tau)
+    assert q is not None and tau is not None
+    return Run(run.file, run.use, uniform, q, tau, take(run.qd), take(run.temperature), run.payload)
+
+
+def position_noise(q: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Noise of measured positions and the frequency up to which motion stands out of it.
+
+    Parameters
+    ----------
+    q : ndarray (N, n)
+    rate : float
+
+    Returns
+    -------
+    density : ndarray (n,)
+        One-sided power density of the noise plateau, per Hz.
+    edge : ndarray (n,)
+        Frequency [Hz] up to which the density is more than ten times the plateau; NaN for joints that
+        stand still.
+
+    Notes
+    -----
+    Densities are taken of the second difference, which leaves no leakage of the slow motion, and divided by
+    its gain.
+    """
+    length = int(min(len(q) // 2, 4 * rate))
+    frequency, density = signal.welch(np.diff(q, 2, axis=0), rate, nperseg=length, axis=0)
+    gain = np.maximum(2.0 * np.sin(np.pi * frequency / rate), 1e-3) ** 4
+    density = density / gain[:, None]
+    plateau = np.median(density[frequency > 0.25 * rate], axis=0)
+    smooth = signal.medfilt2d(density, (5, 1))
+    edge = np.full(q.shape[1], np.nan)
+    for j in range(q.shape[1]):
+        if np.ptp(q[:, j]) > 0:
+            below = np.flatnonzero((smooth[:, j] < 10 * plateau[j]) & (frequency > 1.0))
+            edge[j] = frequency[below[0]] if len(below) else frequency[-1]
+    return plateau, edge
+
+
+def choose_motion_cutoff(runs: list[Run], rate: float) -> float:
+    """Cut-off [Hz] of the filter before differentiation, from the positions of the training runs."""
+    edges = np.array([position_noise(run.q, rate)[1] for run in runs])
+    with np.errstate(all="ignore"):
+        finite = edges[np.isfinite(edges)]
+    edge = float(np.median(finite)) if len(finite) else rate / 10
+    return float(np.clip(edge, 5.0, rate / 10))
+
+
+def choose_torque_cutoff(pairs: list[tuple[np.ndarray, np.ndarray]], rate: float, highest: float) -> float:
+    """Cut-off [Hz] of the common filter.
+
+    Parameters
+    ----------
+    pairs : list of (ndarray (N, n), ndarray (N, n))
+        Measured torque and the torque the declared model predicts, run by run.
+    rate, highest : float
+
+    Returns
+    -------
+    float
+        Highest frequency to which most joints' torques have a coherence of at least one half with the
+        prediction, in [4, `highest`] Hz.
+    """
+    length = int(min(min(len(m) for m, _ in pairs) // 4, 2 * rate))
+    edges = []
+    for j in range(pairs[0][0].shape[1]):
+        cross: np.ndarray = 0.0  # type: ignore[assignment]
+        auto: list[np.ndarray] = [0.0, 0.0]  # type: ignore[list-item]
+        for measured, predicted in pairs:
+            frequency, c = signal.csd(measured[:, j], predicted[:, j], rate, nperseg=length)
+            cross = cross + c
+            auto[0] = auto[0] + signal.welch(measured[:, j], rate, nperseg=length)[1]
+            auto[1] = auto[1] + signal.welch(predicted[:, j], rate, nperseg=length)[1]
+        coherence = np.abs(cross) ** 2 / np.maximum(auto[0] * auto[1], 1e-300)
+        smooth = np.convolve(coherence, np.ones(3) / 3, mode="same")
+        below = np.flatnonzero((smooth < 0.5) & (frequency > 2.0))
+        edges.append(frequency[below[0]] if len(below) else frequency[-1])
+    return float(np.clip(np.median(edges), 4.0, highest))
+
+
+def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
+    """Speed and acceleration of a run by the motion filter and central differences.
+
+    Parameters
+    ----------
+    run : Run
+        Uniformly sampled.
+    rate, cutoff : float
+        [Hz]
+    """
+    q = low_pass(run.q, cutoff, rate)
+    v = np.gradient(q, 1 / rate, axis=0) if run.qd is None else low_pass(run.qd, cutoff, rate)
+    a = np.gradient(v, 1 / rate, axis=0)
+    density, _ = position_noise(run.q, rate)
+    speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
+    rest = np.maximum(_REST_NOISE * speed_noise, _REST_SHARE * np.abs(v).max(axis=0))
+    temperature = np.full(q.shape, np.nan) if run.temperature is None else run.temperature
+    return Motion(run.t, q, v, a, run.tau, temperature, rest)
