@@ -1,6 +1,6 @@
 """Where a detector works (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and their groups."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -117,6 +117,7 @@ def scope_table(
     runs: int = 100_000,
     seed: int = 0,
     bandwidth: str = "silverman",
+    report: Callable[[int], None] | None = None,
 ) -> pd.DataFrame:
     """Scope matrices of every cell, long form.
 
@@ -142,6 +143,8 @@ def scope_table(
         P_f', P_d'.
     runs, seed, bandwidth
         See `kde_scope`.
+    report : callable, optional
+        Called with the number of cells done, after each.
 
     Returns
     -------
@@ -160,7 +163,7 @@ def scope_table(
     grid_s = grid_s if sigmas is None else np.asarray(sigmas, dtype=float)
     _check_setting(grid_d, grid_s, methods, false_alarm, detection, runs, bandwidth)
     blocks = []
-    for key, surrogate in surrogates_of(surrogates, model):
+    for done, (key, surrogate) in enumerate(surrogates_of(surrogates, model), start=1):
         for factor in factors:
             if factor not in surrogate.names or factor == FAULT:
                 raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(surrogate.names[1:])}.")
@@ -174,6 +177,8 @@ def scope_table(
                     identity = (cell_name(key), factor)
                     p_d = kde_scope(null, alternatives, false_alarm, runs, seed, identity, bandwidth)
                 blocks.append((key, factor, method, output_status(surrogate), p_d))
+        if report is not None:
+            report(done)
     return _long(blocks, grid_d, grid_s, detection)
 
 

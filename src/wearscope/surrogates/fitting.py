@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
 from numpy.typing import ArrayLike
 
 from wearscope.designs.bases import MODELS, model_matrix, model_terms
@@ -29,7 +28,7 @@ def factor_columns(table: pd.DataFrame) -> list[str]:
     missing = [name for name in (*CELL, "set", "point", FAULT, "y") if name not in table.columns]
     if missing:
         raise InputError(f"test quantities: there is no column '{missing[0]}'; make the table again.")
-    known = {*CELL, "set", "point", "y"}
+    known = {*CELL, "set", "point", "y", "status"}
     return [
         name
         for name in table.columns
@@ -87,7 +86,9 @@ def fit_surrogate(z: ArrayLike, y: ArrayLike, names: Sequence[str], model: str) 
         theta = np.zeros(len(terms))
         theta[0] = y[0]
         return Surrogate(terms, theta, np.zeros((len(terms), len(terms))), 0.0, dof, "constant")
-    result = sm.OLS(y, phi).fit()
+    from statsmodels.regression.linear_model import OLS  # here, because importing it takes a second
+
+    result = OLS(y, phi).fit()
     if dof > 0:
         sigma = float(np.sqrt(result.ssr / dof))
         covariance = np.asarray(result.normalized_cov_params) * sigma**2

@@ -1,0 +1,256 @@
+"""Surrogate against direct simulation: where to look, and what is found there."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from wearscope.designs.factors import (
+    CODED_HIGH,
+    CODED_LOW,
+    FAULT,
+    Factor,
+    check_factors,
+    nominal_levels,
+    wear_names,
+)
+from wearscope.designs.kinds import design_table
+from wearscope.errors import InputError
+from wearscope.evaluation.grouping import groups_of, wilson_interval
+from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of
+
+AUDIT = "audit"
+_ABOUT = ["reason", "hypothesis", "factor", "delta", "sigma", "worn_axis"]
+
+
+def scope_boundary(scope: pd.DataFrame, factor: str, share: float = 0.5) -> tuple[float, float]:
+    """A grid cell (Delta, sigma) at the edge of the scope of most cells.
+
+    Over all cells of the table, by the exact method where it is there: for each sigma the smallest Delta at
+    which at least `share` of the cells pass; of these the one in the middle of the sigmas. Without any, the
+    largest Delta and the smallest sigma.
+
+    Raises
+    ------
+    InputError
+        Where the table has no such factor.
+    """
+    rows = scope[scope["factor"] == factor]
+    if rows.empty:
+        known = ", ".join(sorted(set(scope["factor"])))
+        raise InputError(f"audit: the scope table has no factor '{factor}'; it has {known}.")
+    if (rows["method"] == "exact").any():
+        rows = rows[rows["method"] == "exact"]
+    passing = rows.groupby(["sigma", "delta"], sort=True)["passes"].mean().unstack("delta")
+    deltas, reached = passing.columns.to_numpy(), passing.to_numpy() >= share
+    edges = [
+        (float(deltas[np.argmax(row)]), float(sigma))
+        for sigma, row in zip(passing.index, reached, strict=True)
+        if row.any()
+    ]
+    return edges[len(edges) // 2] if edges else (float(deltas[-1]), float(passing.index[0]))
+
+
+def choose_audit_points(
+    factors: Sequence[Factor],
+    boundaries: Mapping[str, tuple[float, float]],
+    points: int = 9,
+    axes: Sequence[int] = (1, 2, 3),
+    f0: float = -2.0,
+    detection: float = 0.99,
+) -> pd.DataFrame:
+    """Points to simulate for the audit, most telling first.
+
+    The nominal point z0, where the study extrapolates to; then for each factor of `boundaries` the four runs
+    that decide a verdict at (Delta, sigma) if y is monotone in the factor: H0 and H1, each with the factor at
+    both its `detection` quantiles (held within -2..2). Wear is put on one axis a factor, by turns; after that
+    on the other axes.
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+    boundaries : mapping of str to (Delta, sigma)
+        E.g. from `scope_boundary`; coded.
+    points : int
+        How many points, at least 1.
+    axes : sequence of int
+    f0 : float
+    detection : float
+        P_d'.
+
+    Returns
+    -------
+    DataFrame
+        ``point`` (from 1), coded and natural columns as a design, then ``reason``, ``hypothesis`` (H0, H1),
+        ``factor``, ``delta``, ``sigma``, ``worn_axis`` (0: none).
+    """
+    check_factors(factors)
+    if points < 1 or not axes:
+        raise InputError(f"audit: {points} points on axes {list(axes)}; give at least one of each.")
+    names = [factor.name for factor in factors]
+    wear = wear_names(factors)
+    nominal = nominal_levels(factors)
+    reach = float(stats.norm.ppf(detection))
+    first: list[tuple[dict[str, float], dict[str, object]]] = [
+        (dict(nominal), dict(zip(_ABOUT, ["nominal point", "H0", "", 0.0, 0.0, 0], strict=True)))
+    ]
+    later: list[tuple[dict[str, float], dict[str, object]]] = []
+    for k, (factor, (delta, sigma)) in enumerate(boundaries.items()):
+        if factor not in names or factor == FAULT:
+            raise InputError(f"audit: '{factor}' is no nuisance; use {', '.join(set(names) - {FAULT})}.")
+        turn = axes[k % len(axes)]
+        for hypothesis, axis in [("H1", turn), ("H0", 0), *(("H1", a) for a in axes if a != turn)]:
+            for side in (-1, 1):
+                z = dict(nominal)
+                if hypothesis == "H1" and wear:
+                    z[wear[axis - 1]] = f0 + delta
+                elif hypothesis == "H1":
+                    z[FAULT] = f0 + delta
+                z[factor] = float(np.clip(side * reach * sigma, CODED_LOW, CODED_HIGH))
+                about = ["scope boundary", hypothesis, factor, delta, sigma, axis]
+                entry = (z, dict(zip(_ABOUT, about, strict=True)))
+                (first if hypothesis == "H0" or axis == turn else later).append(entry)
+    chosen = (first + later)[:points]
+    coded = np.array([[z[name] for name in names] for z, _ in chosen])
+    table = design_table(coded, factors)
+    for name in _ABOUT:
+        table[name] = [about[name] for _, about in chosen]
+    return table
+
+
+def audit_table(
+    test_quantities: pd.DataFrame,
+    surrogates: pd.DataFrame,
+    points: pd.DataFrame | None = None,
+    model: str = "full",
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Both values at every audited point of every cell.
+
+    Parameters
+    ----------
+    test_quantities : DataFrame
+        Directly simulated, set ``audit``; coded factors as the axis sees them.
+    surrogates : DataFrame
+    points : DataFrame, optional
+        From `choose_audit_points`, to say why a point was chosen.
+    model : str
+    level : float
+        Of the prediction interval.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``, ``low``,
+        ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is NaN),
+        ``leverage`` (variance of the predicted mean over that of a run), ``extrapolated`` (leverage > 1); then
+        what `points` says.
+
+    Raises
+    ------
+    InputError
+        Where there are no audit rows, or a cell has no surrogate.
+    """
+    rows = test_quantities[test_quantities["set"] == AUDIT]
+    if rows.empty:
+        raise InputError("audit: no test quantity has the set 'audit'; simulate the audit points first.")
+    models = {key[:-1]: surrogate for key, surrogate in surrogates_of(surrogates, model)}
+    parts = []
+    for key, cell in cells_of(rows):
+        if key not in models:
+            raise InputError(f"audit: cell {cell_name(key)} has no surrogate; fit it first.")
+        surrogate = models[key]
+        cell = cell.sort_values("point")
+        names = list(surrogate.names)
+        z, direct = cell[names].to_numpy(dtype=float), cell["y"].to_numpy(dtype=float)
+        low, high = surrogate.prediction_interval(z, level)
+        known = np.isfinite(surrogate.sigma) and surrogate.sigma > 0
+        leverage = (surrogate.standard_error(z) / surrogate.sigma) ** 2 if known else np.full(len(z), np.nan)
+        part = cell[[*CELL, "point", *names]].copy()
+        part.insert(len(CELL), "model", model)
+        part["y_surrogate"] = surrogate.predict(z)
+        part["low"], part["high"] = low, high
+        part["y_direct"] = direct
+        slack = 1e-9 * np.maximum(np.abs(direct), np.abs(part["y_surrogate"].to_numpy()))
+        part["inside"] = (direct >= low - slack) & (direct <= high + slack)
+        part["failed"] = ~np.isfinite(direct)
+        part["leverage"] = leverage
+        part["extrapolated"] = leverage > 1
+        parts.append(part)
+    table = pd.concat(parts, ignore_index=True)
+    if points is not None:
+        about = [name for name in _ABOUT if name in points.columns]
+        table = table.merge(points[["point", *about]], on="point", how="left", validate="many_to_one")
+    return table
+
+
+def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",), level: float = 0.95) -> pd.DataFrame:
+    """How often the prediction interval held the direct value.
+
+    Returns
+    -------
+    DataFrame
+        The group columns, ``extrapolated``, ``n``, ``n_failed``, ``n_inside``, ``share_inside`` with its
+        Wilson interval ``share_low``, ``share_high``, ``median_error`` (median absolute error over half the
+        width of the interval).
+    """
+    records = []
+    for key, group in groups_of(audit, by):
+        for extrapolated, rows in group.groupby("extrapolated", sort=True):
+            good = rows[~rows["failed"]]
+            inside = int(good["inside"].sum())
+            low, high = wilson_interval(inside, len(good), level)
+            half = (0.5 * (good["high"] - good["low"])).to_numpy(dtype=float)
+            error = np.abs(good["y_direct"] - good["y_surrogate"]).to_numpy(dtype=float)
+            sure = half > 0
+            records.append(
+                {
+                    **dict(zip(by, key, strict=True)),
+                    "extrapolated": bool(extrapolated),
+                    "n": len(good),
+                    "n_failed": len(rows) - len(good),
+                    "n_inside": inside,
+                    "share_inside": inside / len(good) if len(good) else np.nan,
+                    "share_low": low,
+                    "share_high": high,
+                    "median_error": float(np.median(error[sure] / half[sure])) if sure.any() else np.nan,
+                }
+            )
+    return pd.DataFrame(records)
+
+
+def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
+    """Scope verdicts at the audited grid cells, from direct runs and from the surrogate at the same points.
+
+    If y is monotone in the factor, its 1 - P_f' quantile under H0 and 1 - P_d' quantile under H1 (with
+    P_f' = 1 - P_d') are its values at the factor's own quantiles, so four runs decide (12): it passes where the
+    smaller H1 value is not below the larger H0 value.
+
+    Parameters
+    ----------
+    audit : DataFrame
+        From `audit_table` with `points`.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``,
+        ``passes_surrogate``, ``passes_direct``, ``agrees``: cells whose own axis was worn, with all four runs.
+    """
+    rows = audit[(audit["factor"] != "") & ~audit["failed"]]
+    keys = [*CELL, "model", "factor", "delta", "sigma"]
+    records = []
+    for key, group in rows.groupby(keys, sort=True, observed=True):
+        null = group[group["hypothesis"] == "H0"]
+        worn = group[(group["hypothesis"] == "H1") & (group["worn_axis"] == group["axis"])]
+        if len(null) < 2 or len(worn) < 2:
+            continue
+        verdict = {
+            f"passes_{name}": bool(worn[f"y_{name}"].min() >= null[f"y_{name}"].max())
+            for name in ("surrogate", "direct")
+        }
+        agrees = verdict["passes_surrogate"] == verdict["passes_direct"]
+        records.append({**dict(zip(keys, key, strict=True)), **verdict, "agrees": agrees})
+    columns = [*keys, "passes_surrogate", "passes_direct", "agrees"]
+    return pd.DataFrame(records, columns=columns)
