@@ -152,7 +152,18 @@ class Plant:
         self.torque_delay = np.zeros(self.n)
 
 
-@njit(cache=True)
+_MATRIX = types.Array(types.float64, 2, "C")
+
+
+# The row as a first-class function: compiled once for all effects and kept, where a dispatcher argument would
+# compile anew in every process.
+@njit(
+    _MATRIX(
+        types.FunctionType(ROW), types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _VECTOR, types.int64,
+        types.int64,
+    ),
+    cache=True,
+)  # fmt: skip
 def _stack_rows(row, j, t, dt, sign, q, v, a, load, temperature, wear, shape, n_states, p):
     out = np.empty((len(t), p))
     state = np.zeros(max(n_states, 1))
