@@ -1,0 +1,218 @@
+"""Test-cycles: what one is, how it is found, and whether a robot can follow it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope import plugins
+from wearscope.effects.base import Signals, load_effect
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array
+
+# A limit may be exceeded by this share: planners reach limits to rounding.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Reference motion of all joints.
+
+    Attributes
+    ----------
+    t : array (N,)
+        Time from 0 in equal steps [s].
+    q, v, a : array (N, n)
+        Position, speed, acceleration [rad or m, per s, per s^2].
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A test-cycle.
+
+    Attributes
+    ----------
+    name : str
+    description : str
+        One sentence.
+    build : callable
+        ``build(model, dwell, step) -> Reference``: `dwell` is the delay before each next move [s], the
+        paper's w4, `step` the time step [s]. Equal arguments give equal motions.
+    """
+
+    name: str
+    description: str
+    build: Callable[[RobotModel, float, float], Reference]
+
+
+def load_cycle(reference: str) -> Cycle:
+    """Test-cycle by its name in this room, or by the path of a ``.py`` file that defines ``CYCLE``.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or ``CYCLE`` is no `Cycle`.
+    """
+    cycle = plugins.load(reference, "cycles", "CYCLE")
+    if not isinstance(cycle, Cycle):
+        raise InputError(f"{reference}: CYCLE is no wearscope.cycles.base.Cycle; make it one.")
+    return cycle
+
+
+def list_cycles() -> list[str]:
+    """Names of the test-cycles of this room."""
+    return plugins.list_names("cycles", "CYCLE")
+
+
+def required_torque(
+    reference: Reference, model: RobotModel, temperature: float, wear: float, payload_factor: float
+) -> Array:
+    """Motor torque (N, n) along a reference: rigid body, rotors and the model's joint torque effects.
+
+    Parameters
+    ----------
+    temperature : float
+        Of all joints [deg C].
+    wear : float
+        Level f of the wearing joints [-].
+    payload_factor : float
+        True over declared payload mass.
+    """
+    payload = model.declared_payload
+    body = model.rigid_body(None if payload is None else payload.scaled(payload_factor))
+    load = body.inverse_dynamics(reference.q, reference.v, reference.a)
+    torque = load + model.rotor_inertia * reference.a
+    worn = np.array([wear if name in model.wear_joints else 0.0 for name in model.joints])
+    signals = Signals(
+        t=reference.t,
+        q=reference.q,
+        v=reference.v,
+        a=reference.a,
+        sign=np.sign(reference.v),
+        load=load,
+        temperature=np.full_like(load, temperature),
+        wear=np.tile(worn, (len(load), 1)),
+    )
+    for entry in model.effects:
+        effect = load_effect(entry.effect)
+        if effect.row is not None and not effect.spread:
+            joint = model.joints.index(entry.joint)
+            torque[:, joint] += effect.torque(signals, joint, entry.parameters)
+    return torque
+
+
+def check_reference(
+    reference: Reference,
+    model: RobotModel,
+    cycle: str = "test-cycle",
+    temperatures: Sequence[float] = (30.0, 70.0),
+    wear: float = 50.0,
+    payload_error: float = 0.1,
+) -> None:
+    """Refuse a motion that the robot cannot follow.
+
+    Parameters
+    ----------
+    reference : Reference
+    model : RobotModel
+    cycle : str
+        What messages call the motion.
+    temperatures : sequence of float
+        The torque is checked at each [deg C].
+    wear : float
+        Highest wear level f.
+    payload_error : float
+        Payload mass is checked at 1 - this and 1 + this.
+
+    Raises
+    ------
+    InputError
+        Naming cycle, robot, joint, time and limit: malformed arrays, speeds that are not the derivative of
+        the positions, a motion that does not start and end at rest, or that leaves the limits on position,
+        speed, acceleration or torque.
+    """
+    where = f"test-cycle '{cycle}' on robot '{model.name}'"
+    _check_form(reference, model, where)
+    lower, upper = model.position_limits
+    speed, acceleration, _ = model.motion_limits()
+    q, v, a = reference.q, reference.v, reference.a
+    units = model.position_units
+    room = TOLERANCE * np.maximum(np.nan_to_num(upper - lower, posinf=1.0), 1.0)
+    _refuse_above(lower - room - q, 0.0, q, lower, "position", units, reference, model, where)
+    _refuse_above(q - upper - room, 0.0, q, upper, "position", units, reference, model, where)
+    limited = (("speed", v, speed, "/s"), ("acceleration", a, acceleration, "/s^2"))
+    for what, values, limit, per in limited:
+        excess = np.abs(values) - limit * (1.0 + TOLERANCE)
+        _refuse_above(excess, 0.0, values, limit, what, [u + per for u in units], reference, model, where)
+    for factor in (1.0 - payload_error, 1.0 + payload_error):
+        for temperature in temperatures:
+            torque = required_torque(reference, model, temperature, wear, factor)
+            excess = np.abs(torque) - model.torque_limit
+            _refuse_above(
+                excess, 0.0, torque, model.torque_limit, "torque", model.torque_units, reference, model, where
+            )
+
+
+def _check_form(reference: Reference, model: RobotModel, where: str) -> None:
+    t = np.asarray(reference.t)
+    if t.ndim != 1 or len(t) < 2:
+        raise InputError(f"{where}: t has the shape {t.shape}; give at least two instants (N,).")
+    for key in ("q", "v", "a"):
+        values = np.asarray(getattr(reference, key))
+        if values.shape != (len(t), model.n):
+            raise InputError(
+                f"{where}: {key} has the shape {values.shape}, not {(len(t), model.n)}; correct it."
+            )
+        if not np.all(np.isfinite(values)):
+            row = int(np.where(~np.isfinite(values))[0][0])
+            raise InputError(f"{where}: {key} is not finite at t = {t[row]:g} s; correct it.")
+    steps = np.diff(t)
+    if not np.all(np.isfinite(t)) or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
+        raise InputError(f"{where}: t does not grow in equal steps; sample the motion at a fixed rate.")
+    speed, acceleration, jerk = model.motion_limits()
+    for key, values, rate, bound in (
+        ("v", reference.q, reference.v, acceleration),
+        ("a", reference.v, reference.a, jerk),
+    ):
+        error = np.abs(np.diff(values, axis=0) / steps[:, None] - 0.5 * (rate[1:] + rate[:-1]))
+        # Across one step the mean of the end rates is off by at most the next rate's bound times the step.
+        row, joint = (int(k) for k in np.unravel_index(np.argmax(error / bound), error.shape))
+        if error[row, joint] > bound[joint] * steps[row]:
+            raise InputError(
+                f"{where}: {key} of joint '{model.joints[joint]}' is not the derivative of the motion at "
+                f"t = {t[row]:.3f} s; make q, v and a belong together."
+            )
+    for index, when in ((0, "start"), (-1, "end")):
+        moving = np.abs(reference.v[index]) > 1e-3 * speed
+        if np.any(moving):
+            joint = int(np.argmax(moving))
+            raise InputError(
+                f"{where}: joint '{model.joints[joint]}' moves at the {when}; begin and end at rest."
+            )
+
+
+def _refuse_above(
+    excess: Array,
+    threshold: float,
+    values: Array,
+    limit: Array,
+    what: str,
+    units: Sequence[str],
+    reference: Reference,
+    model: RobotModel,
+    where: str,
+) -> None:
+    row, joint = (int(k) for k in np.unravel_index(np.argmax(excess), excess.shape))
+    if excess[row, joint] > threshold:
+        raise InputError(
+            f"{where}: joint '{model.joints[joint]}' would need the {what} {values[row, joint]:.4g} "
+            f"{units[joint]} at t = {reference.t[row]:.3f} s, beyond its limit {limit[joint]:.4g}; "
+            "slow the test-cycle down, make it smaller, or correct the robot's limits."
+        )

@@ -1,0 +1,155 @@
+"""Building blocks of test-cycles: postures as shares of a robot's own range, and moves within its limits."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruckig import InputParameter, Result, Ruckig, Trajectory
+
+from wearscope.cycles.base import Reference
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array
+
+# Test-cycles stay within this distance of the home posture [rad or m] and this share of the way to a limit.
+LARGEST_EXCURSION = 0.8
+SHARE_OF_RANGE = 0.9
+# Share of the speed limit taken for a motor speed [rad/s] where the gear ratio is unknown: this many rad/s
+# stand for the whole limit.
+MOTOR_SPEED_AT_LIMIT = 300.0
+
+# Position, speed, acceleration (k, n) at times (k,) since the motion's start.
+Motion = Callable[[Array], tuple[Array, Array, Array]]
+
+
+class MotionPlan:
+    """A motion put together move by move, from and to rest, and sampled at the end.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Starts at its home posture.
+    dwell : float
+        Pause before each move [s].
+    step : float
+        Time step of the samples [s].
+
+    Raises
+    ------
+    InputError
+        Where the model has no motion limits, or `dwell` or `step` is no time.
+    """
+
+    def __init__(self, model: RobotModel, dwell: float, step: float) -> None:
+        if not (np.isfinite(dwell) and dwell >= 0.0 and np.isfinite(step) and step > 0.0):
+            raise InputError(
+                f"dwell = {dwell} s, step = {step} s: give a dwell of 0 or more and a step above 0."
+            )
+        self.model = model
+        self.dwell = dwell
+        self.step = step
+        self.speed, self.acceleration, self.jerk = model.motion_limits()
+        self.home = model.home_posture
+        self.posture = self.home.copy()
+        lower, upper = model.position_limits
+        self._down = np.minimum(SHARE_OF_RANGE * (self.home - lower), LARGEST_EXCURSION)
+        self._up = np.minimum(SHARE_OF_RANGE * (upper - self.home), LARGEST_EXCURSION)
+        self._segments: list[tuple[float, Motion]] = []
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.model.n
+
+    def posture_at(self, shares: ArrayLike) -> Array:
+        """Posture (n,) at shares of the way from home (0) to the lower (-1) or upper (1) end of the range.
+
+        A longer list is cut to the robot's joints; a shorter one is filled with 0.
+        """
+        padded = np.zeros(self.n)
+        given = np.asarray(shares, dtype=float)[: self.n]
+        padded[: len(given)] = given
+        return self.home + np.where(padded < 0.0, padded * self._down, padded * self._up)
+
+    def excursion(self) -> Array:
+        """Distance (n,) that fits to both sides of home."""
+        return np.minimum(self._down, self._up)
+
+    def joint_speed(self, motor_speed: float) -> Array:
+        """Joint speed (n,) at a motor speed [rad/s], at most 0.9 of the limit."""
+        if self.model.drive.gear_ratio is None:
+            wanted = motor_speed / MOTOR_SPEED_AT_LIMIT * self.speed
+        else:
+            wanted = motor_speed / np.abs(self.model.gear_ratio)
+        return np.minimum(wanted, 0.9 * self.speed)
+
+    def move_to(
+        self,
+        posture: ArrayLike,
+        speed: float = 1.0,
+        acceleration: float = 0.3,
+        top_speed: ArrayLike | None = None,
+    ) -> None:
+        """Dwell, then move all joints to a posture (n,) in the same time, limited up to the jerk.
+
+        Parameters
+        ----------
+        speed : float
+            Share of the speed limits.
+        acceleration : float
+            Share of the acceleration and jerk limits.
+        top_speed : array (n,), optional
+            Joint speeds instead of a share of the limits.
+        """
+        top = speed * self.speed if top_speed is None else np.asarray(top_speed, dtype=float)
+        target = np.asarray(posture, dtype=float)
+        if np.array_equal(target, self.posture):
+            return
+        order = InputParameter(self.n)
+        order.current_position = self.posture.tolist()
+        order.target_position = target.tolist()
+        order.max_velocity = top.tolist()
+        order.max_acceleration = (acceleration * self.acceleration).tolist()
+        order.max_jerk = (acceleration * self.jerk).tolist()
+        trajectory = Trajectory(self.n)
+        result = Ruckig(self.n).calculate(order, trajectory)
+        if result not in (Result.Working, Result.Finished):
+            raise InputError(
+                f"robot '{self.model.name}': no motion to {target.round(3)} was found ({result})."
+            )
+
+        def follow(times: Array) -> tuple[Array, Array, Array]:
+            samples = np.array([trajectory.at_time(time) for time in times.tolist()])
+            return samples[:, 0], samples[:, 1], samples[:, 2]
+
+        self.run(trajectory.duration, follow, target)
+
+    def run(self, duration: float, motion: Motion, end: ArrayLike) -> None:
+        """Dwell, then follow a motion from rest at the present posture to rest at `end` (n,)."""
+        self.pause(self.dwell)
+        self._segments.append((duration, motion))
+        self.posture = np.asarray(end, dtype=float)
+
+    def pause(self, duration: float) -> None:
+        """Stay where the robot is."""
+        held = self.posture.copy()
+
+        def hold(times: Array) -> tuple[Array, Array, Array]:
+            still = np.zeros((len(times), len(held)))
+            return held + still, still, still
+
+        self._segments.append((duration, hold))
+
+    def finish(self) -> Reference:
+        """Dwell once more and sample the whole motion; it ends at rest."""
+        self.pause(max(self.dwell, 2.0 * self.step))
+        starts = np.concatenate(([0.0], np.cumsum([duration for duration, _ in self._segments])))
+        count = int(np.ceil(starts[-1] / self.step - 1e-9)) + 1
+        t = self.step * np.arange(count, dtype=np.float64)
+        which = np.minimum(np.searchsorted(starts, t, side="right") - 1, len(self._segments) - 1)
+        samples = np.empty((3, count, self.n))
+        for index, (duration, motion) in enumerate(self._segments):
+            rows = slice(*np.searchsorted(which, (index, index + 1)))
+            if rows.start < rows.stop:
+                samples[:, rows] = motion(np.minimum(t[rows] - starts[index], duration))
+        return Reference(t, samples[0], samples[1], samples[2])

@@ -1,0 +1,95 @@
+"""Periodic excitation: finite Fourier series of all axes, once large and fast, once small and slow.
+
+Swevers et al., "Optimal robot excitation and identification", IEEE Transactions on Robotics and Automation
+13(5), 1997, with fixed coefficients in place of optimised ones.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from wearscope.cycles.base import Cycle, Reference
+from wearscope.cycles.motion import MotionPlan
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array
+
+HARMONICS = np.arange(1, 4)
+# Share of the excursion that each run fills; both have the same base frequency, so that the small one is slow.
+SIZES = (0.8, 0.12)
+# Share of the limits on speed, acceleration and jerk that the largest run reaches.
+EFFORT = 0.5
+# Phase covered at full rate, and phase time taken to reach that rate and to lose it again [rad].
+TURN, RISE = 2.0 * np.pi, 0.5 * np.pi
+
+
+def _coefficients(n: int) -> tuple[Array, Array]:
+    """Sine and cosine coefficients (n, H): equal weight in speed, phases spread by the golden ratio."""
+    count = len(HARMONICS)
+    turns = np.mod(0.6180339887498949 * np.arange(1, count * n + 1).reshape(n, count), 1.0)
+    return np.sin(2.0 * np.pi * turns) / HARMONICS, np.cos(2.0 * np.pi * turns) / HARMONICS
+
+
+def _series(phase: Array, n: int, order: int) -> Array:
+    """Derivative (k, n) of the given order by the phase (k,) [rad]."""
+    sine, cosine = _coefficients(n)
+    argument = np.multiply.outer(phase, HARMONICS) + 0.5 * np.pi * order
+    weight = HARMONICS.astype(float) ** order
+    return (weight * np.sin(argument)) @ sine.T + (weight * np.cos(argument)) @ cosine.T
+
+
+def _phase(time: Array) -> tuple[Array, Array, Array]:
+    """Phase [rad], its rate (0 at both ends of the run, 1 between) and the rate's slope, at phase times (k,)."""
+    total = TURN + RISE
+    x = np.clip(np.minimum(time, total - time) / RISE, 0.0, 1.0)
+    # The smooth step 10 x^3 - 15 x^4 + 6 x^5, its integral and its slope.
+    rate = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+    slope = np.where(time < 0.5 * total, 1.0, -1.0) * 30.0 * (x * (1.0 - x)) ** 2 / RISE
+    covered = RISE * x**4 * (2.5 - 3.0 * x + x * x)
+    phase = np.where(time < RISE, covered, np.where(time > total - RISE, TURN - covered, time - 0.5 * RISE))
+    return phase, rate, slope
+
+
+def _follow(time: Array, centre: Array, scale: Array, frequency: float) -> tuple[Array, Array, Array]:
+    """Position, speed, acceleration (k, n) at times (k,) since the run's start, `frequency` in rad/s."""
+    phase, rate, slope = _phase(frequency * time)
+    zeroth, first, second = (_series(phase, len(centre), order) for order in range(3))
+    speed = scale * first * (frequency * rate)[:, None]
+    acceleration = scale * (second * (rate * rate)[:, None] + first * slope[:, None]) * frequency * frequency
+    return centre + scale * zeroth, speed, acceleration
+
+
+def _find_frequency(plan: MotionPlan, scale: Array) -> float:
+    """Base frequency [rad/s] at which the first axis reaches its share of a limit."""
+    time = np.linspace(0.0, TURN + RISE, 4001)
+    _, speed, acceleration = _follow(time, np.zeros(plan.n), scale, 1.0)
+    jerk = np.diff(acceleration, axis=0) / np.diff(time)[:, None]
+    # Speed, acceleration and jerk grow with the first, second and third power of the frequency.
+    return min(
+        float(np.min(EFFORT * limit / np.abs(values).max(axis=0))) ** (1.0 / power)
+        for power, (limit, values) in enumerate(
+            ((plan.speed, speed), (plan.acceleration, acceleration), (plan.jerk, jerk)), start=1
+        )
+    )
+
+
+def build(model: RobotModel, dwell: float, step: float) -> Reference:
+    """Two runs of one period each, between smooth starts and stops."""
+    plan = MotionPlan(model, dwell, step)
+    shape = _series(np.linspace(0.0, TURN, 2001), plan.n, 0)
+    middle, half = 0.5 * (shape.max(axis=0) + shape.min(axis=0)), 0.5 * np.ptp(shape, axis=0)
+    frequency = _find_frequency(plan, max(SIZES) * plan.excursion() / half)
+    for size in SIZES:
+        scale = size * plan.excursion() / half
+        follow = partial(_follow, centre=plan.home - scale * middle, scale=scale, frequency=frequency)
+        start = follow(np.zeros(1))[0][0]
+        plan.move_to(start, 0.5)
+        plan.run((TURN + RISE) / frequency, follow, start)
+    plan.move_to(plan.home, 0.5)
+    return plan.finish()
+
+
+CYCLE = Cycle(
+    "periodic_excitation",
+    "Fourier series of three harmonics on all axes, large and fast, then small and slow.",
+    build,
+)
