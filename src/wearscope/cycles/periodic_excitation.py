@@ -14,12 +14,12 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
 HARMONICS = np.arange(1, 4)
-# Share of the excursion that each run fills; both have the same base frequency, so that the small one is slow.
-SIZES = (0.8, 0.12)
+# Share of the excursion that each run fills; with one base frequency for both the small one is slow.
+SIZES = (0.6, 0.1)
 # Share of the limits on speed, acceleration and jerk that the largest run reaches.
-EFFORT = 0.5
+EFFORT = 0.6
 # Phase covered at full rate, and phase time taken to reach that rate and to lose it again [rad].
-TURN, RISE = 2.0 * np.pi, 0.5 * np.pi
+TURN, RISE = 2.0 * np.pi, 0.3 * np.pi
 
 
 def _coefficients(n: int) -> tuple[Array, Array]:
@@ -38,7 +38,7 @@ def _series(phase: Array, n: int, order: int) -> Array:
 
 
 def _phase(time: Array) -> tuple[Array, Array, Array]:
-    """Phase [rad], its rate (0 at both ends of the run, 1 between) and the rate's slope, at phase times (k,)."""
+    """Phase [rad], its rate (0 at both ends of a run, 1 between) and the rate's slope at phase times (k,)."""
     total = TURN + RISE
     x = np.clip(np.minimum(time, total - time) / RISE, 0.0, 1.0)
     # The smooth step 10 x^3 - 15 x^4 + 6 x^5, its integral and its slope.
