@@ -158,7 +158,9 @@ def _read_fields(path: Path, notes: list[str]) -> DatasetFields:
     try:
         content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; a data set is a folder with a dataset.yaml in it.") from error
+        raise InputError(
+            f"{path}: no such file; a data set is a folder with a dataset.yaml in it."
+        ) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         line = str(error).replace("\n", " ")
         raise InputError(f"{path}: not readable as YAML ({line}); mend that line.") from error

@@ -103,7 +103,7 @@ class Signals:
     @property
     def dt(self) -> float:
         """Sampling interval [s]."""
-        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1)) if len(self.t) > 1 else 0.0
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
 
 
 @dataclass

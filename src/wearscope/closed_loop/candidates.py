@@ -1,0 +1,116 @@
+"""Candidates: every effect that a joint may lack, with the shapes worth trying, reduced to regression rows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope import plugins
+from wearscope.closed_loop.preparation import Prepared, PreparedRun
+from wearscope.closed_loop.regression import Entry
+from wearscope.effects.base import Effect, MeasurementEffect, Signals, load_effect
+
+#: Effects that contain others: declaring the first leaves nothing of the second to find.
+_CONTAINS = {
+    "friction_wear_temperature": ("coulomb", "viscous", "stribeck", "temperature_dependent_friction"),
+    "rotor_inertia": (),
+    "joint_spring": ("torque_offset",),
+    "gravity_counterbalance": ("joint_spring",),
+}
+_NEVER = ("rigid_body", "friction_wear_temperature", "unknown")
+
+
+@dataclass
+class Family:
+    """One effect at one joint with all shapes worth trying.
+
+    Attributes
+    ----------
+    effect : Effect
+    joint : int
+    shapes : ndarray (S, k)
+    columns : list of ndarray (M, S*m), or (M, n, S*m) where the effect spreads
+        Reduced regressors of each training run.
+    """
+
+    effect: Effect
+    joint: int
+    shapes: np.ndarray
+    columns: list[np.ndarray]
+
+    @property
+    def count(self) -> int:
+        """Columns of each shape."""
+        return len(self.effect.coefficients)
+
+    def entry(self, shape: int, subset: np.ndarray) -> Entry:
+        """Model entry of one shape and subset."""
+        return Entry(self.effect, self.joint, tuple(self.shapes[shape]), tuple(int(i) for i in subset))
+
+
+def candidate_names(declared: list[str], rotor_inertia_given: bool) -> list[str]:
+    """Effects that a model with the declared effects may lack."""
+    gone = set(declared) | set(_NEVER)
+    for name in declared:
+        gone.update(_CONTAINS.get(name, ()))
+    if "rotor_inertia" not in declared or not rotor_inertia_given:
+        gone.add("rotor_inertia_error")
+    return [name for name in plugins.list_names("effects", "EFFECT") if name not in gone]
+
+
+def applies(effect: Effect, joint: int, prepared: Prepared) -> bool:
+    """Whether the runs have the signals that the effect needs at the joint."""
+    if not prepared.moving[joint]:
+        return False
+    train = prepared.runs_for("train")
+    if effect.name == "temperature_dependent_friction":
+        temperature = np.concatenate([run.signals.temperature[:, joint] for run in train])
+        return bool(np.isfinite(temperature).all() and np.ptp(temperature) > 0.5)
+    if effect.name == "cross_coupling":
+        return prepared.n > 1
+    # One payload for all joints: the last joint stands for it.
+    if effect.name == "payload_error":
+        return joint == prepared.n - 1
+    return True
+
+
+def joined_signals(runs: list[PreparedRun]) -> Signals:
+    """Signals of several runs end to end, to choose shapes from."""
+    def join(name: str) -> np.ndarray:
+        return np.concatenate([getattr(run.signals, name) for run in runs])
+
+    names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
+    return Signals(**{name: join(name) for name in names})
+
+
+def reduce_columns(effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun) -> np.ndarray:
+    """Reduced regressors of all shapes for one run, (M, S*m) or (M, n, S*m)."""
+    chunks = []
+    for start in range(0, len(shapes), 64):
+        full = [effect.columns(run.signals, joint, shape) for shape in shapes[start : start + 64]]
+        chunks.append(run.reduce(np.concatenate(full, axis=-1)))
+    return np.concatenate(chunks, axis=-1)
+
+
+def make_family(effect: Effect, joint: int, prepared: Prepared, joined: Signals) -> Family:
+    """Candidate family of an effect at a joint."""
+    train = prepared.runs_for("train")
+    shapes = effect.shapes(joined, joint)
+    columns = [reduce_columns(effect, joint, shapes, run) for run in train]
+    return Family(effect, joint, shapes, columns)
+
+
+def make_families(prepared: Prepared, names: list[str]) -> list[Family]:
+    """Families of all effects in `names` at every joint where they apply."""
+    joined = joined_signals(prepared.runs_for("train"))
+    families = []
+    for name in names:
+        effect = load_effect(name)
+        for joint in range(prepared.n):
+            if applies(effect, joint, prepared):
+                families.append(make_family(effect, joint, prepared, joined))
+    return families
+
+
+def follows_torque(family: Family) -> bool:
+    """Whether a family's regressors change with the model's prediction."""
+    return isinstance(family.effect, MeasurementEffect)

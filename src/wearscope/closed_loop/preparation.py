@@ -1,0 +1,240 @@
+"""A data set made ready for regression: signals of one bandwidth, the known torque, rows that count."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wearscope.closed_loop.conditioning import (
+    Band,
+    Motion,
+    choose_motion_cutoff,
+    choose_torque_cutoff,
+    differentiate_run,
+    low_pass,
+    resample,
+)
+from wearscope.closed_loop.dataset import Dataset, Run
+from wearscope.effects.base import Signals
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.urdf import normalise_urdf
+
+#: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
+_EDGE_PERIODS = 1.0
+
+
+@dataclass
+class PreparedRun:
+    """One run ready for regression.
+
+    Attributes
+    ----------
+    file, use : str
+    signals : Signals
+        At the full rate.
+    tau : ndarray (N, n)
+        Measured torque as recorded.
+    known : ndarray (N, n)
+        Torque of the rigid body and of declared rotor inertias as the data set states them.
+    band : Band
+    keep : ndarray (M, n) of bool
+        Rows that count for each joint: the joint moves and the torque is not saturated.
+    measured : ndarray (M, n)
+        Torque after the common filter.
+    t : ndarray (M,)
+        Time of the rows [s].
+    """
+
+    file: str
+    use: str
+    signals: Signals
+    tau: np.ndarray
+    known: np.ndarray
+    band: Band
+    keep: np.ndarray
+    measured: np.ndarray
+    t: np.ndarray
+
+    def reduce(self, x: np.ndarray) -> np.ndarray:
+        """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
+        flat = low_pass(x.reshape(len(x), -1), self.band.torque, self.band.rate)
+        return flat[rows(self.band, len(x))].reshape(-1, *x.shape[1:])
+
+
+@dataclass
+class Prepared:
+    """A data set ready for regression.
+
+    Attributes
+    ----------
+    dataset : Dataset
+    urdf : str
+        Normalised URDF.
+    runs : list of PreparedRun
+    band : Band
+    moving : ndarray (n,) of bool
+        Joints that move in at least one training run.
+    notes : list of str
+    """
+
+    dataset: Dataset
+    urdf: str
+    runs: list[PreparedRun]
+    band: Band
+    moving: np.ndarray
+    notes: list[str]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.dataset.joints)
+
+    def runs_for(self, use: str) -> list[PreparedRun]:
+        """Runs of one use."""
+        return [run for run in self.runs if run.use == use]
+
+
+def rows(band: Band, length: int) -> slice:
+    """Rows kept of a run of `length` samples."""
+    edge = int(_EDGE_PERIODS * band.rate / band.torque)
+    return slice(edge, max(length - edge, edge), band.stride)
+
+
+def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
+    """Rigid body with the payload that a run declares."""
+    payload = None if run.payload is None else Payload(run.payload.mass, tuple(run.payload.com))
+    return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
+
+
+def known_inertia(dataset: Dataset) -> np.ndarray:
+    """Rotor inertias (n,) that the data set declares and gives; zero where it does not."""
+    stated = dataset.fields.robot.rotor_inertia
+    if stated is None or "rotor_inertia" not in dataset.fields.declared_effects:
+        return np.zeros(len(dataset.joints))
+    return np.array(stated, dtype=float)
+
+
+def make_signals(motion: Motion, body: RigidBody, inertia: np.ndarray) -> tuple[Signals, np.ndarray]:
+    """Signals along a motion and the known torque (N, n)."""
+    load = body.inverse_dynamics(motion.q, motion.v, motion.a)
+    known = load + inertia * motion.a
+    signals = Signals(
+        t=motion.t,
+        q=motion.q,
+        v=motion.v,
+        a=motion.a,
+        sign=np.sign(motion.v),
+        load=load,
+        temperature=motion.temperature,
+        wear=np.zeros_like(load),
+        rigid_body=body,
+        torque=known,
+    )
+    return signals, known
+
+
+def _saturated(tau: np.ndarray, limits: list[float] | None) -> np.ndarray:
+    """Samples at the torque limit, or on a plateau at the run's own extreme."""
+    bad = np.zeros(tau.shape, dtype=bool)
+    for j in range(tau.shape[1]):
+        if limits is not None:
+            bad[:, j] |= np.abs(tau[:, j]) >= 0.999 * limits[j]
+        for extreme in (tau[:, j].max(), tau[:, j].min()):
+            flat = tau[:, j] == extreme
+            if flat.sum() > max(5, 0.002 * len(tau)):
+                bad[:, j] |= flat
+    return bad
+
+
+def _spread_out(bad: np.ndarray, width: int) -> np.ndarray:
+    """Mark `width` samples on either side of every marked sample."""
+    kernel = np.ones(2 * width + 1)
+    return np.column_stack([np.convolve(b, kernel, mode="same") > 0.5 for b in bad.T.astype(float)])
+
+
+def _prepare_run(run: Run, motion: Motion, body: RigidBody, dataset: Dataset, band: Band) -> PreparedRun:
+    signals, known = make_signals(motion, body, known_inertia(dataset))
+    bad = np.abs(motion.v) < motion.rest_speed
+    saturated = _saturated(motion.tau, dataset.fields.robot.torque_limit)
+    if saturated.any():
+        bad |= _spread_out(saturated, int(0.5 * band.rate / band.torque))
+    prepared = PreparedRun(
+        run.file,
+        run.use,
+        signals,
+        motion.tau,
+        known,
+        band,
+        keep=~bad[rows(band, len(bad))],
+        measured=np.empty(0),
+        t=motion.t[rows(band, len(motion.t))],
+    )
+    prepared.measured = prepared.reduce(motion.tau)
+    return prepared
+
+
+def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared:
+    """Make a data set ready for regression.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    urdf_source : path-like, optional
+        Instead of the data set's own URDF.
+
+    Raises
+    ------
+    InputError
+        Where no training run moves.
+    """
+    robot = dataset.fields.robot
+    urdf = normalise_urdf(urdf_source or dataset.urdf, dataset.joints, strict=False)
+    rate = dataset.fields.sample_rate
+    uniform = [resample(run, rate) for run in dataset.runs]
+    notes = list(dataset.notes)
+    reach = {run.file: np.ptp(run.q, axis=0) for run in uniform}
+    largest = np.max([reach[run.file] for run in uniform if run.use == "train"], axis=0)
+    still = [run.file for run in uniform if np.all(reach[run.file] < 1e-3 * np.maximum(largest.max(), 1e-9))]
+    moving = largest > max(1e-5, 1e-3 * largest.max())
+    if not moving.any() or largest.max() < 1e-5:
+        raise InputError(
+            f"{dataset.folder}: no joint moves in any train run; give at least one train run with motion."
+        )
+    for file in still:
+        notes.append(f"{file}: the robot stands still; the run is left out.")
+    uniform = [run for run in uniform if run.file not in still]
+    for use in ("train", "test"):
+        if not any(run.use == use for run in uniform):
+            raise InputError(
+                f"{dataset.folder}: the robot stands still in every {use} run; give a {use} run with motion."
+            )
+    for j, joint in enumerate(dataset.joints):
+        if not moving[j]:
+            notes.append(f"joint {joint} does not move in the train runs; its friction stays undetermined.")
+    train = [run for run in uniform if run.use == "train"]
+    motion_cutoff = choose_motion_cutoff(train, rate)
+    motions = [differentiate_run(run, rate, motion_cutoff) for run in uniform]
+    bodies = [rigid_body_of(urdf, dataset, run) for run in uniform]
+    inertia = known_inertia(dataset)
+    pairs = [
+        (motion.tau[:, moving], make_signals(motion, body, inertia)[1][:, moving])
+        for run, motion, body in zip(uniform, motions, bodies, strict=True)
+        if run.use == "train"
+    ]
+    band = Band(rate, motion_cutoff, choose_torque_cutoff(pairs, rate, motion_cutoff))
+    notes.append(
+        f"motion filtered at {band.motion:.3g} Hz, torque and regressors at {band.torque:.3g} Hz, zero phase."
+    )
+    if robot.inertials == "approximate" and "rigid_body" not in dataset.fields.declared_effects:
+        notes.append("inertials are approximate but rigid_body is not declared; they are not refitted.")
+    runs = [
+        _prepare_run(run, motion, body, dataset, band)
+        for run, motion, body in zip(uniform, motions, bodies, strict=True)
+    ]
+    short = [run.file for run in runs if len(run.t) < 40]
+    if short:
+        raise InputError(
+            f"{dataset.folder / short[0]}: too short for a {band.torque:.3g} Hz filter; record longer."
+        )
+    return Prepared(dataset, urdf, runs, band, moving, notes)

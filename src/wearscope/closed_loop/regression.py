@@ -1,0 +1,354 @@
+"""Weighted least squares by blocks: everything asked of the data is answered from block Gram matrices."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wearscope.closed_loop.preparation import Prepared, PreparedRun
+from wearscope.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An effect at a joint with its shape, some of its coefficients in use.
+
+    Attributes
+    ----------
+    effect : Effect
+    joint : int
+    shape : tuple of float
+    subset : tuple of int
+        Indices of the coefficients in use.
+    """
+
+    effect: Effect
+    joint: int
+    shape: tuple[float, ...]
+    subset: tuple[int, ...]
+
+    @property
+    def label(self) -> str:
+        """Name and joint index."""
+        return f"{self.effect.name}@{self.joint}"
+
+    def columns(self, run: PreparedRun) -> np.ndarray:
+        """Full-rate regressors at every joint, (N, n, m)."""
+        x = self.effect.columns(run.signals, self.joint, np.array(self.shape))[..., list(self.subset)]
+        if self.effect.spread:
+            return x
+        full = np.zeros((len(x), run.signals.q.shape[1], x.shape[-1]))
+        full[:, self.joint] = x
+        return full
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows `start` to `stop` of training run `run`."""
+
+    run: int
+    start: int
+    stop: int
+
+
+@dataclass
+class Folds:
+    """Cross-validation: for each fold the blocks trained on and the blocks held out, (F, B) of bool."""
+
+    train: np.ndarray
+    test: np.ndarray
+    by_run: bool
+
+
+def make_blocks(prepared: Prepared) -> list[Block]:
+    """Contiguous blocks of the training runs, long against the correlation of the residual."""
+    runs = prepared.runs_for("train")
+    total = sum(run.t[-1] - run.t[0] for run in runs)
+    length = float(np.clip(total / 40, 0.5, 3.0))
+    blocks = []
+    for r, run in enumerate(runs):
+        count = max(2, round((run.t[-1] - run.t[0]) / length))
+        edges = np.linspace(0, len(run.t), count + 1).astype(int)
+        blocks += [Block(r, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return blocks
+
+
+def make_folds(blocks: list[Block]) -> Folds:
+    """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side."""
+    run_of = np.array([block.run for block in blocks])
+    if run_of.max() > 0:
+        test = np.array([run_of == r for r in range(run_of.max() + 1)])
+        return Folds(~test, test, True)
+    count = min(5, len(blocks) // 2)
+    part = np.arange(len(blocks)) * count // len(blocks)
+    test = np.array([part == k for k in range(count)])
+    near = test.copy()
+    near[:, 1:] |= test[:, :-1]
+    near[:, :-1] |= test[:, 1:]
+    return Folds(~near, test, False)
+
+
+@dataclass
+class Regressors:
+    """Block sums of a family of regressors with the same joint: `s` shapes of `m` columns each.
+
+    Attributes
+    ----------
+    cross : ndarray (B, s, m, P)
+        With the columns of the current model.
+    gram : ndarray (B, s, m, m)
+        Among themselves.
+    score : ndarray (B, s, m)
+        With the torque to explain.
+    """
+
+    cross: np.ndarray
+    gram: np.ndarray
+    score: np.ndarray
+
+    def select(self, subset: np.ndarray) -> "Regressors":
+        """The same with a subset of the columns."""
+        return Regressors(
+            self.cross[:, :, subset], self.gram[:, :, subset][..., subset], self.score[:, :, subset]
+        )
+
+    def at(self, shape: int) -> "Regressors":
+        """The same with one shape only."""
+        return Regressors(
+            self.cross[:, shape : shape + 1],
+            self.gram[:, shape : shape + 1],
+            self.score[:, shape : shape + 1],
+        )
+
+
+@dataclass
+class Regression:
+    """The current model's normal equations, block by block.
+
+    Attributes
+    ----------
+    prepared : Prepared
+    entries : list of Entry
+    sigma : ndarray (n,)
+        Residual scale by joint, whose inverse square weighs the rows.
+    inertial : bool
+        Whether deviations of the inertial parameters are among the columns, first.
+    """
+
+    prepared: Prepared
+    entries: list[Entry]
+    sigma: np.ndarray
+    inertial: bool
+    blocks: list[Block]
+    columns: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.weights = [run.keep / self.sigma for run in self.prepared.runs_for("train")]
+        self.spans: list[slice] = []
+        self._inertial_columns = self._make_inertial() if self.inertial else None
+        self._assemble()
+
+    def _make_inertial(self) -> list[np.ndarray]:
+        made = []
+        for run in self.prepared.runs_for("train"):
+            s = run.signals
+            made.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
+        return made
+
+    def _assemble(self) -> None:
+        runs = self.prepared.runs_for("train")
+        parts: list[list[np.ndarray]] = [[] for _ in runs]
+        self.spans = []
+        start = 0
+        if self._inertial_columns is not None:
+            start = self._inertial_columns[0].shape[2]
+            for r in range(len(runs)):
+                parts[r].append(self._inertial_columns[r])
+        for entry in self.entries:
+            self.spans.append(slice(start, start + len(entry.subset)))
+            start += len(entry.subset)
+            for r, run in enumerate(runs):
+                parts[r].append(run.reduce(entry.columns(run)))
+        self.columns = [
+            np.concatenate(p, axis=2) if p else np.zeros((len(run.t), self.prepared.n, 0))
+            for p, run in zip(parts, runs, strict=True)
+        ]
+        self.target = [run.measured - run.reduce(run.known) for run in runs]
+        self._sum_blocks()
+
+    def _sum_blocks(self) -> None:
+        self.p = self.columns[0].shape[2]
+        count = len(self.blocks)
+        self.gram = np.zeros((count, self.p, self.p))
+        self.score = np.zeros((count, self.p))
+        self.power = np.zeros((count, self.prepared.n))
+        for b, block in enumerate(self.blocks):
+            rows = slice(block.start, block.stop)
+            w = self.weights[block.run][rows]
+            x = (self.columns[block.run][rows] * w[:, :, None]).reshape(-1, self.p)
+            y = self.target[block.run][rows] * w
+            self.gram[b] = x.T @ x
+            self.score[b] = x.T @ y.reshape(-1)
+            self.power[b] = (y**2).sum(axis=0)
+        self.prior = self._make_prior()
+
+    def _make_prior(self) -> np.ndarray:
+        """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
+        prior = np.zeros(self.p)
+        if self.inertial:
+            body = self.prepared.runs[0].signals.rigid_body
+            parameters = body.inertial_parameters.reshape(-1, 10)
+            mass = np.maximum(parameters[:, 0], 0.02 * parameters[:, 0].max() + 1e-6)
+            lever = np.sqrt(np.maximum(np.trace(_tensor(parameters), axis1=1, axis2=2) / mass, 1e-4))
+            scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
+            prior[: scale.size] = 1.0 / (0.3 * scale.ravel()) ** 2
+        diagonal = np.einsum("bii->i", self.gram)
+        return np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
+
+    def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
+        """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
+        pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
+        return np.linalg.solve(self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0))
+
+    def losses(self, theta: np.ndarray) -> np.ndarray:
+        """Sum of squared weighted residuals by block, (B,)."""
+        return (
+            self.power.sum(axis=1) - 2 * self.score @ theta + np.einsum("i,bij,j->b", theta, self.gram, theta)
+        )
+
+    def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Residual torque (M, n) of each training run, all rows."""
+        return [y - x @ theta for y, x in zip(self.target, self.columns, strict=True)]
+
+    def cross_validate(self, folds: Folds) -> np.ndarray:
+        """Held-out losses by block, (B,); NaN for blocks that no fold holds out."""
+        losses = np.full(len(self.blocks), np.nan)
+        for train, test in zip(folds.train, folds.test, strict=True):
+            losses[test] = self.losses(self.solve(train))[test]
+        return losses
+
+    def correlate(self, family: list[np.ndarray], joint: int, count: int) -> Regressors:
+        """Block sums of a family of regressors.
+
+        Parameters
+        ----------
+        family : list of ndarray (M, n, s*m) or (M, s*m)
+            Reduced regressors, run by run; the second form acts on `joint` alone.
+        joint : int
+        count : int
+            Columns m of each shape.
+        """
+        spread = family[0].ndim == 3
+        s = family[0].shape[-1] // count
+        size = len(self.blocks)
+        cross = np.empty((size, s, count, self.p))
+        gram = np.empty((size, s, count, count))
+        score = np.empty((size, s, count))
+        for b, block in enumerate(self.blocks):
+            rows = slice(block.start, block.stop)
+            w = self.weights[block.run][rows]
+            x, d, y = family[block.run][rows], self.columns[block.run][rows], self.target[block.run][rows]
+            if spread:
+                x = (x * w[:, :, None]).reshape(-1, x.shape[-1])
+                d = (d * w[:, :, None]).reshape(-1, self.p)
+                y = (y * w).reshape(-1)
+            else:
+                x = x * w[:, [joint]]
+                d = d[:, joint] * w[:, [joint]]
+                y = y[:, joint] * w[:, joint]
+            cross[b] = (x.T @ d).reshape(s, count, self.p)
+            score[b] = (x.T @ y).reshape(s, count)
+            split = np.ascontiguousarray(x.reshape(len(x), s, count).transpose(1, 2, 0))
+            gram[b] = split @ split.transpose(0, 2, 1)
+        return Regressors(cross, gram, score)
+
+
+def _tensor(parameters: np.ndarray) -> np.ndarray:
+    xx, xy, yy, xz, yz, zz = parameters[:, 4:].T
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+
+
+@dataclass
+class Partial:
+    """What a family of regressors adds to the current model on some blocks.
+
+    Attributes
+    ----------
+    beta : ndarray (s, m)
+    gain : ndarray (s,)
+        Reduction of the loss.
+    inner : ndarray (s, m, m)
+        Gram matrix of the family after the model is projected out.
+    """
+
+    beta: np.ndarray
+    gain: np.ndarray
+    inner: np.ndarray
+
+
+def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None = None) -> Partial:
+    """Fit each shape of a family beside the current model (Frisch-Waugh-Lovell)."""
+    pick = np.ones(len(model.blocks), dtype=bool) if mask is None else mask
+    a = model.gram[pick].sum(axis=0) + model.prior
+    c = family.cross[pick].sum(axis=0)
+    h = family.gram[pick].sum(axis=0)
+    g = family.score[pick].sum(axis=0)
+    s, m, p = c.shape
+    if p:
+        solved = np.linalg.solve(
+            a, np.concatenate([c.reshape(-1, p).T, model.score[pick].sum(axis=0)[:, None]], 1)
+        )
+        inner = h - np.einsum("smp,psn->smn", c, solved[:, :-1].reshape(p, s, m))
+        reduced = g - c @ solved[:, -1]
+    else:
+        inner, reduced = h, g
+    # Directions that the model already spans carry no information.
+    diagonal = np.einsum("sii->si", h)
+    inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.einsum(
+        "si,ij->sij", 1e-7 * diagonal + 1e-30, np.eye(m)
+    )
+    beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
+    return Partial(beta, np.einsum("sm,sm->s", beta, reduced), inner)
+
+
+def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -> np.ndarray:
+    """Held-out losses by block (B,) with the family's best shape, chosen anew in each fold's training blocks."""
+    losses = np.full(len(model.blocks), np.nan)
+    for train, test in zip(folds.train, folds.test, strict=True):
+        fit = partial_fit(model, family, train)
+        k = int(np.argmax(fit.gain))
+        beta = fit.beta[k]
+        a = model.gram[train].sum(axis=0) + model.prior
+        theta = (
+            np.linalg.solve(a, model.score[train].sum(axis=0) - family.cross[train, k].sum(axis=0).T @ beta)
+            if model.p
+            else np.zeros(0)
+        )
+        base = model.losses(theta) if model.p else model.power.sum(axis=1)
+        losses[test] = (
+            base
+            - 2 * family.score[:, k] @ beta
+            + 2 * np.einsum("i,bip,p->b", beta, family.cross[:, k], theta)
+            + np.einsum("i,bij,j->b", beta, family.gram[:, k], beta)
+        )[test]
+    return losses
+
+
+def block_scores(model: Regression, family: Regressors) -> tuple[np.ndarray, np.ndarray]:
+    """Scores of a family along the current residual, block by block.
+
+    Returns
+    -------
+    scores : ndarray (B, s, m)
+        Sum over a block of the regressors, after the model is projected out, times the residual.
+    inner : ndarray (s, m, m)
+    """
+    fit = partial_fit(model, family)
+    if not model.p:
+        return family.score, fit.inner
+    theta = model.solve()
+    a = model.gram.sum(axis=0) + model.prior
+    s, m, p = family.cross.shape[1:]
+    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
+    own = model.score - model.gram @ theta
+    scores = family.score - family.cross @ theta - np.einsum("bp,psm->bsm", own, onto)
+    return scores, fit.inner
