@@ -10,6 +10,8 @@ from wearscope.detectors.base import Array, Batch
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
+PAYLOAD_STEP = 0.01
+
 
 def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
     """Joint acceleration by a zero-phase filter of the recorded speed.
@@ -25,6 +27,11 @@ def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
     array (N, n)
         Derivative of the local least-squares parabola of `qd` (Savitzky and Golay, Anal. Chem. 36, 1964),
         symmetric about its sample, hence without lag.
+
+    Raises
+    ------
+    ValueError
+        Where the batch is shorter than the filter.
     """
     key = ("acceleration", window)
     if key not in batch.derived:
@@ -36,3 +43,73 @@ def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
             batch.qd, length, polyorder=2, deriv=1, delta=1.0 / batch.sample_rate, axis=0
         )
     return batch.derived[key]
+
+
+def compute_rigid_torque(batch: Batch, model: "RobotModel", window: float) -> Array:
+    """Inverse dynamics with the declared payload along the recorded motion, without rotors.
+
+    Parameters
+    ----------
+    batch : Batch
+    model : RobotModel
+    window : float
+        Of `estimate_acceleration` [s].
+
+    Returns
+    -------
+    array (N, n)
+        [N m] or [N].
+    """
+    # The key holds the model itself: an id alone may be that of a model already gone.
+    key = ("rigid_torque", id(model), window)
+    if key not in batch.derived:
+        body = model.rigid_body(model.declared_payload)
+        torque = body.inverse_dynamics(batch.q, batch.qd, estimate_acceleration(batch, window))
+        batch.derived[key] = (model, torque)
+    return batch.derived[key][1]
+
+
+def compute_payload_torque(batch: Batch, model: "RobotModel", window: float) -> Array | None:
+    """Torque of the declared payload, the derivative by its relative mass error.
+
+    Mass and inertia scale together, the centre of mass stays.
+
+    Returns
+    -------
+    array (N, n) or None
+        None where the model declares no payload.
+    """
+    payload = model.declared_payload
+    if payload is None or payload.mass == 0.0:
+        return None
+    key = ("payload_torque", id(model), window)
+    if key not in batch.derived:
+        body = model.rigid_body(payload.scaled(1.0 + PAYLOAD_STEP))
+        torque = body.inverse_dynamics(batch.q, batch.qd, estimate_acceleration(batch, window))
+        # Inverse dynamics are linear in the inertial parameters, so the quotient is exact.
+        batch.derived[key] = (model, (torque - compute_rigid_torque(batch, model, window)) / PAYLOAD_STEP)
+    return batch.derived[key][1]
+
+
+def compute_joint_residual(batch: Batch, model: "RobotModel", axis: int, window: float) -> Array:
+    """Torque left to friction: recorded minus rigid body minus declared rotor inertia, (N,).
+
+    Parameters
+    ----------
+    batch : Batch
+    model : RobotModel
+    axis : int
+        Counted from 0.
+    window : float
+        Of `estimate_acceleration` [s].
+
+    Raises
+    ------
+    ValueError
+        Where a sample is not finite.
+    """
+    rotor = model.rotor_inertia[axis] * estimate_acceleration(batch, window)[:, axis]
+    residual = batch.tau[:, axis] - compute_rigid_torque(batch, model, window)[:, axis] - rotor
+    if not np.isfinite(residual).all():
+        raise ValueError("the batch holds samples that are not finite")
+    return residual

@@ -50,7 +50,7 @@ def compute_test_quantities(
     cycle: str,
     designs: Mapping[str, pd.DataFrame],
     factors: Sequence[Factor] = PAPER_FACTORS,
-    max_failed_share: float = 0.1,
+    max_failed_share: float = 0.05,
     report: Callable[[int], None] | None = None,
 ) -> pd.DataFrame:
     """Fit every detector to the nominal batches of each axis, then ask it for each batch.
@@ -61,7 +61,7 @@ def compute_test_quantities(
         Recordings in any order, read as they are needed; none is kept.
     detectors : sequence of DetectorSpec
     axes : sequence of int
-        Tested axes, counted from 1.
+        Tested axes: 1 is the first of the model's `wear_joints`.
     model : RobotModel
         The nominal declared model.
     nominal : sequence of Batch
@@ -71,7 +71,7 @@ def compute_test_quantities(
         Design table by set, with `point` and the coded factors; each point must have its batch.
     factors : sequence of Factor
     max_failed_share : float
-        Largest share of a set's points at which a detector may fail on an axis.
+        Largest share of a cell's points at which its detector may fail.
     report : callable, optional
         Called with the number of batches done, after each.
 
@@ -115,23 +115,14 @@ def compute_test_quantities(
             f"'{missing[0][0]}'; simulate them first."
         )
     parts = []
-    for axis in axes:
-        for column, (fitted_axis, spec, _) in enumerate(fitted):
-            if fitted_axis != axis:
-                continue
-            for set_name in sorted(designs):
-                part = _tabulate(view_for_axis(designs[set_name], axis, factors), factors)
-                outcome = [results[set_name, int(point)][column] for point in part["point"]]
-                part["y"] = np.array([y for y, _ in outcome], dtype=float)
-                part["status"] = [status for _, status in outcome]
-                _check_failed_share(
-                    part, f"fda '{spec.name}', {where}, axis {axis}", set_name, max_failed_share
-                )
-                keys = {"robot": robot, "cycle": cycle, "axis": axis, "fda": spec.name, "set": set_name}
-                for place, (name, value) in enumerate(keys.items()):
-                    part.insert(place, name, value)
-                parts.append(part)
-    return pd.concat(parts, ignore_index=True)
+    for column, (axis, spec, _) in enumerate(fitted):
+        outcomes = {key: answers[column] for key, answers in results.items()}
+        cell = _tabulate(designs, outcomes, axis, factors)
+        _check_failed_share(cell, f"fda '{spec.name}', {where}, axis {axis}", max_failed_share)
+        parts.append(cell.assign(robot=robot, cycle=cycle, axis=axis, fda=spec.name))
+    names = [factor.name for factor in factors]
+    table = pd.concat(parts, ignore_index=True)
+    return table[["robot", "cycle", "axis", "fda", "set", "point", *names, "y", "status"]]
 
 
 def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
@@ -167,9 +158,10 @@ def _check_specs(
     if len(set(names)) != len(names) or len(set(axes)) != len(axes):
         raise InputError(f"{where}: a detector or an axis is named twice; name each once.")
     for axis in axes:
-        if not 1 <= axis <= len(model.joints):
+        if not 1 <= axis <= len(model.wear_joints):
             raise InputError(
-                f"{where}: there is no axis {axis}; the robot has axes 1 to {len(model.joints)}."
+                f"{where}: there is no axis {axis} that wears; the robot has 1 to {len(model.wear_joints)}, "
+                f"{', '.join(model.wear_joints)}."
             )
 
 
@@ -187,7 +179,7 @@ def _fit_all(
         for spec, factory in zip(detectors, factories, strict=True):
             detector = make_detector(factory, spec.reference, spec.options)
             try:
-                detector.fit(nominal, axis - 1, model)
+                detector.fit(nominal, model.joints.index(model.wear_joints[axis - 1]), model)
             except Exception as error:
                 raise InputError(
                     f"fda '{spec.name}', {where}, axis {axis}: cannot be fitted to the nominal batch, "
@@ -217,17 +209,31 @@ def _one_line(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def _tabulate(design: pd.DataFrame, factors: Sequence[Factor]) -> pd.DataFrame:
-    """The point and the coded factors, sorted by point."""
+def _tabulate(
+    designs: Mapping[str, pd.DataFrame],
+    outcomes: Mapping[tuple[str, int], tuple[float, str]],
+    axis: int,
+    factors: Sequence[Factor],
+) -> pd.DataFrame:
+    """Rows of a cell, by set and point: the coded factors as the axis sees them, `y` and `status`."""
     names = ["point", *(factor.name for factor in factors)]
-    return design[names].sort_values("point", kind="stable", ignore_index=True)
+    parts = []
+    for set_name in sorted(designs):
+        part = designs[set_name][names].sort_values("point", kind="stable", ignore_index=True)
+        part = view_for_axis(part, axis, factors).assign(set=set_name)
+        answers = [outcomes[set_name, int(point)] for point in part["point"]]
+        part["y"] = np.array([y for y, _ in answers], dtype=float)
+        part["status"] = [status for _, status in answers]
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
 
 
-def _check_failed_share(part: pd.DataFrame, where: str, set_name: str, max_failed_share: float) -> None:
-    failed = part[part["status"] != OK]
-    if len(failed) > max_failed_share * len(part):
+def _check_failed_share(cell: pd.DataFrame, where: str, max_failed_share: float) -> None:
+    failed = cell[cell["status"] != OK]
+    if len(failed) > max_failed_share * len(cell):
+        first = failed.iloc[0]
         raise InputError(
-            f"{where}: failed at {len(failed)} of {len(part)} {set_name} points, more than the share "
-            f"{max_failed_share:g} allowed; first at point {failed['point'].iloc[0]}: "
-            f"{failed['status'].iloc[0]}; mend the detector or raise max_failed_share."
+            f"{where}: failed at {len(failed)} of {len(cell)} points, more than the share "
+            f"{max_failed_share:g} allowed; first at {first['set']} point {first['point']}: "
+            f"{first['status']}; mend the detector or raise max_failed_share."
         )

@@ -1,0 +1,108 @@
+"""Friction-parameter estimate on the rigid-body residual (detector C of the default study)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.motion import compute_joint_residual
+
+
+@dataclass
+class FrictionFit:
+    r"""Rise of the mean friction torque, from friction parameters estimated by least squares.
+
+    The residual of the tested axis, recorded torque minus inverse dynamics with the declared payload minus
+    declared rotor inertia times acceleration, is fitted over the samples in motion by
+
+    .. math:: r = \beta_c \, s + \beta_l \, s \, e^{-|v| / v_l} + \beta_v \, v + \beta_0, \quad s = sign(v)
+
+    (Coulomb, low-speed bump, viscous, offset). The test quantity weighs the change of each friction parameter
+    by the mean of its regressor over the nominal motion,
+
+    .. math:: y = \sum_k a_k \, \overline{\phi_k(|v|)} \, (\beta_k - \beta_k^{nominal})
+
+    so that with :math:`a_k = 1` it is the rise of the mean friction torque along the nominal motion [N m].
+    Wear adds friction at every speed, in eq. (17) of Samuelsson et al. (2014) by its low-speed and viscous
+    terms, which sets the sign. Weighed so, the sum is well determined where the single parameters are
+    collinear. The offset takes the mean load error; load errors that do not follow sign(v) largely cancel.
+
+    A stand-in for FDA C of Samuelsson et al. (2014). Least squares on inverse dynamics: Gautier, Khalil,
+    Restrepo, Identification of the dynamic parameters of a closed loop robot, ICRA 1995; friction features:
+    Bittencourt, Gunnarsson, Static friction in a robot joint, ASME J. Dyn. Syst. Meas. Control 134 (2012).
+
+    Parameters
+    ----------
+    weights : sequence of 3 float
+        a of the Coulomb, low-speed and viscous parameter.
+    low_speed_share, rest_share : float
+        :math:`v_l`, and the speed under which a sample counts as at rest, as shares of the 99 % quantile of
+        the nominal speed magnitude.
+    window : float
+        Length of the acceleration filter [s].
+    """
+
+    weights: Sequence[float] = (1.0, 1.0, 1.0)
+    low_speed_share: float = 0.1
+    rest_share: float = 0.01
+    window: float = 0.03
+    axis: int = field(default=0, init=False)
+    model: Any = field(default=None, init=False, repr=False)
+    top_speed: float = field(default=0.0, init=False)
+    mean_regressors: Array = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
+    nominal: Array = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if len(self.weights) != 3:
+            raise ValueError("weights needs 3 values: Coulomb, low-speed, viscous")
+        for name in ("low_speed_share", "rest_share", "window"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive")
+
+    def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
+        """Estimate the nominal friction parameters, the mean over the nominal batches."""
+        check_nominal(nominal)
+        self.axis, self.model = axis, model
+        speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
+        self.top_speed = float(np.quantile(speed, 0.99))
+        if not self.top_speed > 0:
+            raise ValueError("the tested axis does not move in the nominal data")
+        moving = speed[speed > self.rest_share * self.top_speed]
+        self.mean_regressors = self.evaluate_regressors(moving)[:, :3].mean(axis=0)
+        self.nominal = np.mean([self.estimate_parameters(batch) for batch in nominal], axis=0)
+
+    def evaluate_regressors(self, speed: Array) -> Array:
+        """Regressors (N, 4): Coulomb, low-speed, viscous, offset at speeds (N,)."""
+        direction = np.sign(speed)
+        bump = direction * np.exp(-np.abs(speed) / (self.low_speed_share * self.top_speed))
+        return np.column_stack([direction, bump, speed, np.ones_like(speed)])
+
+    def estimate_parameters(self, batch: Batch) -> Array:
+        """Coulomb, low-speed and viscous parameter (3,) [N m, N m, N m s/rad].
+
+        Raises
+        ------
+        ValueError
+            Where the axis moves in one direction only or too little, so that they cannot be told apart.
+        """
+        speed = batch.qd[:, self.axis]
+        residual = compute_joint_residual(batch, self.model, self.axis, self.window)
+        moving = np.abs(speed) > self.rest_share * self.top_speed
+        regressors = self.evaluate_regressors(speed[moving])
+        scale = np.linalg.norm(regressors, axis=0)
+        if len(regressors) < 20 or not np.all(scale > 0):
+            raise ValueError(f"the tested axis moves in {len(regressors)} samples only")
+        solution, _, rank, _ = np.linalg.lstsq(regressors / scale, residual[moving], rcond=1e-8)
+        if rank < regressors.shape[1]:
+            raise ValueError("the motion of the tested axis does not tell the friction parameters apart")
+        return (solution / scale)[:3]
+
+    def test_quantity(self, batch: Batch) -> float:
+        """Rise of the mean friction torque along the nominal motion [N m]."""
+        change = self.estimate_parameters(batch) - self.nominal
+        return float(np.sum(np.asarray(self.weights) * self.mean_regressors * change))
+
+
+DETECTOR = FrictionFit

@@ -1,0 +1,163 @@
+"""Detectors on the rigid-body residual: recovery of planted friction, wear and temperature."""
+
+import numpy as np
+import pytest
+
+from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
+from wearscope.effects.base import Signals, load_effect
+from wearscope.robots.model import make_model
+
+URDF = """<robot name="two">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.3 0 0.02"/><mass value="8"/>
+<inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0.2 0.01 0"/><mass value="4"/>
+<inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
+<joint name="j2" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.6 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
+</robot>"""
+# Bittencourt's magnitudes (paper/notes.md) times 300 N m, at a gear ratio of 100.
+LAW = {
+    "eta0": 9.3, "eta1": -7.5, "eta2": 0.48, "eta3": -0.2481, "eta4": 0.0098, "eta5": 14.0, "eta6": -0.12,
+    "eta7": 0.3, "eta8": 0.005, "eta9": 0.15, "alpha": 1.3,
+}  # fmt: skip
+MODEL = make_model(
+    {
+        "name": "two",
+        "urdf": "two.urdf",
+        "joints": ["j1", "j2"],
+        "drive": {"rotor_inertia": [3.0, 2.0]},
+        "payload": {"mass": 5.0, "com": [0.4, 0.0, 0.05]},
+        "effects": [
+            {"joint": "j1", "effect": "torque_offset", "parameters": {"offset": 1.5}},
+            {"joint": "j1", "effect": "friction_wear_temperature", "parameters": LAW},
+        ],
+    },
+    URDF,
+)
+FRICTION = load_effect("friction_wear_temperature")
+
+
+def simulate(friction=None, wear=0.0, temperature=50.0, payload_factor=1.0, noise=0.0, seed=0, rate=250.0):
+    """Motion through both speed bands; torque by inverse dynamics of the true acceleration."""
+    t = np.arange(int(12 * rate)) / rate
+    amplitude, pulsation = np.array([[0.9, 0.7], [0.5, 0.4]]), np.array([[2.2, 1.7], [0.4, 0.31]])
+    angle = pulsation[:, None, :] * t[:, None]
+    q = (amplitude[:, None, :] * np.sin(angle)).sum(axis=0)
+    qd = (amplitude[:, None, :] * pulsation[:, None, :] * np.cos(angle)).sum(axis=0)
+    a = -(amplitude[:, None, :] * pulsation[:, None, :] ** 2 * np.sin(angle)).sum(axis=0)
+    body = MODEL.rigid_body(MODEL.declared_payload.scaled(payload_factor))
+    tau = body.inverse_dynamics(q, qd, a) + MODEL.rotor_inertia * a
+    if friction is None:
+        full = np.ones_like(q)
+        signals = Signals(t, q, qd, a, np.sign(qd), tau, temperature * full, wear * full)
+        tau[:, 0] += FRICTION.torque(signals, 0, LAW) + 1.5
+    else:
+        tau[:, 0] += friction(qd[:, 0])
+    tau += noise * np.random.default_rng(seed).normal(size=tau.shape)
+    return Batch(t, q, qd, tau)
+
+
+def fitted(name, nominal, **options):
+    detector = load_detector(name, options)
+    detector.fit([nominal], 0, MODEL)
+    return detector
+
+
+def test_acceleration_has_no_lag():
+    batch = simulate()
+    a = estimate_acceleration(batch)
+    exact = np.gradient(batch.qd[:, 0], batch.t)
+    assert np.abs(a[10:-10, 0] - exact[10:-10]).max() < 0.01
+    assert estimate_acceleration(batch) is a
+
+
+def test_payload_torque_is_the_difference_that_the_load_makes():
+    plain, heavy = simulate(), simulate(payload_factor=1.2)
+    column = compute_payload_torque(plain, MODEL, 0.03)
+    inner = slice(10, -10)
+    assert (heavy.tau - plain.tau)[inner] == pytest.approx(0.2 * column[inner], abs=0.02)
+
+
+def test_friction_fit_recovers_planted_parameters():
+    detector = fitted("friction_fit", simulate(lambda v: 12 * np.sign(v) + 7 * v + 2))
+    assert detector.nominal == pytest.approx([12, 0, 7], abs=0.05)
+    more = simulate(lambda v: 15 * np.sign(v) + 9 * v - 3)
+    assert detector.estimate_parameters(more) - detector.nominal == pytest.approx([3, 0, 2], abs=1e-6)
+    mean = np.abs(more.qd[:, 0])
+    mean = mean[mean > 0.01 * detector.top_speed].mean()
+    assert detector.test_quantity(more) == pytest.approx(3 + 2 * mean, rel=1e-6)
+
+
+def test_friction_fit_weights_choose_the_parameters():
+    nominal = simulate(lambda v: 12 * np.sign(v) + 7 * v)
+    detector = fitted("friction_fit", nominal, weights=[1, 0, 0])
+    assert detector.test_quantity(simulate(lambda v: 12 * np.sign(v) + 50 * v)) == pytest.approx(0, abs=1e-6)
+    assert detector.test_quantity(simulate(lambda v: 14 * np.sign(v) + 7 * v)) == pytest.approx(2, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["friction_fit", "wear_temperature_fit"])
+def test_rises_with_planted_wear(name):
+    detector = fitted(name, simulate(noise=2.0, seed=99))
+    y = [
+        detector.test_quantity(simulate(wear=w, noise=2.0, seed=k))
+        for k, w in enumerate(np.arange(0, 60, 12.5))
+    ]
+    assert np.all(np.diff(y) > 0)
+    assert abs(y[0]) < 0.1 * y[-1]
+
+
+@pytest.mark.parametrize("payload_factor", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("temperature", [32.0, 50.0, 68.0])
+@pytest.mark.parametrize("wear", [0.0, 10.0, 45.0])
+def test_wear_and_temperature_are_recovered_together(wear, temperature, payload_factor):
+    detector = fitted("wear_temperature_fit", simulate())
+    planted = simulate(wear=wear, temperature=temperature, payload_factor=payload_factor)
+    estimate = detector.estimate(planted)
+    assert estimate == pytest.approx((wear, temperature), abs=0.3)
+    assert detector.test_quantity(planted) == pytest.approx(wear, abs=0.3)
+
+
+def test_wear_estimate_does_not_clip_noise_at_no_wear():
+    detector = fitted("wear_temperature_fit", simulate())
+    y = np.array([detector.test_quantity(simulate(noise=3.0, seed=seed)) for seed in range(12)])
+    assert y.min() < 0 < y.max()
+    assert abs(y.mean()) < 3 * y.std(ddof=1) / np.sqrt(len(y)) + 0.1
+
+
+def test_payload_error_biases_the_wear_estimate_unless_estimated():
+    heavy = simulate(payload_factor=1.1)
+    with_it = fitted("wear_temperature_fit", simulate()).test_quantity(heavy)
+    without = fitted("wear_temperature_fit", simulate(), estimate_payload=False).test_quantity(heavy)
+    assert abs(with_it) < 0.2 * abs(without)
+
+
+def test_batches_that_tell_nothing_are_refused():
+    nominal = simulate()
+    still = Batch(nominal.t, nominal.q, 0 * nominal.qd, nominal.tau)
+    broken = simulate()
+    broken.tau[7, 0] = np.nan
+    for name in ("friction_fit", "wear_temperature_fit"):
+        detector = fitted(name, nominal)
+        with pytest.raises(ValueError, match="moves in 0 samples"):
+            detector.test_quantity(still)
+        with pytest.raises(ValueError, match="not finite"):
+            detector.test_quantity(broken)
+        with pytest.raises(ValueError, match="does not move in the nominal data"):
+            fitted(name, still)
+
+
+def test_one_speed_does_not_tell_wear_from_temperature():
+    nominal = simulate()
+    detector = fitted("wear_temperature_fit", nominal)
+    constant = Batch(nominal.t, nominal.q, np.ones_like(nominal.qd), nominal.tau)
+    with pytest.raises(ValueError, match="wear and temperature apart"):
+        detector.estimate(constant)
+
+
+def test_wear_fit_needs_the_friction_law():
+    with pytest.raises(ValueError, match="0 effects friction_wear_temperature at j2"):
+        load_detector("wear_temperature_fit").fit([simulate()], 1, MODEL)

@@ -1,0 +1,219 @@
+"""Test quantities of a robot and cycle: rows, joins, failures, user's detectors."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.run import DetectorSpec, compute_test_quantities, count_failures
+from wearscope.errors import InputError
+
+DOCS = Path(__file__).parents[2] / "docs" / "detectors.md"
+# Detectors that look at the torque alone need no more of a model than its joints.
+MODEL = SimpleNamespace(joints=["j1", "j2", "j3", "j4"], wear_joints=["j1", "j3", "j4"])
+NAMES = ["f", "w1", "w2", "w3", "w4", "w5"]
+
+MEAN_TORQUE = """
+class MeanTorque:
+    def __init__(self, gain=1.0, fail_at=()):
+        self.gain, self.fail_at = gain, set(fail_at)
+
+    def fit(self, nominal, axis, model):
+        self.axis = axis
+        self.nominal = nominal[0].tau[:, axis].mean()
+
+    def test_quantity(self, batch):
+        point = batch.tau[0, 1]  # planted by the test
+        if point in self.fail_at:
+            BREAK
+        return self.gain * (batch.tau[:, self.axis].mean() - self.nominal)
+
+DETECTOR = MeanTorque
+"""
+
+
+def make_design(rows, seed=0):
+    z = np.random.default_rng(seed).normal(size=(rows, 6)).round(3)
+    return pd.DataFrame(z, columns=NAMES).assign(point=np.arange(rows), f_natural=1.0)
+
+
+def make_batch(wear, point):
+    t = np.arange(50) / 100
+    tau = np.zeros((50, 4))
+    tau[:, [0, 2, 3]] = wear
+    tau[:, 1] = point
+    return Batch(t, np.zeros((50, 4)), np.zeros((50, 4)), tau)
+
+
+def make_batches(designs):
+    for set_name, design in designs.items():
+        for row in design.itertuples():
+            yield set_name, row.point, make_batch([row.f, row.w1, row.w2], row.point)
+
+
+@pytest.fixture
+def user_file(tmp_path):
+    def write(breaks="raise RuntimeError('no\\nluck')"):
+        path = tmp_path / "mean_torque.py"
+        path.write_text(MEAN_TORQUE.replace("BREAK", breaks), encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+DESIGNS = {"identification": make_design(20), "validation": make_design(10, 1)}
+
+
+def run(reference, options=None, designs=DESIGNS, batches=None, axes=(1, 2, 3), **more):
+    return compute_test_quantities(
+        make_batches(designs) if batches is None else batches,
+        [DetectorSpec("mine", reference, options or {})],
+        axes,
+        MODEL,
+        [make_batch([0, 0, 0], -1)],
+        robot="medium",
+        cycle="sweep",
+        designs=designs,
+        **more,
+    )
+
+
+def test_each_axis_gets_its_own_view_and_joint(user_file):
+    table = run(user_file(), {"gain": 2.0})
+    assert list(table.columns) == ["robot", "cycle", "axis", "fda", "set", "point", *NAMES, "y", "status"]
+    assert len(table) == 3 * 30
+    assert (table["status"] == "ok").all()
+    assert set(table["robot"]) == {"medium"} and set(table["fda"]) == {"mine"}
+    # The torque of the k-th wearing joint is its planted wear, which its own axis sees as f.
+    assert table["y"].to_numpy() == pytest.approx(2 * table["f"].to_numpy())
+    second = table[(table["axis"] == 2) & (table["set"] == "identification")]
+    assert np.array_equal(second["w1"], DESIGNS["identification"]["f"])
+
+
+def test_the_order_of_the_batches_does_not_matter(user_file):
+    straight = run(user_file())
+    turned = run(user_file(), batches=reversed(list(make_batches(DESIGNS))))
+    pd.testing.assert_frame_equal(straight, turned)
+
+
+def test_batches_are_read_as_a_stream_and_reported(user_file):
+    seen, live = [], []
+
+    def stream():
+        for item in make_batches(DESIGNS):
+            live.append(len(seen))
+            yield item
+
+    run(user_file(), batches=stream(), report=seen.append)
+    assert seen == list(range(1, 31))
+    assert live == list(range(30))
+
+
+@pytest.mark.parametrize(
+    ("breaks", "status"),
+    [
+        ("raise RuntimeError('no\\nluck')", "RuntimeError: no luck"),
+        ("return float('nan')", "returned nan"),
+        ("return -np.inf", "returned -inf"),
+    ],
+)
+def test_failed_points_are_counted_and_never_zero(user_file, breaks, status):
+    path = user_file(breaks)
+    Path(path).write_text("import numpy as np\n" + Path(path).read_text(), encoding="utf-8")
+    table = run(path, {"fail_at": [3]}, max_failed_share=0.1)
+    failed = table[table["point"] == 3]
+    assert len(failed) == 6
+    assert failed["y"].isna().all()
+    assert (failed["status"] == status).all()
+    assert table[table["point"] != 3]["y"].notna().all()
+    counts = count_failures(table)
+    assert list(counts["failed"]) == [1] * 6
+    assert list(counts["points"]) == [20, 10] * 3
+    assert set(counts["first_reason"]) == {f"point 3: {status}"}
+
+
+def test_too_many_failed_points_are_refused(user_file):
+    path = user_file("raise RuntimeError('no luck')")
+    with pytest.raises(
+        InputError,
+        match=r"fda 'mine', robot medium, cycle sweep, axis 1: failed at 3 of 30 points, more "
+        r"than the share 0.05 allowed; first at identification point 11: RuntimeError: no luck; mend",
+    ):
+        run(path, {"fail_at": [11, 12, 13]})
+    assert run(path, {"fail_at": [11, 12, 13]}, max_failed_share=0.1)["y"].isna().sum() == 9
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [("batch.tau[0]", r"an array of shape \(4,\)"), ("None", "NoneType"), ("'1.0'", "str"), ("True", "bool")],
+)
+def test_what_is_no_number_is_refused(user_file, value, kind):
+    with pytest.raises(
+        InputError, match=rf"identification point 2: test_quantity returned {kind}, not a number"
+    ):
+        run(user_file(f"return {value}"), {"fail_at": [2]})
+
+
+def test_whole_numbers_and_zero_dimensional_arrays_are_numbers(user_file):
+    assert (run(user_file("return 3"), {"fail_at": [2]}).query("point == 2")["y"] == 3).all()
+    path = user_file("return batch.tau[:, 1].mean(keepdims=True)[0]")
+    assert (run(path, {"fail_at": [2]}).query("point == 2")["y"] == 2).all()
+
+
+def test_a_detector_that_cannot_be_fitted_is_refused_before_any_batch_is_read(tmp_path):
+    path = tmp_path / "bad.py"
+    path.write_text("class DETECTOR:\n def fit(self, *_): 1 / 0\n def test_quantity(self, b): return 1.0\n")
+
+    def unread():
+        raise AssertionError("read")
+        yield
+
+    with pytest.raises(InputError, match=r"fda 'mine'.*axis 1: cannot be fitted.*ZeroDivisionError"):
+        run(str(path), batches=unread())
+
+
+def test_batches_and_designs_must_match(user_file):
+    items = list(make_batches(DESIGNS))
+    with pytest.raises(
+        InputError, match="1 design points have no batch, the first is point 9 of set 'validation'"
+    ):
+        run(user_file(), batches=items[:-1])
+    with pytest.raises(InputError, match="point 0 of set 'identification' has two batches"):
+        run(user_file(), batches=[items[0], items[0]])
+    with pytest.raises(InputError, match="point 99 is in no design"):
+        run(user_file(), batches=[("validation", 99, items[0][2])])
+
+
+def test_axes_and_names_are_checked(user_file):
+    with pytest.raises(InputError, match="no axis 4 that wears; the robot has 1 to 3, j1, j3, j4"):
+        run(user_file(), axes=(1, 4))
+    with pytest.raises(InputError, match="named twice"):
+        run(user_file(), axes=(1, 1))
+
+
+def test_load_detector_explains_what_is_wrong(tmp_path, user_file):
+    with pytest.raises(InputError, match=r"there is no 'nonsense'; choose one of .*friction_fit"):
+        load_detector("nonsense")
+    with pytest.raises(InputError, match=r"gone\.py: no such file"):
+        load_detector(str(tmp_path / "gone.py"))
+    with pytest.raises(InputError, match=r"refuses its options.*volume"):
+        load_detector(user_file(), {"volume": 11})
+    with pytest.raises(InputError, match="floor must lie between 0 and 1"):
+        load_detector("distribution_distance", {"floor": 2})
+    half = tmp_path / "half.py"
+    half.write_text("class DETECTOR:\n def fit(self, nominal, axis, model): ...\n", encoding="utf-8")
+    with pytest.raises(InputError, match="has no method test_quantity"):
+        load_detector(str(half))
+
+
+def test_the_example_of_the_documentation_works(tmp_path):
+    block = re.search(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+    path = tmp_path / "peak_torque.py"
+    path.write_text(block.group(1), encoding="utf-8")
+    table = run(str(path), {"quantile": 0.9})
+    expected = np.abs(table["f"].to_numpy())
+    assert table["y"].to_numpy() == pytest.approx(expected)

@@ -1,0 +1,172 @@
+"""Detectors of the torque signature and of the torque distribution: known answers and invariances."""
+
+import numpy as np
+import pytest
+from scipy.stats import gaussian_kde, norm
+
+from wearscope.detectors.base import Batch, load_detector
+
+THREE = ["residual_energy", "distribution_distance", "wasserstein"]
+
+
+def make_batch(torque, rate=250.0):
+    """One recording of two joints; the second one's torque is given."""
+    n = len(torque)
+    t = np.arange(n) / rate
+    q = np.column_stack([np.sin(t), np.cos(t)])
+    qd = np.column_stack([np.cos(t), -np.sin(t)])
+    return Batch(t, q, qd, np.column_stack([np.full(n, 7.0), torque]))
+
+
+def make_nominal(seed=0, n=4000):
+    noise = np.random.default_rng(seed).normal(size=n)
+    t = np.arange(n) / 250.0
+    return make_batch(50 * np.sin(2 * t) + 20 * np.sign(np.cos(2 * t)) + noise)
+
+
+def fitted(name, batch, **options):
+    detector = load_detector(name, options)
+    detector.fit([batch], 1, None)
+    return detector
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_nominal_batch_gives_zero(name):
+    nominal = make_nominal()
+    assert fitted(name, nominal).test_quantity(nominal) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_rises_with_planted_friction(name):
+    nominal = make_nominal()
+    detector = fitted(name, nominal)
+    direction = np.sign(np.cos(2 * nominal.t))
+    torques = [make_nominal(k).tau[:, 1] + k * 4 * direction for k in range(6)]
+    y = [detector.test_quantity(make_batch(torque)) for torque in torques]
+    assert np.all(np.diff(y) > 0)
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_sees_only_the_tested_axis(name):
+    nominal = make_nominal()
+    other = make_batch(nominal.tau[:, 1])
+    other.tau[:, 0] += 100
+    assert fitted(name, nominal).test_quantity(other) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["distribution_distance", "wasserstein"])
+def test_distribution_ignores_the_order_of_samples(name):
+    nominal, worn = make_nominal(), make_nominal(1)
+    torque = worn.tau[:, 1] * 1.2
+    detector = fitted(name, nominal)
+    shuffled = np.random.default_rng(2).permutation(torque)
+    assert detector.test_quantity(make_batch(torque)) == pytest.approx(
+        detector.test_quantity(make_batch(shuffled)), rel=1e-12
+    )
+
+
+def test_residual_energy_depends_on_the_order_and_the_delay():
+    nominal = make_nominal()
+    detector = fitted("residual_energy", nominal)
+    late = make_batch(np.roll(nominal.tau[:, 1], 20))
+    assert detector.test_quantity(late) > 0.001
+
+
+def test_residual_energy_known_answer():
+    nominal = make_nominal()
+    detector = fitted("residual_energy", nominal)
+    assert detector.test_quantity(make_batch(1.3 * nominal.tau[:, 1])) == pytest.approx(0.09, rel=1e-12)
+    longer = np.concatenate([nominal.tau[:, 1], np.full(50, 1e6)])
+    assert detector.test_quantity(make_batch(longer)) == 0
+
+
+def test_residual_energy_refuses_short_or_resampled_batches():
+    nominal = make_nominal()
+    detector = fitted("residual_energy", nominal)
+    with pytest.raises(ValueError, match="1000 samples, the signature 4000"):
+        detector.test_quantity(make_batch(nominal.tau[:1000, 1]))
+    with pytest.raises(ValueError, match="sampled at 500 Hz"):
+        detector.test_quantity(make_batch(nominal.tau[:, 1], rate=500.0))
+
+
+def test_residual_energy_averages_nominal_batches():
+    a, b = make_nominal(1), make_nominal(2, n=3990)
+    detector = load_detector("residual_energy", {})
+    detector.fit([a, b], 1, None)
+    mean = 0.5 * (a.tau[:3990, 1] + b.tau[:, 1])
+    assert detector.test_quantity(make_batch(mean)) == pytest.approx(0, abs=1e-15)
+
+
+def test_binned_density_agrees_with_the_exact_kernel_estimate():
+    nominal = make_nominal()
+    torque = nominal.tau[:, 1]
+    detector = fitted("distribution_distance", nominal, bandwidth=3.0)
+    step = detector.grid[1] - detector.grid[0]
+    exact = gaussian_kde(torque, bw_method=3.0 / torque.std(ddof=1))(detector.grid) * step
+    floored = (1 - detector.floor) * exact + detector.floor / detector.grid_size
+    assert detector.estimate_mass(torque) == pytest.approx(floored, abs=2e-3 * floored.max())
+    assert detector.estimate_mass(torque).sum() == pytest.approx(1, rel=1e-12)
+
+
+def test_distance_of_two_gaussians_is_the_known_divergence():
+    # Quantiles stand for samples; kernel smoothing widens both to variance s^2 + h^2.
+    sample = norm.ppf((np.arange(20000) + 0.5) / 20000) * 10
+    shift, width = 6.0, 2.0
+    detector = fitted(
+        "distribution_distance", make_batch(sample), bandwidth=width, floor=1e-9, grid_size=1024, margin=0.5
+    )
+    expected = shift**2 / (100 + width**2)
+    assert detector.test_quantity(make_batch(sample + shift)) == pytest.approx(expected, rel=0.01)
+
+
+def test_distance_stays_finite_where_the_supports_are_apart():
+    nominal = make_nominal()
+    detector = fitted("distribution_distance", nominal)
+    far = detector.test_quantity(make_batch(nominal.tau[:, 1] + 1e4))
+    assert np.isfinite(far)
+    assert far < np.log(detector.grid_size / detector.floor) * 2
+
+
+def test_bandwidth_and_grid_stay_with_the_nominal_data():
+    nominal = make_nominal()
+    detector = fitted("distribution_distance", nominal)
+    width, grid = detector.width, detector.grid.copy()
+    detector.test_quantity(make_batch(nominal.tau[:, 1] * 5))
+    assert detector.width == width
+    assert np.array_equal(detector.grid, grid)
+    torque = nominal.tau[:, 1]
+    spread = min(torque.std(ddof=1), np.subtract(*np.percentile(torque, [75, 25])) / 1.34)
+    assert width == pytest.approx(0.9 * spread * 4000**-0.2, rel=1e-12)
+
+
+def test_wasserstein_of_a_shift_is_the_shift():
+    nominal = make_nominal()
+    assert fitted("wasserstein", nominal).test_quantity(make_batch(nominal.tau[:, 1] - 2.5)) == pytest.approx(
+        2.5
+    )
+
+
+@pytest.mark.parametrize("name", ["distribution_distance", "wasserstein"])
+def test_torque_that_is_not_finite_is_refused(name):
+    nominal = make_nominal()
+    torque = nominal.tau[:, 1].copy()
+    torque[5] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        fitted(name, nominal).test_quantity(make_batch(torque))
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_nominal_data_that_teach_nothing_are_refused(name):
+    with pytest.raises(ValueError, match="no nominal batch"):
+        load_detector(name).fit([], 1, None)
+    broken = make_nominal()
+    broken.tau[3, 1] = np.inf
+    with pytest.raises(ValueError, match="not finite"):
+        load_detector(name).fit([broken], 1, None)
+
+
+def test_batch_refuses_shapes_that_do_not_fit():
+    t = np.arange(5) / 10
+    with pytest.raises(ValueError, match="tau has shape"):
+        Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 3)))
+    assert Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2))).sample_rate == pytest.approx(10)
