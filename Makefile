@@ -7,7 +7,8 @@ IS_311 := import sys; sys.exit(sys.version_info[:2] != (3, 11))
 PYTHON ?= $(or $(shell for p in python3.11 python3 python; do \
 	$$p -c '$(IS_311)' >/dev/null 2>&1 && echo $$p && break; done),python3)
 CORES ?= 2
-BIN := .venv/bin
+VENV := .venv
+BIN := $(VENV)/bin
 LOCKS := envs/build.lock envs/requirements.lock
 
 export OMP_NUM_THREADS ?= 1
@@ -20,19 +21,23 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist worksteal $(ARGS)
 
-setup: .venv/installed
+setup: $(VENV)/installed
 
-# The stamp makes the second run start at once; a changed lock or pyproject.toml makes the environment anew.
-.venv/installed: $(LOCKS) pyproject.toml
+# Two stamps make the second run start at once: a changed lock makes the environment anew, a changed
+# pyproject.toml only installs wearscope again.
+$(VENV)/installed: $(VENV)/locked pyproject.toml
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/locked: $(LOCKS)
 	@$(PYTHON) -c '$(IS_311)' 2>/dev/null || { echo >&2 \
 	"wearscope needs Python 3.11, because snakemake 9.27 needs at least 3.11 and pybullet 3.2.7 has no wheels" \
 	"for anything newer; '$(PYTHON)' is not it: install it, or call 'make PYTHON=/path/to/python3.11'."; exit 1; }
-	@echo "Installing the locked packages into .venv (1 to 3 minutes) ..."
-	@$(PYTHON) -m venv --clear .venv
+	@echo "Installing the locked packages into $(VENV) (1 to 3 minutes) ..."
+	@$(PYTHON) -m venv --clear $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/build.lock
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation \
 		--requirement envs/requirements.lock
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 lint: setup
@@ -54,4 +59,4 @@ lock:
 	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
 
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache

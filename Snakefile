@@ -1,0 +1,32 @@
+# The study of a fault detector, from its design to the report; see docs/architecture.md.
+#
+#   snakemake --cores 2                                     the paper's study, config/config.yaml
+#   snakemake --cores 2 --configfile config/quick.yaml      a small one
+#   snakemake --cores 2 snr                                 up to one stage
+import os
+
+from snakemake.utils import min_version
+
+min_version("9.27")
+
+# A file given with --configfile is the whole study: nothing of the default's shows through.
+if not workflow.config_settings.configfiles:
+
+    configfile: "config/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/design.smk"
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/test_quantities.smk"
+include: "workflow/rules/surrogates.smk"
+include: "workflow/rules/evaluation.smk"
+include: "workflow/rules/closed_loop.smk"
+include: "workflow/rules/report.smk"
+include: "workflow/rules/archive.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        rules.report.input,

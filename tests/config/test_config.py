@@ -1,0 +1,162 @@
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from wearscope.config import StudyConfig, label, load_config, make_schema
+from wearscope.designs.factors import PAPER_FACTORS, Factor
+from wearscope.designs.kinds import make_design
+from wearscope.errors import InputError
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+@pytest.fixture
+def paper() -> dict:
+    return yaml.safe_load((CONFIG / "config.yaml").read_text())
+
+
+def refuse(mapping: dict, *words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_config(mapping)
+    message = str(caught.value)
+    assert "\n" not in message and message.endswith((".", "?"))
+    for word in words:
+        assert word in message
+
+
+def test_default_study_is_the_paper(paper):
+    study = load_config(paper)
+    assert study.study == "paper"
+    assert (len(study.robots), len(study.cycles), study.axes) == (2, 6, [1, 2, 3])
+    assert study.detectors.keys() == {"A", "B", "C", "D"}
+    made = [Factor(**one) for one in study.factor_table()]
+    for ours, papers in zip(made, PAPER_FACTORS, strict=True):
+        assert (ours.name, ours.kind, ours.role) == (papers.name, papers.kind, papers.role)
+        assert (ours.low, ours.high) == (papers.low, papers.high)
+        assert ours.validation_range == papers.validation_range
+        assert ours.nominal_coded == papers.nominal_coded
+    # (20) and Sec. 6.4
+    assert (study.snr.f0, study.snr.delta, study.snr.sigma, study.snr.runs) == (-0.5, 1, 0.25, 100_000)
+    scope = study.scope
+    assert (scope.f0, scope.delta, scope.sigma, scope.grid) == (-2, (0, 4), (0.01, 1), (30, 30))
+    assert (scope.factors, scope.p_f, scope.p_d, scope.runs) == (["w3", "w5"], 0.01, 0.99, 100_000)
+
+
+def test_quick_study_is_valid():
+    study = load_config(yaml.safe_load((CONFIG / "quick.yaml").read_text()))
+    assert study.study == "quick"
+
+
+def test_schema_file_is_the_model():
+    assert (CONFIG / "schema.json").read_text() == make_schema(), (
+        "python -m wearscope.config > config/schema.json"
+    )
+
+
+def test_every_setting_is_described():
+    def check(schema: dict, where: str) -> None:
+        for name, field in schema.get("properties", {}).items():
+            assert field.get("description"), f"{where}.{name} has no text"
+
+    schema = StudyConfig.model_json_schema()
+    check(schema, "study")
+    for name, section in schema["$defs"].items():
+        check(section, name)
+
+
+def test_a_validated_configuration_is_its_own_default(paper):
+    once = load_config(paper).model_dump(mode="json")
+    assert load_config(once).model_dump(mode="json") == once
+
+
+def test_numbers_as_text_are_numbers(paper):
+    paper["simulation"] = {"step": "1e-3"}
+    paper["seed"] = "0"
+    study = load_config(paper)
+    assert study.simulation.step == 0.001
+    assert study.seed == 0
+
+
+def test_detector_shorthand(paper):
+    paper["detectors"] = {"mine": "some/file.py", "A": {"use": "residual_energy", "options": {"x": 1}}}
+    detectors = load_config(paper).detectors
+    assert detectors["mine"].use == "some/file.py"
+    assert detectors["A"].options == {"x": 1}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sede": 1}, ["sede is no known setting", "did you mean seed?"]),
+        ({"snr": {"sigmaa": 1}}, ["snr.sigmaa is no known setting", "sigma?"]),
+        ({"detectors": {"A": {"use": "x", "option": {}}}}, ["detectors.A.option", "options?"]),
+        ({"snr": {"sigma": -1}}, ["snr.sigma", "greater than 0", "-1"]),
+        ({"snr": {"sigma": "small"}}, ["snr.sigma", "'small'"]),
+        ({"scope": {"factors": ["f"]}}, ["scope.factors: f is no nuisance", "w3"]),
+        ({"scope": {"p_d": 1.0}}, ["scope.p_d"]),
+        ({"surrogates": {"models": ["main"]}}, ["sensitivity.model", "simplified", "surrogates.models"]),
+        ({"robots": []}, ["robots"]),
+        ({"robots": ["medium", "medium"]}, ["robots: medium is named twice"]),
+        ({"robots": ["medium", "other/medium"]}, ["both be called medium"]),
+        ({"axes": [4]}, ["axes.0", "3"]),
+        ({"axes": [1, 1]}, ["axes: 1 is named twice"]),
+        ({"study": "my study"}, ["study"]),
+        ({"design": {"kind": "cube"}}, ["design.kind", "central_composite", "'cube'"]),
+        ({"max_failed_share": 2}, ["max_failed_share"]),
+    ],
+)
+def test_bad_setting_is_named(paper, change, words):
+    paper.update(change)
+    refuse(paper, *words)
+
+
+def test_missing_setting_is_named(paper):
+    del paper["robots"]
+    refuse(paper, "robots is missing")
+
+
+def test_bad_factors_are_named(paper):
+    change = copy.deepcopy(paper)
+    change["factors"]["w3"]["range"] = [70, 30]
+    refuse(change, "factors.w3", "70", "not below")
+    change = copy.deepcopy(paper)
+    change["factors"]["w1"]["range"] = [0, 40]
+    refuse(change, "wear", "one range")
+    change = copy.deepcopy(paper)
+    del change["factors"]["w2"]
+    refuse(change, "axis 3 has no wear factor")
+    change = copy.deepcopy(paper)
+    del change["factors"]["f"]
+    refuse(change, "factors: f, the fault, is missing")
+
+
+@pytest.mark.parametrize(
+    "design",
+    [
+        {"kind": "central_composite"},
+        {"kind": "central_composite", "generators": ["w5 = f w1 w2 w3 w4"], "centre_points": 3},
+        {"kind": "face_centred", "generators": ["w5 = f w1 w2 w3 w4"]},
+        {"kind": "circumscribed", "alpha": 1.8},
+        {"kind": "inscribed", "centre_points": 0},
+        {"kind": "full_factorial", "levels": 2},
+        {"kind": "fractional_factorial", "generators": ["w4 = f w1 w2", "w5 = w1 w2 w3"]},
+        {"kind": "latin_hypercube"},
+        {"kind": "latin_hypercube", "points": 17},
+    ],
+)
+def test_number_of_points_is_known_before_the_design_is_made(paper, design):
+    paper["design"] = design
+    study = load_config(paper)
+    factors = [Factor(**one) for one in study.factor_table()]
+    made = make_design(study.design.kind, factors, study.design.options(), study.seed)
+    assert study.design.count_points(study.factors) == len(made)
+
+
+def test_labels():
+    assert label("medium") == "medium"
+    assert label("path/to/arm/") == "arm"
+    assert label("path/to/arm/model.yaml") == "arm"
+    assert label("results/closed_loop/x/model_after.yaml") == "model_after"
+    assert label("my/slow.py") == "slow"

@@ -1,0 +1,34 @@
+from wearscope import sources
+
+
+def test_imports_are_followed_and_only_they(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("import numpy\nfrom wearscope.designs.kinds import make_design\n")
+    names = {
+        file.relative_to(sources.ROOT).as_posix() for file in sources.find_sources(script) if file != script
+    }
+    assert {"designs/kinds.py", "designs/factors.py", "designs/seeds.py", "designs/__init__.py"} <= names
+    assert {"errors.py", "__init__.py"} <= names
+    assert not any(name.startswith(("detectors/", "surrogates/")) for name in names)
+
+
+def test_modules_named_as_attributes_and_inside_functions_are_found(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("def f():\n    from wearscope.designs import bases\n    import wearscope.tables as t\n")
+    names = {file.name for file in sources.find_sources(script)}
+    assert {"bases.py", "tables.py", "script.py"} <= names
+
+
+def test_imports_for_type_checking_do_not_count(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from wearscope.designs import bases\n"
+        "else:\n    from wearscope import errors\n"
+    )
+    names = {file.name for file in sources.find_sources(script)}
+    assert "errors.py" in names and "bases.py" not in names
+
+
+def test_plugin_files():
+    assert sources.plugin_file("residual_energy", "detectors").is_file()
+    assert sources.plugin_file("my/own.py", "detectors").as_posix() == "my/own.py"

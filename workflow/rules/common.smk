@@ -1,0 +1,100 @@
+"""Paths, the validated configuration, and the files that a rule's result depends on."""
+
+import glob
+import os
+import sys
+
+import yaml
+
+SRC = os.path.join(workflow.basedir, "src")
+sys.path.insert(0, SRC)
+# Scripts run in other interpreters (with --sdm conda, in another environment): they find the package here,
+# and compute with one thread each, so that results do not depend on the number of cores.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, [SRC, os.environ.get("PYTHONPATH")])
+)
+for variable in (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+):
+    os.environ[variable] = "1"
+
+from wearscope.config import label, load_config
+from wearscope.errors import InputError
+from wearscope.sources import find_sources, plugin_file
+
+try:
+    STUDY = load_config(config)
+except InputError as error:
+    raise SystemExit(str(error)) from None
+
+config = STUDY.model_dump(mode="json")
+R = f"results/{STUDY.study}"
+ENV = "../../envs/wearscope.yaml"
+ROBOTS = {label(reference): reference for reference in STUDY.robots}
+CYCLES = {label(reference): reference for reference in STUDY.cycles}
+FACTORS = STUDY.factor_table()
+N_POINTS = STUDY.design.count_points(STUDY.factors)
+POINTS = {
+    "identification": N_POINTS,
+    "validation": N_POINTS,
+    "nominal": STUDY.simulation.nominal_runs,
+}
+
+
+wildcard_constraints:
+    robot="|".join(map(re.escape, ROBOTS)),
+    cycle="|".join(map(re.escape, CYCLES)),
+    set="|".join(POINTS),
+    chunk=r"\d+",
+
+
+def code(script, *plugins):
+    """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
+    files = [f"workflow/scripts/{script}.py", "workflow/scripts/job.py"]
+    files += [file for file in map(str, plugins) if os.path.isfile(file)]
+    return sorted({os.path.relpath(file) for file in find_sources(*files)})
+
+
+def robot_files(reference):
+    """Model file and URDF of a robot, and the effects that its model lists; [] where there is none."""
+    for path in (
+        reference,
+        os.path.join(reference, "model.yaml"),
+        os.path.join("config/robots", reference, "model.yaml"),
+    ):
+        if os.path.isfile(path):
+            break
+    else:
+        raise SystemExit(
+            f"config: robots: {reference} is no folder of config/robots nor a path of a robot folder or model "
+            f"file; choose among {', '.join(sorted(os.listdir('config/robots')))}, or correct the path."
+        )
+    with open(path, encoding="utf-8") as file:
+        model = yaml.safe_load(file)
+    files = [path]
+    if isinstance(model, dict) and isinstance(model.get("urdf"), str):
+        files.append(os.path.join(os.path.dirname(path), model["urdf"]))
+    return files
+
+
+def robot_effects(reference):
+    """Files of the effects that a robot's model lists."""
+    with open(robot_files(reference)[0], encoding="utf-8") as file:
+        model = yaml.safe_load(file)
+    names = {entry["effect"] for entry in model.get("effects") or []}
+    return [plugin_file(name, "effects") for name in sorted(names)]
+
+
+def detector_files():
+    """Files of the study's detectors."""
+    return [
+        plugin_file(detector.use, "detectors") for detector in STUDY.detectors.values()
+    ]
+
+
+def chunks(set):
+    """Numbers of the chunks into which a set's points are cut."""
+    return range(-(-POINTS[set] // STUDY.simulation.chunk))

@@ -1,0 +1,32 @@
+rule design:
+    input:
+        expand("{R}/design/{set}.parquet", R=R, set=POINTS),
+
+
+rule make_design:
+    input:
+        code=code("make_design"),
+    output:
+        identification=f"{R}/design/identification.parquet",
+        validation=f"{R}/design/validation.parquet",
+        nominal=f"{R}/design/nominal.parquet",
+        checks=f"{R}/design/checks.parquet",
+        aliases=f"{R}/design/aliases.parquet",
+    log:
+        f"{R}/logs/make_design.log",
+    benchmark:
+        f"{R}/benchmarks/make_design.tsv"
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        kind=STUDY.design.kind,
+        options=STUDY.design.options(),
+        models=STUDY.surrogates.models,
+        axes=STUDY.axes,
+        nominal_runs=STUDY.simulation.nominal_runs,
+        seed=STUDY.seed,
+    message:
+        "Make the design matrices and check what they can tell"
+    script:
+        "../scripts/make_design.py"

@@ -1,0 +1,105 @@
+rule sensitivity:
+    input:
+        f"{R}/sensitivity.parquet",
+
+
+rule snr:
+    input:
+        f"{R}/snr.parquet",
+        f"{R}/ranking.parquet",
+
+
+rule scope:
+    input:
+        f"{R}/scope.parquet",
+        f"{R}/group_scope.parquet",
+        f"{R}/scope_disagreement.parquet",
+
+
+rule compute_sensitivity:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        code=code("compute_sensitivity"),
+    output:
+        f"{R}/sensitivity.parquet",
+    log:
+        f"{R}/logs/compute_sensitivity.log",
+    benchmark:
+        f"{R}/benchmarks/compute_sensitivity.tsv"
+    conda:
+        ENV
+    params:
+        model=STUDY.sensitivity.model,
+        group_by=STUDY.sensitivity.group_by,
+    message:
+        "Compare the factors (Q-1)"
+    script:
+        "../scripts/compute_sensitivity.py"
+
+
+rule compute_snr:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        code=code("compute_snr"),
+    output:
+        snr=f"{R}/snr.parquet",
+        ranking=f"{R}/ranking.parquet",
+    log:
+        f"{R}/logs/compute_snr.log",
+    benchmark:
+        f"{R}/benchmarks/compute_snr.tsv"
+    conda:
+        ENV
+    params:
+        settings=config["snr"],
+        seed=STUDY.seed,
+    message:
+        "Compare the detectors (Q-2)"
+    script:
+        "../scripts/compute_snr.py"
+
+
+rule compute_scope:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        code=code("compute_scope"),
+    output:
+        f"{R}/parts/scope/{{robot}}.parquet",
+    log:
+        f"{R}/logs/compute_scope/{{robot}}.log",
+    benchmark:
+        f"{R}/benchmarks/compute_scope/{{robot}}.tsv"
+    conda:
+        ENV
+    params:
+        settings={
+            key: value for key, value in config["scope"].items() if key != "group_by"
+        },
+        factors=FACTORS,
+        seed=STUDY.seed,
+    message:
+        "Find where the detectors work (Q-3) on {wildcards.robot}"
+    script:
+        "../scripts/compute_scope.py"
+
+
+rule join_scope:
+    input:
+        parts=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
+        code=code("join_scope"),
+    output:
+        scope=f"{R}/scope.parquet",
+        groups=f"{R}/group_scope.parquet",
+        disagreement=f"{R}/scope_disagreement.parquet",
+    log:
+        f"{R}/logs/join_scope.log",
+    benchmark:
+        f"{R}/benchmarks/join_scope.tsv"
+    conda:
+        ENV
+    params:
+        group_by=STUDY.scope.group_by,
+    message:
+        "Join the scope matrices"
+    script:
+        "../scripts/join_scope.py"

@@ -1,0 +1,58 @@
+rule test_quantities:
+    input:
+        f"{R}/test_quantities.parquet",
+
+
+rule compute_test_quantities:
+    input:
+        design=expand("{R}/design/{set}.parquet", R=R, set=POINTS),
+        chunks=lambda w: [
+            f"{R}/traces/{w.robot}/{w.cycle}/{set}/_chunk-{chunk}.json"
+            for set in POINTS
+            for chunk in chunks(set)
+        ],
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=code("compute_test_quantities", *detector_files()),
+    output:
+        f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
+    log:
+        f"{R}/logs/compute_test_quantities/{{robot}}/{{cycle}}.log",
+    benchmark:
+        f"{R}/benchmarks/compute_test_quantities/{{robot}}/{{cycle}}.tsv"
+    conda:
+        ENV
+    params:
+        traces=f"{R}/traces/{{robot}}/{{cycle}}",
+        reference=lambda w: ROBOTS[w.robot],
+        axes=STUDY.axes,
+        detectors=config["detectors"],
+        factors=FACTORS,
+        max_failed_share=STUDY.max_failed_share,
+    message:
+        "Compute the test quantities of {wildcards.robot}, {wildcards.cycle}"
+    script:
+        "../scripts/compute_test_quantities.py"
+
+
+rule join_test_quantities:
+    input:
+        parts=expand(
+            "{R}/parts/test_quantities/{robot}/{cycle}.parquet",
+            R=R,
+            robot=ROBOTS,
+            cycle=CYCLES,
+        ),
+        code=code("join_test_quantities"),
+    output:
+        table=f"{R}/test_quantities.parquet",
+        failures=f"{R}/failures.parquet",
+    log:
+        f"{R}/logs/join_test_quantities.log",
+    benchmark:
+        f"{R}/benchmarks/join_test_quantities.tsv"
+    conda:
+        ENV
+    message:
+        "Join the test quantities, count failures"
+    script:
+        "../scripts/join_test_quantities.py"

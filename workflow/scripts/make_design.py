@@ -1,0 +1,32 @@
+"""Design matrices, and what they can tell, before anything is simulated."""
+
+from job import run_job
+
+from wearscope import tables
+from wearscope.designs.checks import alias_table, check_design, describe_design
+from wearscope.designs.factors import Factor
+from wearscope.designs.kinds import make_design, nominal_design, validation_design
+
+with run_job(snakemake) as say:
+    params = snakemake.params
+    factors = [Factor(**one) for one in params.factors]
+    names = [factor.name for factor in factors]
+    units = {f"{factor.name}_natural": factor.unit for factor in factors}
+
+    identification = make_design(params.kind, factors, params.options, params.seed)
+    check_design(identification, factors, params.models, params.axes)
+    checks = describe_design(identification, factors, params.models)
+    for row in checks.itertuples():
+        say(
+            f"model {row.model}: {row.terms} terms on {row.points} points, condition number "
+            f"{row.condition:.3g}, {row.dof} residual degrees of freedom, resolution {row.resolution or 'full'}"
+        )
+    largest = max(params.models, key=lambda model: int(checks.set_index("model").loc[model, "terms"]))
+    aliases = alias_table(identification[names].to_numpy(), names, largest)
+
+    tables.write_table(snakemake.output.identification, identification, units)
+    validation = validation_design(params.kind, factors, params.options, params.seed)
+    tables.write_table(snakemake.output.validation, validation, units)
+    tables.write_table(snakemake.output.nominal, nominal_design(factors, params.nominal_runs), units)
+    tables.write_table(snakemake.output.checks, checks)
+    tables.write_table(snakemake.output.aliases, aliases)
