@@ -177,7 +177,9 @@ class RigidBody:
         start = N_PARAMETERS * (self._ids[-1] - 1)
         out = np.empty((len(q), self.n, N_PARAMETERS))
         for row in range(len(q)):
-            block = pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
+            block = np.atleast_2d(
+                pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
+            )
             out[row] = block[self._order, start : start + N_PARAMETERS]
         return out[0] if single else out
 
