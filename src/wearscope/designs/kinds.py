@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_factors
 from wearscope.designs.seeds import generator_for
@@ -177,6 +176,8 @@ def _fractional_factorial(factors: Sequence[Factor], options: dict[str, Any], se
 
 
 def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    from scipy.stats import qmc  # here, because importing it takes a second
+
     points = int(options.get("points", 45))
     if points < 2:
         raise InputError(f"design: points is {points}; give at least 2.")

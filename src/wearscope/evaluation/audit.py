@@ -142,10 +142,10 @@ def audit_table(
     Returns
     -------
     DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``, ``low``,
-        ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is NaN),
-        ``leverage`` (variance of the predicted mean over that of a run), ``extrapolated`` (leverage > 1); then
-        what `points` says.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``,
+        ``low``, ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is
+        NaN), ``leverage`` (variance of the predicted mean over that of a run), ``extrapolated``
+        (leverage > 1); then what `points` says.
 
     Raises
     ------
@@ -224,8 +224,8 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
     """Scope verdicts at the audited grid cells, from direct runs and from the surrogate at the same points.
 
     If y is monotone in the factor, its 1 - P_f' quantile under H0 and 1 - P_d' quantile under H1 (with
-    P_f' = 1 - P_d') are its values at the factor's own quantiles, so four runs decide (12): it passes where the
-    smaller H1 value is not below the larger H0 value.
+    P_f' = 1 - P_d') are its values at the factor's own quantiles, so four runs decide (12): it passes where
+    the smaller H1 value is not below the larger H0 value.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``,
-        ``passes_surrogate``, ``passes_direct``, ``agrees``: cells whose own axis was worn, with all four runs.
+        ``passes_surrogate``, ``passes_direct``, ``agrees``: cells whose own axis was worn, all four runs.
     """
     rows = audit[(audit["factor"] != "") & ~audit["failed"]]
     keys = [*CELL, "model", "factor", "delta", "sigma"]

@@ -65,7 +65,8 @@ def lack_of_fit(
 
     Against pure error where points are replicated; else against the larger model that holds this one (partial
     F test); else against validation runs: with e the prediction errors and V = I + Phi_v (Phi'Phi)^-1 Phi_v',
-    e'V^-1 e / (N_v sigma^2) ~ F(N_v, dof) if the model is right.
+    e'V^-1 e / (N_v sigma^2) ~ F(N_v, dof) if the model is right. Without replicates sigma holds the misfit
+    too, so a small F against validation runs does not clear the model; a large one convicts it.
 
     Parameters
     ----------

@@ -1,0 +1,194 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from wearscope.designs.bases import model_matrix, model_terms
+from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.designs.kinds import make_design
+from wearscope.errors import InputError
+from wearscope.surrogates.fitting import (
+    CELL,
+    factor_columns,
+    fit_surrogate,
+    fit_surrogates,
+    normalise_coefficients,
+    read_surrogate,
+    surrogates_of,
+)
+from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
+
+NAMES = [factor.name for factor in PAPER_FACTORS]
+Z = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)[NAMES].to_numpy()
+TERMS = model_terms("full", NAMES)
+
+
+@pytest.fixture(scope="module")
+def planted():
+    return planted_test_quantities(robots=["medium"], cycles=["a"], fdas=["A", "B"])
+
+
+@pytest.fixture(scope="module")
+def table(planted):
+    return fit_surrogates(planted[0])
+
+
+def test_noise_free_coefficients_are_recovered():
+    quantities, truth = planted_test_quantities(robots=["m"], cycles=["a"], fdas=["A"], noise=0.0)
+    for key, surrogate in surrogates_of(fit_surrogates(quantities, ["full"]), "full"):
+        np.testing.assert_allclose(surrogate.theta, truth[key[:-1]], atol=1e-12)
+
+
+def test_intervals_of_coefficients_hold_the_truth_as_often_as_they_say():
+    rng = np.random.default_rng(5)
+    theta = rng.normal(size=28)
+    clean = model_matrix(Z, NAMES, TERMS) @ theta
+    inside = []
+    for _ in range(150):
+        surrogate = fit_surrogate(Z, clean + 0.3 * rng.standard_normal(45), NAMES, "full")
+        half = stats.t.ppf(0.975, surrogate.dof) * np.sqrt(np.diag(surrogate.covariance))
+        inside.append(np.abs(surrogate.theta - theta) <= half)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+
+
+def test_standard_errors_are_those_of_the_normal_equations(planted, table):
+    rows = table[(table["axis"] == 2) & (table["fda"] == "B") & (table["model"] == "simplified")]
+    cell = planted[0].query("axis == 2 and fda == 'B' and set == 'identification'")
+    phi = model_matrix(cell[NAMES].to_numpy(), NAMES, model_terms("simplified", NAMES))
+    theta = np.linalg.solve(phi.T @ phi, phi.T @ cell["y"].to_numpy())
+    variance = np.sum((cell["y"].to_numpy() - phi @ theta) ** 2) / (45 - 22)
+    np.testing.assert_allclose(rows["theta"], theta, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        rows["stderr"], np.sqrt(variance * np.diag(np.linalg.inv(phi.T @ phi))), rtol=1e-9
+    )
+
+
+def test_table_has_the_columns_users_script_against(table):
+    contract = ["robot", "cycle", "axis", "fda", "model", "term", "theta", "theta_normalised", "stderr"]
+    assert list(table.columns)[: len(contract)] == contract
+    assert table.groupby([*CELL, "model"]).size().groupby("model").max().to_dict() == {
+        "main": 7,
+        "full": 28,
+        "simplified": 22,
+    }
+    direct = table.loc[table["term"] == "f", "theta_normalised"]
+    np.testing.assert_allclose(direct, 1.0)
+
+
+def test_the_order_of_the_rows_does_not_matter(planted, table):
+    shuffled = planted[0].sample(frac=1.0, random_state=3)
+    pd.testing.assert_frame_equal(fit_surrogates(shuffled), table)
+
+
+def test_a_surrogate_survives_its_table(table):
+    rows = table[(table["axis"] == 1) & (table["fda"] == "A") & (table["model"] == "full")]
+    surrogate = read_surrogate(rows)
+    np.testing.assert_allclose(
+        surrogate.predict(Z), model_matrix(Z, NAMES, TERMS) @ surrogate.theta, rtol=1e-12
+    )
+    np.testing.assert_allclose(np.sqrt(np.diag(surrogate.covariance)), rows["stderr"])
+    with pytest.raises(InputError, match="select one cell and one model"):
+        read_surrogate(table)
+
+
+@pytest.mark.parametrize("model", ["main", "full", "simplified"])
+def test_quadratic_forms_agree_with_the_regression(table, model):
+    rng = np.random.default_rng(0)
+    z = rng.uniform(-2, 2, (20, 6))
+    for _, surrogate in surrogates_of(table, model):
+        expected = model_matrix(z, NAMES, surrogate.terms) @ surrogate.theta
+        np.testing.assert_allclose(surrogate.predict(z), expected, rtol=1e-12)
+        for row, value in zip(z, expected, strict=True):
+            c, g, a = surrogate.at_fault(row[0])
+            assert c + g @ row[1:] + row[1:] @ a @ row[1:] == pytest.approx(value)
+            levels = dict(zip(NAMES, row, strict=True))
+            for k, name in enumerate(NAMES):
+                a0, b, c2 = surrogate.along(name, levels)
+                assert a0 + b * row[k] + c2 * row[k] ** 2 == pytest.approx(value)
+
+
+def test_simplified_and_full_agree_where_their_terms_are_orthogonal(table):
+    # the fault's cross terms are orthogonal to all of (19) on this design, so theta_0 is the same
+    for axis in (1, 2, 3):
+        rows = table[(table["axis"] == axis) & (table["fda"] == "A") & (table["term"] == "f")]
+        theta = rows.set_index("model")["theta"]
+        assert theta["simplified"] == pytest.approx(theta["full"], rel=1e-9)
+        assert theta["main"] == pytest.approx(theta["full"], rel=1e-9)
+
+
+def test_prediction_intervals_hold_new_values():
+    rng = np.random.default_rng(1)
+    theta = rng.normal(size=28)
+    at = rng.uniform(-2, 2, (10, 6))
+    inside = []
+    for _ in range(200):
+        y = model_matrix(Z, NAMES, TERMS) @ theta + 0.2 * rng.standard_normal(45)
+        low, high = fit_surrogate(Z, y, NAMES, "full").prediction_interval(at, 0.9)
+        new = model_matrix(at, NAMES, TERMS) @ theta + 0.2 * rng.standard_normal(10)
+        inside.append((new >= low) & (new <= high))
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.025)
+
+
+def test_a_constant_detector_is_said_to_be_constant():
+    surrogate = fit_surrogate(Z, np.full(45, 0.1), NAMES, "full")
+    assert surrogate.status == "constant"
+    assert surrogate.theta.tolist() == [0.1] + [0.0] * 27
+    normalised = normalise_coefficients(surrogate.theta, surrogate.terms)
+    assert np.all(np.isnan(normalised))
+    low, high = surrogate.prediction_interval(Z)
+    assert np.all(low == 0.1) and np.all(high == 0.1)
+
+
+def spoil(quantities, share):
+    quantities = quantities.copy()
+    rows = quantities.index[(quantities["axis"] == 1) & (quantities["fda"] == "A")]
+    rows = rows[quantities.loc[rows, "set"] == "identification"]
+    quantities.loc[rows[: round(share * 45)], "y"] = np.nan
+    return quantities
+
+
+def test_failed_points_are_counted_and_refused_above_the_share(planted):
+    table = fit_surrogates(spoil(planted[0], 3 / 45), ["main"], max_failed_share=0.1)
+    counts = table.groupby(CELL)[["n_points", "n_failed"]].first()
+    assert counts.loc[("medium", "a", 1, "A")].tolist() == [42, 3]
+    assert counts.loc[("medium", "a", 2, "A")].tolist() == [45, 0]
+    assert np.all(np.isfinite(table["theta"]))
+    with pytest.raises(
+        InputError, match=r"cell medium/a/1/A: 6 of 45 test quantities failed \(points 1, 2, 3, 4, 5, "
+    ):
+        fit_surrogates(spoil(planted[0], 6 / 45), ["main"], max_failed_share=0.1)
+
+
+def test_an_infinite_value_is_a_failure_too(planted):
+    quantities = planted[0].copy()
+    quantities.loc[quantities.index[0], "y"] = np.inf
+    assert fit_surrogates(quantities, ["main"])["n_failed"].max() == 1
+
+
+def test_too_few_points_for_a_model_are_refused(planted):
+    with pytest.raises(InputError, match="cell medium/a/1/A, model 'full': 25 points give rank"):
+        fit_surrogates(spoil(planted[0], 20 / 45), ["full"], max_failed_share=0.9)
+
+
+def test_without_residual_freedom_the_uncertainty_is_nan():
+    z = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    surrogate = fit_surrogate(z, np.array([1.0, 2.0, 4.0]), ["f", "w1"], "main")
+    assert surrogate.dof == 0
+    assert np.isnan(surrogate.sigma) and np.all(np.isnan(surrogate.covariance))
+    assert np.all(np.isnan(surrogate.prediction_interval(z)[0]))
+
+
+def test_bad_tables_get_one_sentence(planted, table):
+    with pytest.raises(InputError, match="there is no column 'fda'"):
+        factor_columns(planted[0].drop(columns="fda"))
+    with pytest.raises(InputError, match="no row has the set 'identification'"):
+        fit_surrogates(planted[0][planted[0]["set"] == "validation"])
+    with pytest.raises(InputError, match="there is no 'cubic'"):
+        fit_surrogates(planted[0], ["cubic"])
+    with pytest.raises(InputError, match="the table has no model 'cubic'"):
+        next(surrogates_of(table, "cubic"))
+
+
+def test_factor_columns_leave_out_what_is_no_coded_factor(planted):
+    quantities = planted[0].assign(f_natural=1.0, status="ok")
+    assert factor_columns(quantities) == NAMES
