@@ -17,11 +17,16 @@ Array = NDArray[np.float64]
 
 CUTOFF_HZ = 20.0
 KEPT_RATE_HZ = 50.0
+GRAIN = 0.002
+"""Speed over which friction changes sign, as a share of the top speed."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One run at its sample rate: (N,) `t`, (N, n) `q`, `v`, `a`, `rigid` torque, or None `temperature`."""
+    """One run at its sample rate: (N,) `t`, (N, n) `q`, `v`, `a`, `rigid` torque, or None `temperature`.
+
+    `load` (N, n) is the torque that passes the gear, as well as it is known.
+    """
 
     t: Array
     q: Array
@@ -31,6 +36,7 @@ class Track:
     temperature: Array | None
     payload_columns: Array | None
     body: Body
+    load: Array
 
     def shifted(self, j: int, ahead: Array) -> Array:
         """Change of joint j's rigid-body torque by a small lead `ahead` (N,) of its measured position."""
@@ -44,12 +50,16 @@ class Track:
 
 
 def make_track(
-    body: Body, urdf: str, t: Array, q: Array, v: Array, a: Array, temperature: Array | None, load: bool
-) -> Track:
-    """Track with its rigid-body quantities; `load` asks for the payload's columns (N, n, 4)."""
+    body: Body, urdf: str, t: Array, q: Array, v: Array, a: Array, temperature: Array | None,
+    payload: bool, load: Array | None = None,
+) -> Track:  # fmt: skip
+    """Track with its rigid-body quantities; `payload` asks for the payload's columns (N, n, 4).
+
+    `load` (N, n) is the torque through the gear where it is known; else the rigid torque below 10 Hz.
+    """
     rigid = body.torque(q, v, a)
     columns = None
-    if load:
+    if payload:
         bare = Body(urdf, tuple(body.model.gravity.linear), 0.0, (0.0, 0.0, 0.0)).torque(q, v, a)
         # a point mass's torque is m A + m (c.B) + m c'Cc; small moves of c about 0 give A and B
         unit, small = [], 1e-3
@@ -59,7 +69,9 @@ def make_track(
             ahead = Body(urdf, tuple(body.model.gravity.linear), 1.0, tuple(small * axis))
             unit.append((ahead.torque(q, v, a) - bare - origin) / small)
         columns = np.stack(unit, axis=-1)
-    return Track(t, q, v, a, rigid, temperature, columns, body)
+    if load is None:
+        load = calm(rigid, 1.0 / (t[1] - t[0]))
+    return Track(t, q, v, a, rigid, temperature, columns, body, load)
 
 
 def smooth(columns: Array, rate: float) -> Array:
@@ -70,8 +82,8 @@ def smooth(columns: Array, rate: float) -> Array:
 
 
 def calm(x: Array, rate: float) -> Array:
-    """A load (N,) without what differentiating it twice would blow up: zero-phase low-pass at 10 Hz."""
-    return sosfiltfilt(butter(3, 10.0, fs=rate, output="sos"), x)
+    """A load (N, ...) without what differentiating it twice would blow up: zero-phase low-pass at 10 Hz."""
+    return sosfiltfilt(butter(3, 10.0, fs=rate, output="sos"), x, axis=0)
 
 
 def _derivative(x: Array, t: Array) -> Array:
@@ -92,6 +104,8 @@ class Families:
         Names of the declared effects that are refitted.
     ripple_orders : sequence of float
         Orders of ripple to try [cycles by 2 pi joint units].
+    like : Families, optional
+        Takes its speed and position scales, so that columns of test runs mean what they mean in training.
     """
 
     def __init__(
@@ -102,13 +116,17 @@ class Families:
         prismatic: bool,
         declared: list[str],
         ripple_orders: tuple[float, ...] = (8, 12, 16, 20, 24, 28, 32, 36, 40, 60, 80, 120),
+        like: "Families | None" = None,
     ):
         self.tracks, self.joint, self.rate, self.prismatic = tracks, joint, rate, prismatic
         speed = np.concatenate([np.abs(track.v[:, joint]) for track in tracks])
         self.top_speed = float(speed.max())
-        self.grain = 0.004 * self.top_speed
+        self.grain = GRAIN * self.top_speed
         centre = np.concatenate([track.q[:, joint] for track in tracks])
         self.middle, self.reach = float(np.median(centre)), float(np.ptp(centre)) / 2
+        if like is not None:
+            self.top_speed, self.grain = like.top_speed, like.grain
+            self.middle, self.reach = like.middle, like.reach
         self.declared_names = declared
         self.ripple_orders = ripple_orders
         shared = ("coulomb", "viscous", "rotor_inertia", "torque_offset")
@@ -189,10 +207,9 @@ class Families:
         if name == "presliding_hysteresis":
             return [[slip_spring(q, s * self.reach)] for s in (0.004, 0.01, 0.02, 0.04)]
         if name == "backlash":
-            load = calm(rigid, self.rate)
-            return [[track.shifted(j, np.tanh(load / (s * level)))] for s in (0.05, 0.1, 0.2)]
+            return [[track.shifted(j, np.tanh(track.load[:, j] / (s * level)))] for s in (0.05, 0.1, 0.2)]
         if name == "joint_elasticity":
-            return [[track.shifted(j, calm(rigid, self.rate))]]
+            return [[track.shifted(j, track.load[:, j])]]
         if name == "torque_ripple":
             orders = [2 * np.pi / (self.reach * s) for s in (0.02, 0.05, 0.1)] if self.prismatic else []
             return [[np.sin(k * q), np.cos(k * q)] for k in (*orders, *self.ripple_orders)]
@@ -212,7 +229,7 @@ class Families:
         if name == "cross_coupling":
             others = [k for k in range(track.q.shape[1]) if k != j]
             return [
-                [np.tanh(track.v[:, k] / (0.004 * np.abs(track.v[:, k]).max() + 1e-12)), track.v[:, k]]
+                [np.tanh(track.v[:, k] / (GRAIN * np.abs(track.v[:, k]).max() + 1e-12)), track.v[:, k]]
                 for k in others
             ]
         assert name == "payload_error" and track.payload_columns is not None

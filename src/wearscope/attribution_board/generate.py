@@ -24,7 +24,13 @@ from wearscope.attribution_board.physics import (
     first_amplitude,
     make_plant,
 )
-from wearscope.attribution_board.separability import UNABSORBED, accepted_names, judge_separability
+from wearscope.attribution_board.separability import (
+    ONE_COEFFICIENT,
+    UNABSORBED,
+    accepted_names,
+    judge_separability,
+    project_parameter,
+)
 from wearscope.attribution_board.terms import Term
 from wearscope.errors import InputError
 from wearscope.tables import write_table, write_text
@@ -110,7 +116,7 @@ def _setting(machine: Machine, seed: int, planted: Sequence[Planted]) -> Setting
     }
     for name in lacking:
         values[name] = np.zeros(n)
-    grain = np.asarray(machine.speed) * rng.uniform(0.002, 0.006, n)
+    grain = np.asarray(machine.speed) * rng.uniform(0.0005, 0.002, n)
     return Setting(machine, values["coulomb"], values["viscous"], values["rotor_inertia"], grain)
 
 
@@ -287,11 +293,11 @@ def _judge(
         every = slice(None, None, OVERSAMPLING)
         torque = [_plant_torque(b)[every] for b in alone]
         ratio = np.sqrt(np.mean(np.vstack(torque) ** 2, axis=0)) / sigma
-        load = machine.payload_mass > 0
+        payload = machine.payload_mass > 0
         tracks = [
             make_track(
                 body, machine.urdf, b.t[every], b.q[every], b.v[every], b.a[every],
-                b.temperature[every] if with_temperature else None, load,
+                b.temperature[every] if with_temperature else None, payload, b.load[every],
             )
             for b in alone
         ]  # fmt: skip
@@ -309,6 +315,11 @@ def _judge(
             here = found["rivals"]
             assert isinstance(here, dict)
             rivals = dict(here) if number == 0 else {k: r for k, r in rivals.items() if k in here}
+            nearest = project_parameter(families, entry["effect"], [x[:, j] for x in torque])
+            if nearest is not None:
+                main_parameter = entry["parameters"].get(ONE_COEFFICIENT[entry["effect"]])
+                if main_parameter is not None:
+                    main_parameter["nearest"] = nearest
             unabsorbed = found["unabsorbed"]
             assert isinstance(unabsorbed, float)
             if unabsorbed / sigma[j] >= best:

@@ -9,7 +9,7 @@ from wearscope.attribution_board.machines import Machine
 
 Array = NDArray[np.float64]
 
-SHORTEST_RAMP = 0.16
+SHORTEST_RAMP = 0.25
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def _add_move(
 
 
 def _move_time(by: float, speed: float, acceleration: float, ramp: float) -> float:
-    """Shortest time of a move within the limits; a ramp takes 0.16 s or more, as drives limit the jerk."""
+    """Shortest time of a move within the limits; a ramp takes 0.25 s or more, as drives limit the jerk."""
     by = abs(by)
     steep = 140 / 64
     return max(

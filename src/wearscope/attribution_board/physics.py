@@ -88,6 +88,10 @@ def make_plant(effect: str, machine: Machine, joint: int, rng: np.random.Generat
     InputError
         Where the generator has no such effect.
     """
+    if len(machine.joints) == 1 and effect in ("cross_coupling", "other_position"):
+        raise InputError(
+            f"attribution board: {machine.name} has one joint, so nothing can couple into it; choose an arm."
+        )
     builder = NAMED.get(effect) or OUTSIDE.get(effect)
     if builder is not None:
         return builder(machine, joint, rng)

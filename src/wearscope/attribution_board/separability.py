@@ -20,6 +20,17 @@ MARGIN = 0.05
 MARGIN_NOISE = 0.0625
 UNABSORBED = 0.25
 
+ONE_COEFFICIENT = {
+    "coulomb": "level",
+    "viscous": "slope",
+    "coulomb_asymmetry": "half_difference",
+    "viscous_asymmetry": "half_difference",
+    "quadratic_viscous": "slope",
+    "load_dependent_friction": "coefficient",
+    "joint_spring": "stiffness",
+}
+"""Effects whose usual form is linear in one main parameter, and that parameter's name."""
+
 SAME_THING = {
     "rotor_inertia_error": ("rotor_inertia", "rotor_inertia_error"),
 }
@@ -29,6 +40,22 @@ SAME_THING = {
 def accepted_names(effect: str) -> tuple[str, ...]:
     """Names that mean the planted effect."""
     return SAME_THING.get(effect, (effect,))
+
+
+def project_parameter(families: Families, effect: str, torque: list[Array]) -> float | None:
+    """Coefficient of the usual form nearest to a planted torque, the declared effects refitted beside it.
+
+    It is the parameter that a perfect fit of the usual form would find; None where the form has free
+    shape parameters.
+    """
+    if effect not in ONE_COEFFICIENT:
+        return None
+    target = families.pool(torque)
+    columns = families.variants(effect)[0]
+    together = np.hstack([columns, families.declared])
+    scale = np.sqrt(np.mean(together**2, axis=0)) + 1e-300
+    solution, *_ = np.linalg.lstsq(together / scale, target, rcond=1e-10)
+    return float(solution[0] / scale[0])
 
 
 def judge_separability(
