@@ -75,6 +75,7 @@ def applies(effect: Effect, joint: int, prepared: Prepared) -> bool:
 
 def joined_signals(runs: list[PreparedRun]) -> Signals:
     """Signals of several runs end to end, to choose shapes from."""
+
     def join(name: str) -> np.ndarray:
         return np.concatenate([getattr(run.signals, name) for run in runs])
 

@@ -226,6 +226,17 @@ class Regression:
             losses[test] = self.losses(self.solve(train))[test]
         return losses
 
+    def cross_validate_joints(self, folds: Folds) -> np.ndarray:
+        """Held-out loss by joint, (n,)."""
+        total = np.zeros(self.prepared.n)
+        for train, test in zip(folds.train, folds.test, strict=True):
+            residuals = self.residuals(self.solve(train))
+            for b in np.flatnonzero(test):
+                block = self.blocks[b]
+                rows = slice(block.start, block.stop)
+                total += ((residuals[block.run][rows] * self.weights[block.run][rows]) ** 2).sum(axis=0)
+        return total
+
     def correlate(self, family: list[np.ndarray], joint: int, count: int) -> Regressors:
         """Block sums of a family of regressors.
 
@@ -333,22 +344,23 @@ def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -
     return losses
 
 
-def block_scores(model: Regression, family: Regressors) -> tuple[np.ndarray, np.ndarray]:
-    """Scores of a family along the current residual, block by block.
+def block_scores(model: Regression, family: Regressors, fit: Partial) -> np.ndarray:
+    """Scores of a family block by block, of the residual that is left when the family is fitted too.
 
     Returns
     -------
-    scores : ndarray (B, s, m)
-        Sum over a block of the regressors, after the model is projected out, times the residual.
-    inner : ndarray (s, m, m)
+    ndarray (B, s, m)
+        Sum over a block of the regressors, after the model is projected out, times that residual; they sum
+        to zero.
     """
-    fit = partial_fit(model, family)
+    beta = fit.beta
+    scores = family.score - np.einsum("bsij,sj->bsi", family.gram, beta)
     if not model.p:
-        return family.score, fit.inner
-    theta = model.solve()
+        return scores
     a = model.gram.sum(axis=0) + model.prior
     s, m, p = family.cross.shape[1:]
-    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
-    own = model.score - model.gram @ theta
-    scores = family.score - family.cross @ theta - np.einsum("bp,psm->bsm", own, onto)
-    return scores, fit.inner
+    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T)
+    theta = model.solve()[:, None] - np.einsum("psm,sm->ps", onto.reshape(p, s, m), beta)
+    scores -= np.einsum("bsmp,ps->bsm", family.cross, theta)
+    own = model.score[:, :, None] - model.gram @ theta - np.einsum("bsmp,sm->bps", family.cross, beta)
+    return scores - np.einsum("bps,psm->bsm", own, onto.reshape(p, s, m))

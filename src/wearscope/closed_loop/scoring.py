@@ -1,0 +1,187 @@
+"""Scores of candidates beside the current model: cross-validated gain, significance, determinacy."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from wearscope.closed_loop.candidates import Family
+from wearscope.closed_loop.regression import (
+    Entry,
+    Folds,
+    Regression,
+    Regressors,
+    block_scores,
+    cross_validate_family,
+    partial_fit,
+)
+
+#: Share of a regressor that must stay after the current model is projected out.
+ISOLABLE = 1e-3
+#: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
+_CANCELLATION = 12.0
+
+
+@dataclass
+class Scored:
+    """One candidate (effect, joint, subset of its coefficients, best shape) beside the current model.
+
+    Attributes
+    ----------
+    entry : Entry
+    gain : float
+        Reduction of the loss on the blocks it is fitted on.
+    cv_gain : float
+        Reduction of the held-out loss.
+    cv_share : float
+        The same over the current loss of the joints it acts on.
+    cv_loss : ndarray (B,)
+        Held-out loss by block.
+    p_block : float
+        Family-wise p-value of the best score over all candidates, by block sign flips.
+    p_run : float
+        p-value of the score's consistency over the folds; NaN with fewer than three.
+    isolability : float
+        Sine of the angle between the candidate and the current model.
+    beta : ndarray (m,)
+    reason : str
+        Why it cannot be taken; empty where it can.
+    flips : ndarray (F,)
+        Score under block sign flips.
+    """
+
+    entry: Entry
+    gain: float
+    cv_gain: float
+    cv_share: float
+    cv_loss: np.ndarray
+    p_run: float
+    isolability: float
+    beta: np.ndarray
+    flips: np.ndarray
+    p_block: float = np.nan
+    reason: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return len(self.entry.subset)
+
+
+@dataclass
+class Scorer:
+    """Scores candidate families beside a regression.
+
+    Attributes
+    ----------
+    model : Regression
+    folds : Folds
+    flips : ndarray (F, B)
+        Random signs, the same for every candidate.
+    """
+
+    model: Regression
+    folds: Folds
+    flips: np.ndarray
+    joint_loss: np.ndarray = field(init=False)
+    base: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.base = self.model.cross_validate(self.folds)
+        self.joint_loss = self.model.cross_validate_joints(self.folds)
+
+    def score(self, family: Family) -> list[Scored]:
+        """Score every variant of a family."""
+        regressors = self.model.correlate(family.columns, family.joint, family.count)
+        return [self._score_subset(family, regressors.select(s), s) for s in family.effect.subsets()]
+
+    def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:
+        model = self.model
+        fit = partial_fit(model, regressors)
+        scores = block_scores(model, regressors, fit)
+        inner = fit.inner
+        best = int(np.argmax(fit.gain))
+        beta = fit.beta[best]
+        inverse = np.linalg.inv(inner)
+        flips = np.zeros(len(self.flips))
+        for start in range(0, len(inverse), 64):
+            part = slice(start, start + 64)
+            flipped = np.tensordot(self.flips, scores[:, part], axes=(1, 0))
+            value = np.einsum("fsm,smn,fsn->fs", flipped, inverse[part], flipped, optimize=True)
+            flips = np.maximum(flips, value.max(axis=1))
+        losses = cross_validate_family(model, regressors, self.folds)
+        own = regressors.gram[:, best].sum(axis=0)
+        isolability = float(np.sqrt(max(beta @ inner[best] @ beta, 0.0) / max(beta @ own @ beta, 1e-300)))
+        spread = family.effect.spread
+        scale = self.joint_loss.sum() if spread else self.joint_loss[family.joint]
+        gain = float(np.nansum(self.base - losses))
+        scored = Scored(
+            entry=family.entry(best, subset),
+            gain=float(fit.gain[best]),
+            cv_gain=gain,
+            cv_share=gain / max(float(scale), 1e-300),
+            cv_loss=losses,
+            p_run=self._test_runs(scores[:, best], inner[best], beta),
+            isolability=isolability,
+            beta=beta,
+            flips=flips,
+        )
+        scored.reason = self._object(scored, own)
+        return scored
+
+    def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
+        """Whether the folds agree: t-test of the gain with the scores' scatter over folds as its error."""
+        run = np.argmax(self.folds.test, axis=0)
+        count = len(self.folds.test)
+        if count < 3:
+            return np.nan
+        u = np.array([(scores[run == r] @ beta).sum() for r in range(count)])
+        error = np.sqrt((u**2).sum() * count / (count - 1))
+        return float(stats.t.sf(beta @ inner @ beta / max(error, 1e-300), count - 1))
+
+    def _object(self, scored: Scored, own: np.ndarray) -> str:
+        if scored.isolability < ISOLABLE:
+            return "the declared model absorbs it on these runs"
+        beta = scored.beta
+        parts = np.sqrt(np.maximum(np.diag(own), 0)) * np.abs(beta)
+        whole = np.sqrt(max(beta @ own @ beta, 1e-300))
+        if scored.entry.effect.name != "unknown" and parts.max() > _CANCELLATION * whole:
+            return "its parameters are not determined by these runs (terms cancel)"
+        for k, value in zip(scored.entry.subset, beta, strict=True):
+            parameter = scored.entry.effect.coefficients[k]
+            if not parameter.lower <= value <= parameter.upper:
+                return f"{parameter.name} = {value:.3g} is outside its physical bounds"
+        return ""
+
+
+def make_flips(count: int, blocks: int, seed: int) -> np.ndarray:
+    """Random signs (count, blocks)."""
+    return np.random.default_rng(np.random.SeedSequence([seed, blocks])).choice([-1.0, 1.0], (count, blocks))
+
+
+def adjust_p_values(scored: list[Scored]) -> None:
+    """Family-wise p-values: the least p-value over all candidates against its distribution under flips.
+
+    Scores of candidates with different numbers of columns and shapes are made comparable by a gamma
+    distribution with the mean and variance of their own flips (Westfall and Young 1993, minP).
+    """
+    if not scored:
+        return
+    observed = np.empty(len(scored))
+    lowest = np.zeros(len(scored[0].flips))
+    for i, s in enumerate(scored):
+        mean, variance = s.flips.mean(), max(s.flips.var(), 1e-300)
+        shape, scale = mean**2 / variance, variance / max(mean, 1e-300)
+        observed[i] = stats.gamma.logsf(s.gain, shape, scale=scale)
+        lowest = np.minimum(lowest, stats.gamma.logsf(s.flips, shape, scale=scale))
+    ordered = np.sort(lowest)
+    for s, value in zip(scored, observed, strict=True):
+        s.p_block = float((1 + np.searchsorted(ordered, value, side="right")) / (len(ordered) + 1))
+
+
+def separates(better: np.ndarray, worse: np.ndarray, quantile: float = 2.0) -> bool:
+    """Whether held-out losses by block tell two candidates apart, outside the noise of their difference."""
+    difference = worse - better
+    difference = difference[np.isfinite(difference)]
+    error = np.sqrt(len(difference) * max(difference.var(ddof=1), 1e-300))
+    return bool(difference.sum() > quantile * error)

@@ -1,0 +1,408 @@
+"""Tracing the residual to the effects that the model lacks, one at a time.
+
+At each step every candidate at every joint is fitted beside the current model, all of its parameters with it.
+The one with the largest cross-validated gain is taken if it beats the current model on held-out runs, its
+score is significant with all candidates tried corrected for, and every run agrees; what the runs cannot
+tell apart from it is said beside it. It goes on until nothing passes. Structure that no name explains is then
+described by an empirical term, and named effects that the empirical term makes superfluous are taken back.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.candidates import (
+    Family,
+    applies,
+    candidate_names,
+    follows_torque,
+    joined_signals,
+    make_family,
+    reduce_columns,
+)
+from wearscope.closed_loop.preparation import Prepared
+from wearscope.closed_loop.regression import (
+    Entry,
+    Folds,
+    Regression,
+    make_blocks,
+    make_folds,
+    partial_fit,
+)
+from wearscope.closed_loop.scoring import Scored, Scorer, adjust_p_values, make_flips, separates
+from wearscope.effects.base import load_effect
+
+
+@dataclass(frozen=True)
+class TraceOptions:
+    """Thresholds of the trace.
+
+    Attributes
+    ----------
+    alpha : float
+        Family-wise level of the block sign-flip test.
+    alpha_run, alpha_part : float
+        Level of the test that held-out runs agree; that held-out parts of a single run do, which are less
+        independent of each other.
+    minimum_gain : float
+        Least share of the joint's current loss that a named effect must remove on held-out runs.
+    minimum_share : float
+        The same, of the loss that the declared model leaves.
+    minimum_unknown : float
+        The same for the empirical term, of the loss that the declared model leaves.
+    flips : int
+    seed : int
+    """
+
+    alpha: float = 0.005
+    alpha_run: float = 0.02
+    alpha_part: float = 1e-4
+    minimum_gain: float = 0.03
+    minimum_share: float = 0.02
+    minimum_unknown: float = 0.06
+    flips: int = 999
+    seed: int = 20260
+    most_steps: int = 12
+
+
+@dataclass
+class Found:
+    """An effect that was named, with what the runs cannot tell apart from it."""
+
+    entry: Entry
+    equivalent: list[str]
+    scored: Scored
+
+
+@dataclass
+class Trace:
+    """Outcome of the trace.
+
+    Attributes
+    ----------
+    found : list of Found
+    before, after : Regression
+    candidates : list of dict
+        One row a candidate and step.
+    folds : Folds
+    """
+
+    found: list[Found]
+    before: Regression
+    after: Regression
+    candidates: list[dict] = field(default_factory=list)
+    folds: Folds | None = None
+
+
+def declared_entries(prepared: Prepared) -> list[Entry]:
+    """Entries of the declared effects that have parameters to fit."""
+    fields = prepared.dataset.fields
+    entries = []
+    for name in fields.declared_effects:
+        if name == "rigid_body" or (name == "rotor_inertia" and fields.robot.rotor_inertia is not None):
+            continue
+        effect = load_effect(name)
+        for joint in range(prepared.n):
+            if not applies(effect, joint, prepared):
+                continue
+            joined = joined_signals(prepared.runs_for("train"))
+            shapes = effect.shapes(joined, joint)
+            subset = effect.subsets()[-1]
+            entries.append(
+                Entry(effect, joint, tuple(shapes[len(shapes) // 2]), tuple(int(i) for i in subset))
+            )
+    return entries
+
+
+def fit_scale(prepared: Prepared, entries: list[Entry], inertial: bool, blocks: list) -> Regression:
+    """Regression weighted by the robust residual scale of each joint."""
+    sigma = np.array(
+        [
+            max(np.std(np.concatenate([r.measured[:, j] for r in prepared.runs_for("train")])), 1e-9)
+            for j in range(prepared.n)
+        ]
+    )
+    for _ in range(2):
+        model = Regression(prepared, entries, sigma, inertial, blocks)
+        sigma = residual_scale(model)
+    return Regression(prepared, entries, sigma, inertial, blocks)
+
+
+def residual_scale(model: Regression) -> np.ndarray:
+    """Root mean square residual of each joint over the rows that count."""
+    residuals = model.residuals(model.solve())
+    total = np.zeros(model.prepared.n)
+    count = np.zeros(model.prepared.n)
+    for r, w in zip(residuals, model.weights, strict=True):
+        total += ((r * (w > 0)) ** 2).sum(axis=0)
+        count += (w > 0).sum(axis=0)
+    return np.sqrt(np.maximum(total / np.maximum(count, 1), 1e-18))
+
+
+def update_prediction(model: Regression) -> None:
+    """Give the training signals the current model's torque, for errors of the measurement itself."""
+    theta = model.solve()
+    for run in model.prepared.runs_for("train"):
+        run.signals.torque = predict_full(model, theta, run)
+
+
+def predict_full(model: Regression, theta: np.ndarray, run) -> np.ndarray:
+    """Full-rate torque (N, n) that a model predicts along a run."""
+    torque = run.known.copy()
+    s = run.signals
+    if model.inertial:
+        count = model.spans[0].start if model.spans else model.p
+        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[:count]
+    for entry, span in zip(model.entries, model.spans, strict=True):
+        torque += entry.columns(run) @ theta[span]
+    return torque
+
+
+class Tracer:
+    """Names the effects that a prepared data set's declared model lacks.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    options : TraceOptions
+    progress : callable
+        Called with a line of text at each step.
+    """
+
+    def __init__(
+        self, prepared: Prepared, options: TraceOptions, progress: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self.prepared = prepared
+        self.options = options
+        self.progress = progress
+        fields = prepared.dataset.fields
+        self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
+        self.blocks = make_blocks(prepared)
+        self.folds = make_folds(self.blocks)
+        self.flips = make_flips(options.flips, len(self.blocks), options.seed)
+        self.before = fit_scale(prepared, declared_entries(prepared), self.inertial, self.blocks)
+        self.declared = self.before.cross_validate_joints(self.folds)
+        self.current = self.declared
+        names = candidate_names(fields.declared_effects, fields.robot.rotor_inertia is not None)
+        self.joined = joined_signals(prepared.runs_for("train"))
+        update_prediction(self.before)
+        self.families = [
+            make_family(effect, joint, prepared, self.joined)
+            for effect in map(load_effect, names)
+            for joint in range(prepared.n)
+            if applies(effect, joint, prepared)
+        ]
+        self.unknown = [
+            make_family(load_effect("unknown"), joint, prepared, self.joined)
+            for joint in range(prepared.n)
+            if prepared.moving[joint]
+        ]
+        self.rows: list[dict] = []
+
+    def fit(self, entries: list[Entry]) -> Regression:
+        """Regression of the declared entries and further ones."""
+        return Regression(
+            self.prepared, self.before.entries + entries, self.before.sigma, self.inertial, self.blocks
+        )
+
+    def score_all(self, model: Regression, families: list[Family]) -> list[Scored]:
+        """Score all variants of the families beside a model, p-values adjusted over all of them."""
+        update_prediction(model)
+        scorer = Scorer(model, self.folds, self.flips)
+        self.current = scorer.joint_loss
+        named = {(e.effect.name, e.joint) for e in model.entries}
+        scored: list[Scored] = []
+        for family in families:
+            name = family.effect.name
+            if (name, family.joint) in named and name not in ("torque_ripple", "cross_coupling", "unknown"):
+                continue
+            if follows_torque(family):
+                family.columns = [
+                    reduce_columns(family.effect, family.joint, family.shapes, run)
+                    for run in self.prepared.runs_for("train")
+                ]
+            scored += scorer.score(family)
+        adjust_p_values(scored)
+        return scored
+
+    def left(self, s: Scored) -> float:
+        """Held-out loss now over that of the declared model, at the joints the candidate acts on."""
+        if s.entry.effect.spread:
+            return float(self.current.sum() / self.declared.sum())
+        return float(self.current[s.entry.joint] / self.declared[s.entry.joint])
+
+    def passes(self, s: Scored, least: float) -> bool:
+        """Whether a candidate beats the current model; its reason says why not."""
+        o = self.options
+        if s.reason:
+            return False
+        if s.p_block > o.alpha:
+            s.reason = "not significant once all candidates are counted"
+        elif s.cv_share < least or s.cv_share * self.left(s) < o.minimum_share:
+            s.reason = "too little gained on held-out runs"
+        elif s.entry.effect.name == "torque_ripple" and not self.folds.by_run:
+            s.reason = "one run cannot show that its phase stays from run to run"
+        elif s.p_run > (o.alpha_run if self.folds.by_run else o.alpha_part):
+            s.reason = "runs do not agree" if self.folds.by_run else "parts of the run do not agree"
+        return not s.reason
+
+    def record(self, step: int, scored: list[Scored], taken: Scored | None) -> None:
+        """Keep a row of each candidate for the candidates table."""
+        joints = self.prepared.dataset.joints
+        for s in scored:
+            self.rows.append(
+                {
+                    "step": step,
+                    "joint": joints[s.entry.joint],
+                    "effect": s.entry.effect.name,
+                    "coefficients": " ".join(s.entry.effect.coefficients[k].name for k in s.entry.subset),
+                    "shape": " ".join(f"{v:.6g}" for v in s.entry.shape),
+                    "cv_gain": s.cv_share,
+                    "p_value": s.p_block,
+                    "p_runs": s.p_run,
+                    "isolability": s.isolability,
+                    "taken": s is taken,
+                    "reason": "taken" if s is taken else (s.reason or "another candidate gained more"),
+                }
+            )
+
+    def choose(self, scored: list[Scored], least: float) -> tuple[Scored | None, list[Scored]]:
+        """Best candidate that passes, the simplest of those like it, and its rivals.
+
+        Returns
+        -------
+        best : Scored or None
+        rivals : list of Scored
+            Other effects that the runs cannot tell apart from it, best first.
+        """
+        able = [s for s in scored if self.passes(s, least)]
+        if not able:
+            return None, []
+        best = max(able, key=lambda s: s.cv_gain)
+        kin = [s for s in able if s.entry.effect is best.entry.effect and s.entry.joint == best.entry.joint]
+        kin = [s for s in kin if s.cv_gain >= 0.9 * best.cv_gain or not separates(best.cv_loss, s.cv_loss)]
+        best = min(kin, key=lambda s: (s.size, -s.cv_gain))
+        touching = [
+            s
+            for s in able
+            if s.entry.joint == best.entry.joint or s.entry.effect.spread or best.entry.effect.spread
+        ]
+        tied = [s for s in touching if s is best or not separates(best.cv_loss, s.cv_loss)]
+        tied = [s for s in tied if s.cv_gain > 0.5 * best.cv_gain]
+        simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
+        rivals: dict[str, Scored] = {}
+        for s in sorted(tied, key=lambda s: -s.cv_gain):
+            if s.entry.effect.name != simplest.entry.effect.name and cost(s) <= cost(simplest):
+                rivals.setdefault(s.entry.effect.name, s)
+        return simplest, list(rivals.values())
+
+    def balances(self, s: Scored) -> bool:
+        """Whether a counterbalance does what one is built for: take load off the joint."""
+        if s.entry.effect.name != "gravity_counterbalance":
+            return False
+        opposed = 0.0
+        for run in self.prepared.runs_for("train"):
+            torque = s.entry.columns(run)[:, s.entry.joint] @ s.beta
+            opposed += float(torque @ run.signals.load[:, s.entry.joint])
+        return opposed < 0.0
+
+    def refine(self, model: Regression, entry: Entry) -> Entry:
+        """Best continuous shape of an entry beside a model, from its grid value."""
+        free = [
+            k
+            for k, p in enumerate(entry.effect.shape)
+            if p.name
+            not in ("exponent", "other", "reference", "signal", "source", "modulator", "low", "high")
+        ]
+        if not free or entry.effect.name == "unknown":
+            return entry
+        train = self.prepared.runs_for("train")
+        start = np.array(entry.shape)
+
+        def shaped(x: float) -> np.ndarray:
+            shape = start.copy()
+            shape[free[0]] = start[free[0]] * np.exp(x)
+            return shape
+
+        def loss(x: float) -> float:
+            columns = [reduce_columns(entry.effect, entry.joint, shaped(x)[None], run) for run in train]
+            family = model.correlate(columns, entry.joint, len(entry.effect.coefficients))
+            return -float(partial_fit(model, family.select(np.array(entry.subset))).gain[0])
+
+        width = 0.02 if entry.effect.name == "torque_ripple" else 0.8
+        if entry.effect.name == "torque_ripple":
+            width = min(0.3, np.pi / max(np.ptp(self.joined.q[:, entry.joint]), 1e-12) / start[free[0]])
+        result = optimize.minimize_scalar(
+            loss, bounds=(-width, width), method="bounded", options={"maxiter": 14, "xatol": 1e-4}
+        )
+        if result.fun < loss(0.0):
+            return Entry(entry.effect, entry.joint, tuple(shaped(result.x)), entry.subset)
+        return entry
+
+    def run(self) -> Trace:
+        """Trace the residual.
+
+        Returns
+        -------
+        Trace
+        """
+        o = self.options
+        found: list[Found] = []
+        model = self.before
+        step = 0
+        while step < o.most_steps:
+            scored = self.score_all(model, self.families)
+            taken, rivals = self.choose(scored, o.minimum_gain)
+            self.record(step, scored, taken)
+            step += 1
+            if taken is None:
+                break
+            entry = self.refine(model, taken.entry)
+            found.append(Found(entry, [r.entry.effect.name for r in rivals], taken))
+            self.progress(f"step {step}: {entry.label}, {100 * taken.cv_share:.0f} % of the held-out loss")
+            model = self.fit([f.entry for f in found])
+        found, model = self.explain_rest(found, model, step)
+        return Trace(found, self.before, model, self.rows, self.folds)
+
+    def explain_rest(
+        self, found: list[Found], model: Regression, step: int
+    ) -> tuple[list[Found], Regression]:
+        """Describe what no name explains; take back names that the description makes superfluous."""
+        o = self.options
+        for _ in range(3):
+            scored = self.score_all(model, self.unknown)
+            taken = None
+            able = [s for s in scored if self.passes(s, o.minimum_gain)]
+            able = [s for s in able if s.cv_share * self.left(s) >= o.minimum_unknown]
+            if able:
+                taken = max(able, key=lambda s: s.cv_gain)
+            self.record(step, scored, taken)
+            step += 1
+            if taken is None:
+                break
+            self.progress(f"step {step}: unknown structure at joint {taken.entry.joint}")
+            found = self._take_back(found, taken)
+            found.append(Found(taken.entry, [], taken))
+            model = self.fit([f.entry for f in found])
+        return found, model
+
+    def _take_back(self, found: list[Found], unknown: Scored) -> list[Found]:
+        """Drop names at the joint without which the empirical term does as well."""
+        joint = unknown.entry.joint
+        kept = list(found)
+        for f in sorted((f for f in found if f.entry.joint == joint), key=lambda f: f.scored.cv_gain):
+            with_it = self.fit([k.entry for k in kept] + [unknown.entry])
+            others = [k for k in kept if k is not f]
+            without = self.fit([k.entry for k in others] + [unknown.entry])
+            a, b = with_it.cross_validate(self.folds), without.cross_validate(self.folds)
+            if not separates(a, b) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
+                kept = others
+        return kept
+
+
+def cost(s: Scored) -> int:
+    """Complexity of a candidate: coefficients, and shape parameters that were searched."""
+    searched = s.entry.effect.search is not None
+    return s.size + (1 if searched and s.entry.effect.name != "cross_coupling" else 0)
