@@ -75,8 +75,8 @@ def spread(quadratic: ArrayLike) -> Array:
 def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -> Array:
     """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
 
-    The bracket is the range of y over |x| <= 9; the upper end is returned, so that the probability of false
-    detection is never above the requirement.
+    The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
+    upper end is returned.
 
     Parameters
     ----------

@@ -1,0 +1,147 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.designs.views import view_for_axis
+from wearscope.errors import InputError
+from wearscope.evaluation.audit import (
+    audit_summary,
+    audit_table,
+    audit_verdicts,
+    choose_audit_points,
+    scope_boundary,
+)
+from wearscope.evaluation.scope import scope_table
+from wearscope.surrogates.fitting import surrogates_of
+
+NAMES = [factor.name for factor in PAPER_FACTORS]
+EDGES = {"w3": (1.0, 0.5), "w5": (2.0, 0.8)}
+
+
+@pytest.fixture(scope="module")
+def points():
+    return choose_audit_points(PAPER_FACTORS, EDGES, points=17)
+
+
+def directly(surrogates, points, noise, shift=0.0, seed=0):
+    """Direct test quantities that are the surrogate's own values plus noise."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for (robot, cycle, axis, fda, _), surrogate in surrogates_of(surrogates, "full"):
+        part = view_for_axis(points, axis)[["point", *NAMES]].copy()
+        part["robot"], part["cycle"], part["axis"], part["fda"], part["set"] = (
+            robot,
+            cycle,
+            axis,
+            fda,
+            "audit",
+        )
+        part["y"] = surrogate.predict(part[NAMES].to_numpy()) + shift + noise * rng.standard_normal(len(part))
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+def test_the_first_point_is_the_nominal_one_and_the_rest_decide_verdicts(points):
+    assert points.loc[0, NAMES].tolist() == [-2, -2, -2, 0, 0, 0]
+    assert points["point"].tolist() == list(range(1, 18))
+    first = points.iloc[1:5]
+    assert first["hypothesis"].tolist() == ["H1", "H1", "H0", "H0"]
+    np.testing.assert_allclose(first["w3"].abs(), 0.5 * 2.3263, rtol=1e-4)
+    assert first["f"].tolist() == [-1, -1, -2, -2]
+    assert first["f_natural"].tolist() == [12.5, 12.5, 0, 0]
+    worn = points[points["hypothesis"] == "H1"]
+    assert worn.groupby("factor")["worn_axis"].apply(sorted).tolist() == [[1, 1, 2, 2, 3, 3]] * 2
+    for _, row in worn.iterrows():
+        view = view_for_axis(points[points["point"] == row["point"]], row["worn_axis"])
+        assert view[["f", "w1", "w2"]].to_numpy().tolist() == [[-2 + row["delta"], -2, -2]]
+
+
+def test_points_stay_within_the_levels_and_the_number_asked_for():
+    points = choose_audit_points(PAPER_FACTORS, {"w3": (4.0, 1.0)}, points=4)
+    assert len(points) == 4
+    assert points[NAMES].abs().to_numpy().max() == 2
+    assert points["w3_natural"].min() >= 30
+    with pytest.raises(InputError, match="0 points on axes"):
+        choose_audit_points(PAPER_FACTORS, EDGES, points=0)
+    with pytest.raises(InputError, match="'f' is no nuisance"):
+        choose_audit_points(PAPER_FACTORS, {"f": (1.0, 1.0)})
+
+
+def test_the_boundary_is_where_half_the_cells_pass(surrogates):
+    scope = scope_table(
+        surrogates, ["w3"], methods=["exact"], deltas=np.linspace(0, 4, 9), sigmas=[0.1, 0.3, 0.6]
+    )
+    delta, sigma = scope_boundary(scope, "w3")
+    share = scope[scope["sigma"] == sigma].groupby("delta")["passes"].mean()
+    assert share[delta] >= 0.5
+    assert share[share.index < delta].max() < 0.5
+    nowhere = scope.assign(passes=False)
+    assert scope_boundary(nowhere, "w3") == (4.0, 0.1)
+    with pytest.raises(InputError, match="no factor 'w5'; it has w3"):
+        scope_boundary(scope, "w5")
+
+
+def test_the_interval_holds_a_simulator_that_is_as_the_surrogate_says(surrogates, points):
+    audit = audit_table(directly(surrogates, points, noise=0.0), surrogates, points)
+    assert len(audit) == 36 * 17
+    assert audit["inside"].all()
+    np.testing.assert_allclose(audit["y_surrogate"], audit["y_direct"])
+    # z0 lies outside the region: 3.27 times a run's variance
+    np.testing.assert_allclose(audit.loc[audit["point"] == 1, "leverage"], 3.2667, rtol=1e-3)
+    assert audit.loc[audit["point"] == 1, "extrapolated"].all()
+    assert (audit["low"] < audit["high"]).all()
+
+
+def test_the_interval_does_not_hold_a_simulator_that_differs(surrogates, points):
+    audit = audit_table(directly(surrogates, points, noise=0.0, shift=1.0), surrogates, points)
+    assert not audit["inside"].any()
+    summary = audit_summary(audit, [])
+    assert (summary["share_inside"] == 0).all() and (summary["median_error"] > 1).all()
+    assert summary["n"].sum() == len(audit)
+
+
+def test_failed_points_are_counted_and_never_inside(surrogates, points):
+    direct = directly(surrogates, points, noise=0.0)
+    direct.loc[direct["fda"] == "B", "y"] = np.nan
+    audit = audit_table(direct, surrogates, points)
+    assert audit.loc[audit["fda"] == "B", "failed"].all()
+    assert not audit.loc[audit["fda"] == "B", "inside"].any()
+    summary = audit_summary(audit).set_index("fda")
+    assert (summary.loc["B", "n"] == 0).all() and summary.loc["B", "n_failed"].sum() == 12 * 17
+    assert np.isnan(summary.loc["B", "share_inside"]).all()
+
+
+def test_verdicts_of_four_runs(surrogates, points):
+    audit = audit_table(directly(surrogates, points, noise=0.0), surrogates, points)
+    verdicts = audit_verdicts(audit)
+    assert len(verdicts) == 36 * 2
+    assert verdicts["agrees"].all()
+    fallen = audit.copy()
+    fallen["y_direct"] *= -1
+    turned = audit_verdicts(fallen)
+    assert verdicts["passes_surrogate"].any()
+    assert not turned.loc[turned["passes_surrogate"], "passes_direct"].any()
+    few = choose_audit_points(PAPER_FACTORS, EDGES, points=3)
+    assert audit_verdicts(audit_table(directly(surrogates, few, 0.0), surrogates, few)).empty
+
+
+def test_four_runs_decide_as_the_exact_scope_where_y_is_monotone(surrogates):
+    straight = surrogates.copy()
+    straight.loc[straight["term"].str.contains(r"[:^]"), "theta"] = 0.0
+    for delta in (0.3, 0.8, 2.0):
+        edge = {"w3": (delta, 0.5)}
+        points = choose_audit_points(PAPER_FACTORS, edge, points=9)
+        verdicts = audit_verdicts(audit_table(directly(straight, points, 0.0), straight, points))
+        scope = scope_table(straight, ["w3"], methods=["exact"], deltas=[delta], sigmas=[0.5])
+        both = verdicts.merge(scope, on=["robot", "cycle", "axis", "fda"])
+        assert len(both) == 36
+        assert (both["passes_surrogate"] == both["passes"]).all()
+
+
+def test_missing_runs_get_one_sentence(surrogates, quantities, points):
+    with pytest.raises(InputError, match="no test quantity has the set 'audit'"):
+        audit_table(quantities, surrogates)
+    direct = directly(surrogates, points, 0.0)
+    with pytest.raises(InputError, match="cell medium/a/1/A has no surrogate"):
+        audit_table(direct, surrogates[surrogates["robot"] == "large"])

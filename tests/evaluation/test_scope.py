@@ -1,0 +1,268 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from wearscope.errors import InputError
+from wearscope.evaluation.scope import (
+    exact_scope,
+    group_scope,
+    kde_scope,
+    paper_grid,
+    scope_disagreement,
+    scope_matrix,
+    scope_quadratics,
+    scope_table,
+)
+from wearscope.evaluation.scope_exact import (
+    detection_probability,
+    spread,
+    standardise,
+    tail_probability,
+    threshold,
+)
+from wearscope.evaluation.scope_kde import bandwidth_factor, detection_probabilities
+from wearscope.surrogates.fitting import surrogates_of
+from wearscope.surrogates.surrogate import Surrogate
+
+COARSE = {"deltas": np.linspace(0, 4, 7), "sigmas": np.linspace(0.01, 1, 5)}
+
+
+@pytest.fixture(scope="module")
+def scope(surrogates):
+    part = surrogates[surrogates["robot"] == "medium"]
+    return scope_table(part, **COARSE, runs=20_000, seed=0)
+
+
+def test_tail_is_that_of_the_noncentral_chi_square():
+    a, b, c = 0.4, -1.2, 0.7
+    h = np.linspace(-0.1, 8, 9)
+    vertex = a - b * b / (4 * c)
+    oracle = stats.ncx2.sf((h - vertex) / c, 1, (b / (2 * c)) ** 2)
+    np.testing.assert_allclose(tail_probability([a, b, c], h), oracle, rtol=1e-10)
+    upside_down = tail_probability([-a, -b, -c], -h)
+    np.testing.assert_allclose(upside_down, 1 - oracle, rtol=1e-9, atol=1e-14)
+
+
+def test_tail_has_no_jump_where_the_square_term_vanishes():
+    h = np.linspace(-3, 3, 13)
+    straight = stats.norm.sf(h, loc=0.5, scale=2.0)
+    for c in (0.0, 1e-300, -1e-300, 1e-12, -1e-12):
+        np.testing.assert_allclose(tail_probability([0.5, 2.0, c], h), straight, rtol=1e-10)
+        np.testing.assert_allclose(tail_probability([0.5, -2.0, c], h), straight, rtol=1e-10)
+
+
+def test_tail_beyond_the_hard_edge_is_certain():
+    assert tail_probability([1.0, 0.0, 2.0], 0.999) == 1.0
+    assert tail_probability([1.0, 0.0, -2.0], 1.001) == 0.0
+    assert tail_probability([1.0, 0.0, 0.0], 1.0) == 1.0
+    assert tail_probability([1.0, 0.0, 0.0], 1.0 + 1e-9) == 0.0
+
+
+@pytest.mark.parametrize("p", [0.01, 0.3, 0.999])
+def test_the_threshold_leaves_just_the_false_alarms_allowed(p):
+    quadratic = np.random.default_rng(0).normal(size=(50, 3)) * [5, 1, 1]
+    quadratic[:3, 2] = 0.0, 1e-9, -1e-9
+    h = threshold(quadratic, p)
+    tail = tail_probability(quadratic, h)
+    np.testing.assert_allclose(tail, p, rtol=1e-9)
+    lower = tail_probability(quadratic, h - 1e-6 * spread(quadratic))
+    assert np.all(lower > p)
+
+
+def test_standardised_coefficients_give_the_same_output():
+    x = np.linspace(-2, 2, 5)
+    w = 0.3 + 0.5 * x
+    a, b, c = standardise([1.0, 2.0, 3.0], 0.5, 0.3)
+    np.testing.assert_allclose(a + b * x + c * x * x, 1 + 2 * w + 3 * w * w)
+    assert spread([0.0, 3.0, 4.0]) == pytest.approx(np.sqrt(9 + 32))
+
+
+def test_exact_detection_agrees_with_brute_force_within_its_error(surrogates):
+    rng = np.random.default_rng(0)
+    n = 200_000
+    for _, surrogate in list(surrogates_of(surrogates, "full"))[:4]:
+        null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.5, 1.5]), np.array([0.4]))
+        exact = exact_scope(null, alternatives)[0]
+        h = threshold(null[0], 0.01)
+        z0 = np.array([-2.0, -2, -2, 0, 0, 0])
+        for delta, value in zip((0.5, 1.5), exact, strict=True):
+            z = np.tile(z0 + np.r_[delta, np.zeros(5)], (n, 1))
+            z[:, 3] = 0.4 * rng.standard_normal(n)
+            share = np.mean(surrogate.predict(z) >= h)
+            assert abs(share - value) < 4.5 * np.sqrt(max(value * (1 - value), 1e-6) / n)
+
+
+def test_false_alarms_are_the_detections_of_no_change(scope):
+    none = scope[(scope["delta"] == 0) & (scope["method"] == "exact")]
+    np.testing.assert_allclose(none["p_d"], 0.01, rtol=1e-6)
+    assert not none["passes"].any()
+
+
+def test_kernel_estimate_is_scipys():
+    rng = np.random.default_rng(0)
+    x0, x1 = rng.standard_normal(4000), rng.standard_normal(4000)
+    null, alternative = np.array([0.0, 1.0, 0.4]), np.array([[2.0, 0.8, 0.4], [5.0, 0.5, -0.3]])
+    for rule in ("scott", "silverman"):
+        got = detection_probabilities(null, alternative, x0, x1, 0.01, rule)
+        y0 = stats.gaussian_kde(null[0] + null[1] * x0 + null[2] * x0**2, rule)
+        low, high = y0.dataset.min() - 2, y0.dataset.max() + 2
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if y0.integrate_box_1d(middle, np.inf) > 0.01 else (low, middle)
+        for row, value in zip(alternative, got, strict=True):
+            y1 = stats.gaussian_kde(row[0] + row[1] * x1 + row[2] * x1**2, rule)
+            assert value == pytest.approx(y1.integrate_box_1d(high, np.inf), abs=2e-4)
+        assert bandwidth_factor(rule, 4000) == pytest.approx(y0.factor)
+
+
+def test_kernel_estimate_agrees_with_the_exact_scope_in_smooth_cases():
+    deltas, sigmas = np.linspace(0, 2, 6), np.array([0.1, 0.3])
+    theta = np.array([1.0, 1.0, 1.0])
+    surrogate = Surrogate(("1", "f", "w3"), theta, np.zeros((3, 3)), 0.0, 9)
+    null, alternatives = scope_quadratics(surrogate, "w3", deltas, sigmas)
+    exact = exact_scope(null, alternatives)
+    kde = kde_scope(null, alternatives, runs=100_000, identity=["smooth"])
+    # a kernel of 0.106 deviations widens a normal by 0.6 %; 1e5 runs leave 0.012 deviations on the threshold
+    np.testing.assert_allclose(kde, exact, atol=0.02)
+    assert np.array_equal(kde >= 0.99, exact >= 0.99)
+
+
+def test_kernel_estimate_strays_at_a_hard_edge():
+    # y = f - w^2 under H0 ends at f0: the kernel smears the threshold beyond that edge
+    surrogate = Surrogate(("1", "f", "w3", "w3^2"), np.array([0, 1.0, 0, -1.0]), np.zeros((4, 4)), 0.0, 9)
+    null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.2]), np.array([1.0]))
+    exact = exact_scope(null, alternatives)[0, 0]
+    edge = -stats.chi2.ppf(0.01, 1)
+    assert exact == pytest.approx(stats.chi2.cdf(0.2 - edge, 1))
+    assert kde_scope(null, alternatives)[0, 0] < exact - 0.1
+
+
+def test_hand_made_scope_of_a_linear_detector():
+    # y = f + w: passes from Delta = sigma (z_0.99 + z_0.99) on
+    surrogate = Surrogate(("1", "f", "w3"), np.array([0.0, 1.0, 1.0]), np.zeros((3, 3)), 0.0, 9)
+    deltas, sigmas = paper_grid()
+    null, alternatives = scope_quadratics(surrogate, "w3", deltas, sigmas)
+    passes = exact_scope(null, alternatives) >= 0.99
+    np.testing.assert_array_equal(passes, deltas[None, :] >= 2 * stats.norm.ppf(0.99) * sigmas[:, None])
+
+
+def test_a_detector_that_always_says_the_same_gets_no_scope(odd):
+    scope = scope_table(odd, **COARSE, runs=2000)
+    constant = scope[scope["fda"] == "C"]
+    assert set(constant["status"]) == {"constant"}
+    assert not constant["passes"].any() and (constant["p_d"] == 0).all()
+
+
+def test_a_falling_detector_is_judged_as_it_is_and_reported(odd):
+    scope = scope_table(odd, **COARSE, runs=2000)
+    falling = scope[(scope["fda"] == "B") & (scope["delta"] > 0)]
+    assert set(falling["status"]) == {"decreasing"}
+    assert not falling["passes"].any()
+    assert falling.loc[falling["method"] == "exact", "p_d"].max() < 0.01
+
+
+def test_a_detector_untouched_by_the_factor_detects_any_change():
+    surrogate = Surrogate(("1", "f", "w3"), np.array([5.0, 1.0, 0.0]), np.zeros((3, 3)), 0.0, 9)
+    null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.0, 0.1]), np.array([0.5]))
+    assert exact_scope(null, alternatives).tolist() == [[0.0, 1.0]]
+    assert kde_scope(null, alternatives, runs=1000).tolist() == [[0.0, 1.0]]
+
+
+def test_cross_terms_of_the_fault_make_the_models_differ_only_where_they_act():
+    full = Surrogate(("1", "f", "w3", "f:w3"), np.array([0.0, 1.0, 0.5, 0.3]), np.zeros((4, 4)), 0.0, 9)
+    simplified = Surrogate(("1", "f", "w3"), np.array([0.0, 1.0, 0.5]), np.zeros((3, 3)), 0.0, 9)
+    deltas, sigmas = np.array([0.5, 2.0]), np.array([0.8])
+    at_zero = [
+        exact_scope(*scope_quadratics(s, "w3", -deltas * 0, sigmas, f0=0.0)) for s in (full, simplified)
+    ]
+    np.testing.assert_allclose(*at_zero)
+    # from f0 = -2 the full model's slope in w3 is -0.1, at Delta = 2 it is 0.5 as the simplified one's
+    null, alternatives = scope_quadratics(full, "w3", deltas, sigmas)
+    np.testing.assert_allclose(null[0], [-2.0, -0.08, 0.0], atol=1e-12)
+    np.testing.assert_allclose(alternatives[0, 1], [0.0, 0.4, 0.0], atol=1e-12)
+
+
+def test_table_has_the_contracts_columns_and_any_factor_is_a_choice(scope, surrogates):
+    contract = [
+        "robot",
+        "cycle",
+        "axis",
+        "fda",
+        "model",
+        "factor",
+        "delta",
+        "sigma",
+        "p_d",
+        "passes",
+        "method",
+    ]
+    assert list(scope.columns)[:11] == contract
+    assert len(scope) == 18 * 2 * 35 * 2
+    one = surrogates[surrogates["robot"] == "medium"]
+    for factor in ("w1", "w4"):
+        part = scope_table(one, [factor], methods=["exact"], **COARSE)
+        assert set(part["factor"]) == {factor} and part["p_d"].between(0, 1).all()
+
+
+def test_methods_agree_on_most_of_the_map_and_the_rest_is_listed(scope):
+    differing = scope_disagreement(scope)
+    exact, kde = (scope[scope["method"] == m].reset_index(drop=True) for m in ("exact", "kde"))
+    assert len(differing) == int((exact["passes"] != kde["passes"]).sum())
+    assert len(differing) < 0.05 * len(exact)
+    assert (differing["passes_exact"] != differing["passes_kde"]).all()
+    with pytest.raises(InputError, match="no method 'kde'"):
+        scope_disagreement(exact)
+
+
+def test_half_a_study_gives_the_same_rows(surrogates, scope):
+    part = surrogates.query("robot == 'medium' and cycle == 'b'")
+    expected = scope[scope["cycle"] == "b"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(scope_table(part, **COARSE, runs=20_000, seed=0), expected)
+    other = scope_table(part, methods=["kde"], **COARSE, runs=20_000, seed=1)
+    assert not np.array_equal(other["p_d"], expected.loc[expected["method"] == "kde", "p_d"])
+
+
+def test_group_scope_matrices_sum_their_members(scope):
+    groups = group_scope(scope)
+    assert set(groups["cells"]) == {6}
+    assert groups["passes"].between(0, 6).all() and groups["passes"].max() > 0
+    assert groups["passes"].sum() == scope["passes"].sum()
+    cell = groups.query("fda == 'A' and factor == 'w5' and method == 'exact'")
+    members = scope.query("fda == 'A' and factor == 'w5' and method == 'exact'")
+    total = sum(scope_matrix(rows).to_numpy().astype(int) for _, rows in members.groupby(["cycle", "axis"]))
+    np.testing.assert_array_equal(scope_matrix(cell).to_numpy(), total)
+    assert scope_matrix(cell).shape == (7, 5)
+    assert set(group_scope(scope, [])["cells"]) == {18}
+
+
+def test_more_disturbance_never_helps_a_linear_detector():
+    p_d = detection_probability(
+        standardise([0.0, 1.0, 0.0], np.linspace(0.1, 1, 9)),
+        standardise([1.0, 1.0, 0.0], np.linspace(0.1, 1, 9)),
+    )
+    assert np.all(np.diff(p_d) < 0)
+
+
+def test_progress_is_reported(surrogates):
+    done = []
+    scope_table(surrogates.query("robot == 'large' and cycle == 'a'"), methods=["exact"], report=done.append)
+    assert done == list(range(1, 10))
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"factors": ["w9"]}, "'w9' is no nuisance"),
+        ({"factors": ["f"]}, "'f' is no nuisance"),
+        ({"methods": ["guess"]}, r"methods \['guess'\]"),
+        ({"sigmas": [0.0, 1.0]}, "a sigma that is not positive"),
+        ({"deltas": []}, "the grid is empty"),
+        ({"false_alarm": 0.5, "detection": 0.2}, "in that order"),
+        ({"runs": 10}, "10 runs with bandwidth"),
+        ({"bandwidth": "wide"}, "with bandwidth 'wide'"),
+    ],
+)
+def test_bad_settings_get_one_sentence(surrogates, setting, message):
+    with pytest.raises(InputError, match=message):
+        scope_table(surrogates, **setting)

@@ -1,0 +1,176 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from wearscope.designs.seeds import generator_for
+from wearscope.errors import InputError
+from wearscope.evaluation.snr import (
+    exact_snr,
+    monte_carlo_snr,
+    parametric_interval,
+    quadratic_moments,
+    rank_by_median,
+    ratio,
+    snr_boxes,
+    snr_table,
+)
+from wearscope.surrogates.fitting import surrogates_of
+from wearscope.surrogates.surrogate import Surrogate
+
+
+@pytest.fixture(scope="module")
+def table(surrogates):
+    return snr_table(surrogates, seed=0, runs=20_000)
+
+
+def test_moments_agree_with_gauss_hermite_quadrature():
+    rng = np.random.default_rng(0)
+    c, g, a = 1.3, rng.normal(size=3), rng.normal(size=(3, 3))
+    a = a + a.T
+    nodes, weights = np.polynomial.hermite_e.hermegauss(8)
+    weights = weights / weights.sum()
+    w = 0.7 * np.stack(np.meshgrid(nodes, nodes, nodes), axis=-1).reshape(-1, 3)
+    p = np.stack(np.meshgrid(weights, weights, weights), axis=-1).reshape(-1, 3).prod(axis=1)
+    y = c + w @ g + np.einsum("ij,jk,ik->i", w, a, w)
+    mean, deviation = quadratic_moments(c, g, a, 0.7)
+    assert mean == pytest.approx(p @ y)
+    assert deviation == pytest.approx(np.sqrt(p @ (y - p @ y) ** 2))
+
+
+def test_the_numerator_under_20_is_exactly_theta_0(surrogates):
+    for _, surrogate in surrogates_of(surrogates, "full"):
+        mean = [quadratic_moments(*surrogate.at_fault(f), 0.25)[0] for f in (-0.5, 0.5)]
+        assert mean[1] - mean[0] == pytest.approx(surrogate.coefficient("f"), abs=1e-12)
+
+
+def test_monte_carlo_agrees_with_the_exact_snr_within_its_own_error(table):
+    z = (table["snr"] - table["snr_exact"]) / table["snr_stderr"]
+    assert stats.kstest(z, "norm").pvalue > 1e-3
+    assert np.abs(z).max() < 4.5
+
+
+def test_the_monte_carlo_error_is_as_large_as_it_says(surrogates):
+    _, surrogate = next(surrogates_of(surrogates, "full"))
+    runs = [monte_carlo_snr(surrogate, generator_for(1, k), 500) for k in range(400)]
+    values, errors = np.array(runs).T
+    assert np.std(values) == pytest.approx(np.mean(errors), rel=0.12)
+
+
+def test_the_error_holds_for_a_skewed_output_too():
+    # y = 0.2 f + w^2: chi-square, where the covariance of mean and deviation matters
+    surrogate = Surrogate(("1", "f", "w1", "w1^2"), np.array([0.0, 0.2, 0.0, 1.0]), np.zeros((4, 4)), 0.0, 9)
+    exact = exact_snr(surrogate.theta, surrogate.terms)
+    runs = [monte_carlo_snr(surrogate, generator_for(1, k), 2000) for k in range(300)]
+    values, errors = np.array(runs).T
+    assert np.mean(values) == pytest.approx(float(exact), abs=0.02)
+    assert np.std(values) == pytest.approx(np.mean(errors), rel=0.15)
+
+
+def test_exact_snr_by_hand():
+    # y = 2 f + 3 w: change 2, deviation 0.75
+    assert exact_snr([1.0, 2.0, 3.0], ("1", "f", "w1")) == pytest.approx(2 / 0.75)
+    many = exact_snr([[1.0, 2.0, 3.0], [1.0, 4.0, 3.0]], ("1", "f", "w1"))
+    np.testing.assert_allclose(many, [2 / 0.75, 4 / 0.75])
+
+
+def test_ratio_is_explicit_about_zero():
+    np.testing.assert_array_equal(
+        ratio([0.0, 1.0, -1.0, 3.0], [0.0, 0.0, 0.0, 2.0]), [np.nan, np.inf, -np.inf, 1.5]
+    )
+
+
+def test_each_cell_has_its_own_stream_whatever_else_is_computed(surrogates, table):
+    part = snr_table(surrogates[surrogates["robot"] == "large"], seed=0, runs=20_000)
+    expected = table[table["robot"] == "large"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(part, expected)
+    other = snr_table(surrogates[surrogates["robot"] == "large"], seed=1, runs=20_000)
+    assert np.all(other["snr"] != part["snr"])
+    assert list(table.columns[:7]) == ["robot", "cycle", "axis", "fda", "model", "snr", "snr_exact"]
+
+
+def test_the_interval_holds_the_true_snr(quantities):
+    from wearscope.designs.bases import model_matrix, model_terms
+    from wearscope.designs.factors import PAPER_FACTORS
+    from wearscope.designs.kinds import make_design
+    from wearscope.surrogates.fitting import fit_surrogate
+    from wearscope.surrogates.planted import PAPER_OPTIONS
+
+    names = [factor.name for factor in PAPER_FACTORS]
+    z = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)[names].to_numpy()
+    terms = model_terms("full", names)
+    rng = np.random.default_rng(8)
+    theta = np.r_[3.0, 1.0, rng.normal(0, 0.3, 26)]
+    truth = float(exact_snr(theta, terms))
+    inside = 0
+    for k in range(100):
+        surrogate = fit_surrogate(
+            z, model_matrix(z, names, terms) @ theta + 0.3 * rng.standard_normal(45), names, "full"
+        )
+        low, high = parametric_interval(surrogate, generator_for(0, k), 400)
+        inside += low <= truth <= high
+    assert 88 <= inside <= 100
+
+
+def test_constant_and_falling_detectors_are_reported(odd):
+    table = snr_table(odd, runs=1000).groupby("fda")
+    assert {fda: set(rows["status"]) for fda, rows in table} == {
+        "A": {"ok"},
+        "B": {"decreasing"},
+        "C": {"constant"},
+    }
+    constant, falling = table.get_group("C"), table.get_group("B")
+    assert constant[["snr", "snr_exact", "snr_low", "snr_high"]].isna().all().all()
+    assert np.all(falling["snr"] < 0) and np.all(falling["snr_exact"] < 0)
+
+
+def ranked(shift, spread=1.0, cells=24):
+    rng = np.random.default_rng(0)
+    rows = []
+    for k in range(cells):
+        common = rng.normal()
+        for fda, level in shift.items():
+            rows.append(
+                {
+                    "robot": "m",
+                    "cycle": str(k),
+                    "axis": 1,
+                    "fda": fda,
+                    "snr": level + common + spread * rng.normal(),
+                }
+            )
+    return rank_by_median(pd.DataFrame(rows), "snr", seed=0).set_index("fda")
+
+
+def test_planted_ranks_are_found_and_ties_are_stated():
+    table = ranked({"A": 0.0, "B": 5.0, "C": 0.02}, spread=0.5)
+    assert table.index[0] == "B"
+    assert (table.loc["B", "rank_low"], table.loc["B", "rank_high"]) == (1, 1)
+    assert table.loc["B", "tied_with"] == ""
+    assert table.loc["A", "tied_with"] == "C" and table.loc["C", "tied_with"] == "A"
+    assert (table.loc["A", "rank_low"], table.loc["A", "rank_high"]) == (2, 3)
+    assert np.all((table["median_low"] <= table["median"]) & (table["median"] <= table["median_high"]))
+
+
+def test_a_group_without_values_ranks_last(table):
+    holed = table.copy()
+    holed.loc[holed["fda"] == "B", "snr_exact"] = np.nan
+    ranking = rank_by_median(holed, seed=0)
+    assert ranking["fda"].iloc[-1] == "B"
+    assert (ranking["n"].iloc[-1], ranking["n_nan"].iloc[-1]) == (0, 12)
+    assert np.isnan(ranking["median"].iloc[-1])
+    with pytest.raises(InputError, match="group by some, not all"):
+        rank_by_median(table, by=[])
+
+
+def test_boxes_and_ranking_group_over_any_subset(table):
+    boxes = snr_boxes(table, ["robot", "fda"])
+    assert len(boxes) == 6 and (boxes["n"] == 6).all()
+    assert len(rank_by_median(table, by=["robot", "fda"], draws=50)) == 6
+    overall = snr_boxes(table, [])
+    assert overall["median"].item() == pytest.approx(table["snr"].median())
+
+
+def test_bad_settings_get_one_sentence(surrogates):
+    with pytest.raises(InputError, match="runs 1 and sigma"):
+        snr_table(surrogates, runs=1)
