@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
@@ -105,24 +105,34 @@ class MotionPlan:
         target = np.asarray(posture, dtype=float)
         if np.array_equal(target, self.posture):
             return
-        order = InputParameter(self.n)
-        order.current_position = self.posture.tolist()
-        order.target_position = target.tolist()
-        order.max_velocity = top.tolist()
-        order.max_acceleration = (acceleration * self.acceleration).tolist()
-        order.max_jerk = (acceleration * self.jerk).tolist()
-        trajectory = Trajectory(self.n)
-        result = Ruckig(self.n).calculate(order, trajectory)
-        if result not in (Result.Working, Result.Finished):
-            raise InputError(
-                f"robot '{self.model.name}': no motion to {target.round(3)} was found ({result})."
-            )
+        trajectory = self._plan(target, top, acceleration)
 
         def follow(times: Array) -> tuple[Array, Array, Array]:
             samples = np.array([trajectory.at_time(time) for time in times.tolist()])
             return samples[:, 0], samples[:, 1], samples[:, 2]
 
         self.run(trajectory.duration, follow, target)
+
+    def _plan(self, target: Array, top: Array, acceleration: float) -> Trajectory:
+        order = InputParameter(self.n)
+        order.current_position = self.posture.tolist()
+        order.target_position = target.tolist()
+        order.max_velocity = top.tolist()
+        # Ruckig finds no profile for a distance at which a limit is reached in one point only; a slightly
+        # lower limit moves that point away.
+        for share in (1.0, 0.99, 0.97):
+            order.max_acceleration = (share * acceleration * self.acceleration).tolist()
+            order.max_jerk = (acceleration * self.jerk).tolist()
+            trajectory = Trajectory(self.n)
+            try:
+                if Ruckig(self.n).calculate(order, trajectory) in (Result.Working, Result.Finished):
+                    return trajectory
+            except RuckigError:
+                continue
+        raise InputError(
+            f"robot '{self.model.name}': no motion from {self.posture.round(3)} to {target.round(3)} found; "
+            "change its home posture or its limits a little."
+        )
 
     def run(self, duration: float, motion: Motion, end: ArrayLike) -> None:
         """Dwell, then follow a motion from rest at the present posture to rest at `end` (n,)."""

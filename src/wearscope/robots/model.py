@@ -59,6 +59,7 @@ class RobotModel(Section):
 
     _urdf_text: str = PrivateAttr(default="")
     _kinds: list[str] = PrivateAttr(default_factory=list)
+    _urdf_limits: tuple[list[float], list[float]] = PrivateAttr(default=([], []))
 
     @property
     def urdf_text(self) -> str:
@@ -111,10 +112,8 @@ class RobotModel(Section):
     @property
     def position_limits(self) -> tuple[Array, Array]:
         """Lower and upper position limits (n,), infinite where there are none."""
-        joints = {joint.name: joint for joint in parse_urdf(self._urdf_text).joints}
-        lower = [joints[name].lower for name in self.joints] if self.lower is None else self.lower
-        upper = [joints[name].upper for name in self.joints] if self.upper is None else self.upper
-        low, high = np.array(lower), np.array(upper)
+        low = np.array(self._urdf_limits[0] if self.lower is None else self.lower)
+        high = np.array(self._urdf_limits[1] if self.upper is None else self.upper)
         return np.where(low <= -OPEN_LIMIT, -np.inf, low), np.where(high >= OPEN_LIMIT, np.inf, high)
 
     @property
@@ -195,8 +194,10 @@ def make_model(
         raise InputError(f"{where}: joints: a joint is named twice; name each once.")
     _check_lists(model, where)
     model._urdf_text = normalise_urdf(urdf, model.joints, strict)
-    kinds = {joint.name: joint.kind for joint in parse_urdf(model._urdf_text).joints}
-    model._kinds = [kinds[name] for name in model.joints]
+    found = {joint.name: joint for joint in parse_urdf(model._urdf_text).joints}
+    ordered = [found[name] for name in model.joints]
+    model._kinds = [joint.kind for joint in ordered]
+    model._urdf_limits = [joint.lower for joint in ordered], [joint.upper for joint in ordered]
     _check_references(model, where)
     return model
 
@@ -271,6 +272,26 @@ def check_effects(model: RobotModel) -> None:
     for k, entry in enumerate(model.effects):
         effect = plugins.load(entry.effect, "effects", "EFFECT")
         effect.check_values(entry.parameters, f"{model.name}: effects[{k}] at joint '{entry.joint}'")
+
+
+def check_temperature(model: RobotModel, temperature: float) -> None:
+    """Refuse a temperature [deg C] at which a joint's eq. (17) has no positive Stribeck speed eta3 + eta4 T.
+
+    Raises
+    ------
+    InputError
+        Naming the joint and the temperature from which the law holds.
+    """
+    for entry in model.effects:
+        eta3, eta4 = (entry.parameters.get(key, 0.0) for key in ("eta3", "eta4"))
+        speed = eta3 + eta4 * temperature
+        if entry.effect != "friction_wear_temperature" or speed > 0.0:
+            continue
+        remedy = f"choose a temperature above {-eta3 / eta4:.4g}" if eta4 > 0.0 else "correct eta3 and eta4"
+        raise InputError(
+            f"{model.name}: temperature {temperature:g} deg C is outside the friction law of joint "
+            f"'{entry.joint}', whose Stribeck speed eta3 + eta4 T is {speed:.4g} there; {remedy}."
+        )
 
 
 def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> Path:

@@ -1,0 +1,178 @@
+"""Model files: read, written, refused."""
+
+import math
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from wearscope.errors import InputError
+from wearscope.robots.model import (
+    check_effects,
+    check_temperature,
+    load_model,
+    make_model,
+    save_model,
+)
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+URDF = """<robot name="gantry">
+  <link name="base"/>
+  <link name="bridge"><inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
+    <limit lower="0.2" upper="0.8" effort="400" velocity="1"/></joint>
+  <link name="head"><inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial></link>
+  <joint name="c" type="continuous"><parent link="bridge"/><child link="head"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+FIELDS = {"name": "gantry", "urdf": "gantry.urdf", "joints": ["x", "c"]}
+
+
+@pytest.mark.parametrize("name", ["medium", "large"])
+def test_round_trip_is_exact(name, tmp_path):
+    model = load_model(name, ROBOTS)
+    urdf = save_model(model, tmp_path / "model_after.yaml")
+    assert urdf == tmp_path / "model_after.urdf"
+    again = load_model(tmp_path / "model_after.yaml")
+    assert again.urdf_text == model.urdf_text
+    assert {**again.to_mapping(), "urdf": ""} == {**model.to_mapping(), "urdf": ""}
+    save_model(again, tmp_path / "twice" / "model_after.yaml")
+    for file in ("model_after.yaml", "model_after.urdf"):
+        assert (tmp_path / file).read_bytes() == (tmp_path / "twice" / file).read_bytes()
+
+
+def test_a_changed_model_round_trips_to_the_last_bit(tmp_path):
+    model = make_model(FIELDS, URDF)
+    effects = [
+        {"joint": "x", "effect": "coulomb", "parameters": {"level": 1.0 / 3.0}, "source": "fitted: 1e-06 ± x"}
+    ]
+    changed = model.replace(effects=effects, payload={"mass": 0.1 + 0.2, "com": [1e-17, 0.0, -1e300]})
+    save_model(changed, tmp_path / "m.yaml")
+    again = load_model(tmp_path / "m.yaml")
+    assert again.effects == changed.effects
+    assert again.payload == changed.payload
+    assert model.effects == []
+
+
+def test_found_by_file_folder_or_name(tmp_path):
+    shutil.copytree(ROBOTS / "medium", tmp_path / "mine")
+    for reference, folder in (
+        (tmp_path / "mine" / "model.yaml", None),
+        (tmp_path / "mine", None),
+        (str(tmp_path / "mine"), ROBOTS),
+        ("mine", tmp_path),
+    ):
+        assert load_model(reference, folder).name == "medium"
+
+
+def test_defaults_of_a_bare_robot():
+    model = make_model(FIELDS, URDF)
+    assert model.position_units == ["m", "rad"] and model.torque_units == ["N", "N m"]
+    np.testing.assert_array_equal(model.gear_ratio, [1, 1])
+    np.testing.assert_array_equal(model.rotor_inertia, [0, 0])
+    assert np.all(np.isinf(model.torque_limit))
+    lower, upper = model.position_limits
+    np.testing.assert_array_equal(lower, [0.2, -np.inf])
+    np.testing.assert_array_equal(upper, [0.8, np.inf])
+    np.testing.assert_allclose(model.home_posture, [0.5, 0.0])
+    assert model.wear_joints == ["x", "c"]
+    assert model.declared_payload is None and model.rigid_body().n == 2
+    with pytest.raises(InputError, match=r"gantry: drive\.speed_limit is missing"):
+        model.motion_limits()
+
+
+def test_pickles():
+    model = load_model("medium", ROBOTS)
+    copy = pickle.loads(pickle.dumps(model))
+    assert copy.urdf_text == model.urdf_text and copy.drive == model.drive
+    np.testing.assert_array_equal(copy.position_limits, model.position_limits)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"gear": 3}, "gear: there is no such key"),
+        ({"drive": {"gear_ration": [1, 1]}}, "drive.gear_ration: there is no such key"),
+        ({"drive": {"gear_ratio": [1]}}, "drive.gear_ratio has 1 values for 2 joints"),
+        ({"drive": {"gear_ratio": [1, 0]}}, "drive.gear_ratio holds a 0"),
+        ({"drive": {"torque_limit": [1, -1]}}, "drive.torque_limit[1]: input should be greater than 0"),
+        ({"drive": {"rotor_inertia": [0, math.nan]}}, "drive.rotor_inertia[1]: input should be"),
+        ({"sensors": {"torque_noise": [1, 2, 3]}}, "sensors.torque_noise has 3 values"),
+        ({"sensors": {"sample_rate": 0}}, "sensors.sample_rate: input should be greater than 0"),
+        ({"controller": {"bandwidth_hz": [1.0]}}, "controller.bandwidth_hz has 1 values"),
+        ({"payload": {"mass": math.nan}}, "payload.mass: input should be"),
+        ({"payload": {"mass": 1, "com": [0, 0]}}, "payload.com: list should have at least 3 items"),
+        ({"payload": {"com": [0, 0, 0]}}, "payload.mass: is missing; add it."),
+        ({"gravity": [0, -9.81]}, "gravity: list should have at least 3 items"),
+        ({"home": [0.9, 0]}, "home of joint 'x' is 0.9, outside its limits 0.2 to 0.8"),
+        ({"lower": [0.9, 0]}, "joint 'x' has no room"),
+        ({"home": [math.inf, 0]}, "home[0]: input should be a finite number"),
+        ({"wear_axes": ["y"]}, "wear_axes: there is no joint 'y'; choose one of x, c"),
+        ({"effects": [{"joint": "y", "effect": "coulomb"}]}, "effects[0].joint: there is no joint 'y'"),
+        ({"effects": [{"joint": "x"}]}, "effects[0].effect: is missing"),
+        (
+            {"effects": [{"joint": "x", "effect": "coulomb", "parameters": {"level": math.nan}}]},
+            "effects[0].parameters.level: input should be a finite number",
+        ),
+        ({"joints": ["x", "z"]}, "has no joint 'z'"),
+        ({"joints": ["x", "x"]}, "joints: a joint is named twice"),
+        ({"joints": []}, "joints: list should have at least 1 item"),
+        ({"joints": None}, "joints: input should be a valid list"),
+        ({"name": "a/b"}, "name: string should match"),
+    ],
+)
+def test_breaches_are_named(changes, said):
+    with pytest.raises(InputError) as caught:
+        make_model({**FIELDS, **changes}, URDF, "file.yaml")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unusable_files_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"robot 'tiny': no such model file.*\(there: large, medium\)"):
+        load_model("tiny", ROBOTS)
+    path = tmp_path / "model.yaml"
+    for content, said in (
+        ("name: [", "is not readable YAML"),
+        ("- 1", "holds no mapping"),
+        ("name: x", "urdf: is missing"),
+        (yaml.safe_dump(FIELDS), "gantry.urdf: cannot be read"),
+    ):
+        path.write_text(content)
+        with pytest.raises(InputError) as caught:
+            load_model(path)
+        assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_urdf_without_inertia_is_refused(tmp_path):
+    shutil.copytree(ROBOTS / "medium", tmp_path / "mine")
+    path = tmp_path / "mine" / "robot.urdf"
+    text = path.read_text()
+    start, end = (
+        text.index("<inertial>", text.index("link_3")),
+        text.index("</inertial>", text.index("link_3")),
+    )
+    path.write_text(text[:start] + text[end + len("</inertial>") :])
+    with pytest.raises(InputError, match=r"robot\.urdf: link 'link_3' moves but has no mass"):
+        load_model(tmp_path / "mine")
+
+
+def test_effects_are_checked_against_the_vocabulary():
+    model = make_model(FIELDS, URDF)
+    good = {"joint": "x", "effect": "coulomb", "parameters": {"level": 3.0}}
+    check_effects(model.replace(effects=[good]))
+    for wrong, said in (
+        ({**good, "effect": "columb"}, "there is no 'columb'"),
+        ({**good, "parameters": {"lvl": 3.0}}, r"gantry: effects\[1\] at joint 'x'.*no parameter 'lvl'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            check_effects(model.replace(effects=[good, wrong]))
+
+
+def test_temperatures_outside_the_friction_law_are_refused():
+    model = load_model("medium", ROBOTS)
+    check_temperature(model, 26.0)
+    with pytest.raises(InputError, match=r"joint 'axis_1'.*choose a temperature above 25\.32"):
+        check_temperature(model, 25.0)

@@ -1,0 +1,360 @@
+"""URDF intake: physics kept, engines agree, every refusal says what to mend."""
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pybullet
+import pytest
+
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.spatial import (
+    Inertia,
+    diagonalise_tensor,
+    matrix_to_rpy,
+    rpy_to_matrix,
+)
+from wearscope.robots.urdf import normalise_tree, normalise_urdf
+from wearscope.robots.urdf_file import parse_urdf
+
+# As a maker publishes it: meshes that are not there, a massless flange, fixed links in the middle and at the
+# end, rotated inertial frames with full tensors, a gripper that mimics, a continuous joint, a slide.
+RICH = """<?xml version="1.0"?>
+<!-- comment -->
+<robot name="rich">
+  <material name="grey"><color rgba="1 1 1 1"/></material>
+  <link name="world"/>
+  <link name="plinth">
+    <inertial><mass value="300"/>
+      <inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="bolt" type="fixed">
+    <origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.3"/>
+    <parent link="world"/>
+    <child link="plinth"/></joint>
+  <joint name="turn" type="continuous">
+    <origin xyz="0 0 0.4" rpy="0 1.5707963267948966 0.2"/>
+    <parent link="plinth"/>
+    <child link="tower"/>
+    <axis xyz="1 2 2"/>
+  </joint>
+  <link name="tower">
+    <visual><geometry><mesh filename="package://nowhere/tower.stl"/></geometry></visual>
+    <collision><geometry><mesh filename="package://nowhere/tower.stl"/></geometry></collision>
+    <inertial><origin xyz="0.1 -0.05 0.2" rpy="0.3 -0.7 1.1"/><mass value="40"/>
+      <inertia ixx="1.5" iyy="2.0" izz="1.2" ixy="0.2" ixz="-0.1" iyz="0.15"/></inertial>
+  </link>
+  <joint name="motor_mount" type="fixed">
+    <origin xyz="0.2 0.1 0" rpy="0.4 0 0.9"/>
+    <parent link="tower"/>
+    <child link="motor"/></joint>
+  <link name="motor">
+    <inertial><origin xyz="0 0 0.05"/><mass value="12"/>
+      <inertia ixx="0.1" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="lift" type="prismatic">
+    <origin xyz="0.5 0 0" rpy="0 0.5 0"/>
+    <parent link="motor"/>
+    <child link="carriage"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-0.2" upper="0.6" effort="900" velocity="0.8"/></joint>
+  <link name="carriage">
+    <inertial><origin xyz="0 0.1 0" rpy="0 0 0.6"/><mass value="8"/>
+      <inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.01" ixz="0.02" iyz="-0.03"/></inertial></link>
+  <joint name="swing" type="revolute">
+    <origin xyz="0 0.3 0" rpy="-1.2 0 0"/>
+    <parent link="carriage"/>
+    <child link="forearm"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="300" velocity="3"/><dynamics damping="5" friction="2"/></joint>
+  <link name="forearm">
+    <inertial><origin xyz="0.2 0 0.1" rpy="1 2 3"/><mass value="6"/>
+      <inertia ixx="0.05" iyy="0.12" izz="0.11" ixy="0.005" ixz="0.002" iyz="0.003"/></inertial></link>
+  <joint name="flange_joint" type="fixed">
+    <origin xyz="0.4 0 0"/>
+    <parent link="forearm"/>
+    <child link="flange"/></joint>
+  <link name="flange"/>
+  <joint name="finger_joint" type="prismatic">
+    <origin xyz="0.05 0.02 0" rpy="0.2 0.1 0"/>
+    <parent link="flange"/>
+    <child link="finger"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="10" velocity="1"/></joint>
+  <link name="finger">
+    <inertial><origin xyz="0.02 0 0"/><mass value="0.3"/>
+      <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="thumb_joint" type="prismatic">
+    <parent link="flange"/>
+    <child link="thumb"/>
+    <axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.04" effort="10" velocity="1"/><mimic joint="finger_joint"/></joint>
+  <link name="thumb">
+    <inertial><mass value="0.3"/>
+      <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="t"><type>x</type></transmission>
+</robot>
+"""
+JOINTS = ["turn", "lift", "swing"]
+
+
+def pinocchio_torque(q, v, a):
+    """Inverse dynamics of RICH as it is, in Pinocchio's own reading (q of a continuous joint is cos, sin)."""
+    model = pin.buildModelFromXML(RICH)
+    at = {name: model.joints[model.getJointId(name)] for name in model.names}
+    torque = np.empty_like(q)
+    for row in range(len(q)):
+        full_q, full_v, full_a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        full_q[at["turn"].idx_q : at["turn"].idx_q + 2] = np.cos(q[row, 0]), np.sin(q[row, 0])
+        for k, name in enumerate(JOINTS):
+            if name != "turn":
+                full_q[at[name].idx_q] = q[row, k]
+            full_v[at[name].idx_v], full_a[at[name].idx_v] = v[row, k], a[row, k]
+        tau = pin.rnea(model, model.createData(), full_q, full_v, full_a)
+        torque[row] = [tau[at[name].idx_v] for name in JOINTS]
+    return torque
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return np.random.default_rng(1).normal(size=(3, 20, 3)) * np.array([1.0, 0.2, 1.0])
+
+
+def test_lumping_keeps_the_torque(motion):
+    body = RigidBody(normalise_urdf(RICH, JOINTS), JOINTS)
+    np.testing.assert_allclose(
+        body.inverse_dynamics(*motion), pinocchio_torque(*motion), rtol=1e-12, atol=1e-10
+    )
+
+
+def test_lumping_keeps_mass_and_centre():
+    tree, notes = normalise_tree(RICH, JOINTS)
+    forearm = tree.links["forearm"].inertia()
+    parts = [(6.0, None), (0.3, (0.45, 0.02, 0)), (0.3, (0.4, 0, 0))]
+    assert forearm.mass == pytest.approx(sum(mass for mass, _ in parts), rel=1e-15)
+    finger = np.array([0.45, 0.02, 0.0]) + rpy_to_matrix((0.2, 0.1, 0.0)) @ [0.02, 0, 0]
+    centre = (6.0 * np.array([0.2, 0, 0.1]) + 0.3 * finger + 0.3 * np.array([0.4, 0, 0])) / 6.6
+    np.testing.assert_allclose(forearm.com, centre, atol=1e-15)
+    assert notes == []
+
+
+def test_result_is_plain():
+    text = normalise_urdf(RICH, JOINTS)
+    tree = parse_urdf(text)
+    assert [joint.name for joint in tree.joints] == JOINTS
+    assert list(tree.links) == ["world", "tower", "carriage", "forearm"]
+    assert "mesh" not in text and "mimic" not in text and "continuous" not in text
+    for name in ("tower", "carriage", "forearm"):
+        assert not np.any(tree.links[name].tensor - np.diag(np.diag(tree.links[name].tensor)))
+    lift, swing = tree.joints[1:]
+    assert (lift.lower, lift.upper, lift.effort, lift.velocity) == (-0.2, 0.6, 900.0, 0.8)
+    assert (swing.lower, swing.upper) == (-2.0, 2.0)
+    assert tree.joints[0].lower <= -1e6 and tree.joints[0].upper >= 1e6
+
+
+def test_normalising_twice_changes_nothing():
+    once = normalise_urdf(RICH, JOINTS)
+    assert normalise_urdf(once, JOINTS) == once
+    assert normalise_urdf(once) == once
+
+
+def test_reads_a_file(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(RICH)
+    assert normalise_urdf(path, JOINTS) == normalise_urdf(RICH, JOINTS)
+
+
+def test_pybullet_moves_as_pinocchio_says(tmp_path, motion):
+    body = RigidBody(normalise_urdf(RICH, JOINTS), JOINTS)
+    path = tmp_path / "robot.urdf"
+    path.write_text(body.urdf_text())
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        robot = pybullet.loadURDF(
+            str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+        )
+        pybullet.setGravity(0, 0, -9.81, physicsClientId=client)
+        pybullet.setTimeStep(1e-3, physicsClientId=client)
+        q, v, a = (x[0] for x in motion)
+        for k in range(3):
+            pybullet.changeDynamics(
+                robot, k, linearDamping=0, angularDamping=0, maxJointVelocity=1e6, physicsClientId=client
+            )
+            pybullet.resetJointState(robot, k, q[k], v[k], physicsClientId=client)
+            pybullet.setJointMotorControl2(
+                robot, k, pybullet.VELOCITY_CONTROL, force=0, physicsClientId=client
+            )
+        pybullet.setJointMotorControlArray(
+            robot,
+            range(3),
+            pybullet.TORQUE_CONTROL,
+            forces=body.inverse_dynamics(q, v, a),
+            physicsClientId=client,
+        )
+        pybullet.stepSimulation(physicsClientId=client)
+        after = [pybullet.getJointState(robot, k, physicsClientId=client)[1] for k in range(3)]
+    finally:
+        pybullet.disconnect(client)
+    np.testing.assert_allclose((np.array(after) - v) / 1e-3, a, atol=1e-9)
+
+
+def test_branches_follow_the_callers_order():
+    text = """<robot name="y">
+      <link name="base"/>
+      {links}
+      {joints}
+    </robot>""".format(
+        links="".join(
+            f'<link name="{n}"><inertial><origin xyz="0.1 0.2 0.{k}"/><mass value="{k + 1}"/>'
+            '<inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+            for k, n in enumerate("abc")
+        ),
+        joints="".join(
+            f'<joint name="{n}" type="revolute"><origin xyz="0 0 0.5"/><parent link="{p}"/>'
+            f'<child link="{c}"/>'
+            '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+            for n, p, c in (("trunk", "base", "a"), ("zeta", "a", "b"), ("alpha", "a", "c"))
+        ),
+    )
+    q, v, a = np.random.default_rng(2).normal(size=(3, 4, 3))
+    names = ["trunk", "zeta", "alpha"]
+    torque = RigidBody(normalise_urdf(text, names), names).inverse_dynamics(q, v, a)
+    for order in itertools.permutations(range(3)):
+        renamed = [names[k] for k in order]
+        body = RigidBody(normalise_urdf(text, renamed), renamed)
+        index = list(order)
+        moved = [x[:, index] for x in (q, v, a)]
+        np.testing.assert_allclose(body.inverse_dynamics(*moved), torque[:, index], rtol=1e-12, atol=1e-12)
+        regressor = body.inertial_regressor(*moved)
+        np.testing.assert_allclose(
+            regressor @ body.inertial_parameters, torque[:, index], rtol=1e-10, atol=1e-10
+        )
+        np.testing.assert_allclose(
+            body.mass_matrix(moved[0][0]) @ moved[2][0] + body.bias(moved[0][0], moved[1][0]),
+            torque[0, index],
+            rtol=1e-10,
+            atol=1e-10,
+        )
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.4, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])
+def test_rpy_round_trip(pitch):
+    rotation = rpy_to_matrix((0.7, pitch, -2.1))
+    np.testing.assert_allclose(rpy_to_matrix(matrix_to_rpy(rotation)), rotation, atol=1e-15)
+
+
+def test_principal_frame_is_the_nearest():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        factor = rng.normal(size=(3, 3))
+        tensor = factor @ factor.T
+        moments, axes = diagonalise_tensor(tensor)
+        np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-13)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        assert abs(matrix_to_rpy(axes)[1]) < 1.4
+
+
+def test_parameters_round_trip():
+    inertia = Inertia(3.0, np.array([0.1, -0.2, 0.3]), np.diag([1.0, 2.0, 1.5]) + 0.1)
+    back = Inertia.from_parameters(inertia.to_parameters())
+    assert back.mass == 3.0
+    np.testing.assert_allclose(back.com, inertia.com, atol=1e-15)
+    np.testing.assert_allclose(back.tensor, inertia.tensor, atol=1e-14)
+
+
+SIMPLE = """<robot name="simple">
+  <link name="base"/>
+  <link name="arm">{inertial}</link>
+  <joint name="hinge" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="{lower}" upper="1" effort="1" velocity="1"/></joint>
+</robot>"""
+INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="1" izz="1"/></inertial>'
+
+
+def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
+    text = INERTIAL.format(mass=mass, ixx=ixx) if inertial is None else inertial
+    return SIMPLE.format(inertial=text, kind=kind, lower=lower)
+
+
+@pytest.mark.parametrize(
+    ("text", "joints", "said"),
+    [
+        (simple(inertial=""), ["hinge"], "link 'arm' moves but has no mass; add an <inertial>"),
+        (simple(mass="0"), ["hinge"], "link 'arm' moves but has no mass"),
+        (simple(mass="-1"), ["hinge"], "link 'arm' has the mass -1 kg"),
+        (simple(mass="nan"), ["hinge"], "link 'arm': value=\"nan\" is not 1 finite"),
+        (simple(mass="a lot"), ["hinge"], "link 'arm': value=\"a lot\""),
+        (simple(ixx="3"), ["hinge"], "principal moments 3, 1, 1 kg m^2, which no body"),
+        (simple(ixx="-1"), ["hinge"], "link 'arm' has the principal moments -1"),
+        (
+            simple(inertial='<inertial><mass value="2"/></inertial>'),
+            ["hinge"],
+            "link 'arm' has the principal moments",
+        ),
+        (simple(kind="planar"), ["hinge"], "joint 'hinge' is planar"),
+        (simple(kind="floating"), ["hinge"], "joint 'hinge' is floating"),
+        (simple(kind="floating"), None, "joint 'hinge' is floating"),
+        (simple(kind="wobbly"), ["hinge"], "has the type 'wobbly'"),
+        (simple(lower="2"), ["hinge"], "lower limit 2 above its upper limit 1"),
+        (simple(), ["elbow"], "has no joint 'elbow'; its movable joints are hinge"),
+        (simple(), ["hinge", "hinge"], "named twice"),
+        (simple(), [], "no movable joint"),
+        (simple().replace("0 1 0", "0 0 0"), ["hinge"], "joint 'hinge' has the axis 0 0 0"),
+        (
+            simple().replace('parent link="base"', 'parent link="floor"'),
+            ["hinge"],
+            "link 'floor', which is not",
+        ),
+        (simple().replace('"arm"', '"base"'), ["hinge"], "'base' is empty or used twice"),
+        (
+            simple().replace("</robot>", '<link name="stray"/></robot>'),
+            ["hinge"],
+            "2 links have no parent (base, stray)",
+        ),
+        (simple().replace("</robot>", ""), ["hinge"], "not well-formed XML"),
+        (simple().replace("robot", "model"), ["hinge"], "starts with <model>"),
+        (
+            simple().replace("</robot>", '<x:macro xmlns:x="http://ros.org/wiki/xacro"/></robot>'),
+            ["hinge"],
+            "xacro",
+        ),
+        (RICH, ["thumb_joint"], "joint 'thumb_joint' mimics 'finger_joint'"),
+        (RICH, ["finger_joint"], "joint 'thumb_joint' mimics 'finger_joint'; coupled"),
+        ("/no/such/robot.urdf", None, "/no/such/robot.urdf: cannot be read"),
+    ],
+)
+def test_refusals_say_what_to_mend(text, joints, said):
+    with pytest.raises(InputError) as caught:
+        normalise_urdf(text, joints)
+    assert said in str(caught.value)
+
+
+def test_refusal_names_the_lumped_links():
+    text = RICH.replace('<mass value="6"/>', '<mass value="0.001"/>').replace(
+        'ixx="0.05" iyy', 'ixx="50" iyy'
+    )
+    with pytest.raises(InputError, match=r"link 'forearm' \(with 'flange', 'finger', 'thumb'\)"):
+        normalise_urdf(text, JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (simple(inertial=""), "link 'arm' has no mass"),
+        (simple(ixx="3"), "the nearest one was taken"),
+        (simple(inertial='<inertial><mass value="2"/></inertial>'), "the nearest one was taken"),
+    ],
+)
+def test_leniency_mends_and_says_so(text, note):
+    _, notes = normalise_tree(text, ["hinge"], strict=False)
+    assert len(notes) == 1 and note in notes[0]
+    body = RigidBody(normalise_urdf(text, ["hinge"], strict=False), ["hinge"])
+    assert body.is_physically_consistent()
+    # What was mended is accepted, and left alone, by the strict reading.
+    assert normalise_urdf(body.urdf_text()) == body.urdf_text()
+
+
+def test_rounding_of_the_triangle_inequality_is_mended_silently():
+    tree, notes = normalise_tree(simple(ixx="2.0005"), ["hinge"])
+    moments = np.diag(tree.links["arm"].tensor)
+    assert notes == [] and moments.max() < moments.sum() - moments.max()
+    np.testing.assert_allclose(moments, [2.0005, 1, 1], atol=1e-3)
