@@ -83,10 +83,34 @@ def test_residual_energy_known_answer():
 def test_residual_energy_refuses_short_or_resampled_batches():
     nominal = make_nominal()
     detector = fitted("residual_energy", nominal)
-    with pytest.raises(ValueError, match="1000 samples, the signature 4000"):
+    with pytest.raises(ValueError, match="covers 1000 of the signature's 4000"):
         detector.test_quantity(make_batch(nominal.tau[:1000, 1]))
     with pytest.raises(ValueError, match="sampled at 500 Hz"):
         detector.test_quantity(make_batch(nominal.tau[:, 1], rate=500.0))
+
+
+def make_moves(dwell, moves=6, samples=200):
+    """Moves of one joint with rests of `dwell` samples between them."""
+    phase = 2 * np.pi * (np.arange(samples) + 0.5) / samples
+    speed = np.concatenate([np.concatenate([np.zeros(dwell), 1 - np.cos(phase)]) for _ in range(moves)])
+    speed = np.concatenate([speed, np.zeros(30)])
+    q = np.column_stack([np.zeros_like(speed), np.cumsum(speed) / 250])
+    qd = np.column_stack([np.zeros_like(speed), speed])
+    return Batch(
+        np.arange(len(speed)) / 250, q, qd, np.column_stack([np.zeros_like(speed), 5 * speed**2 + 1])
+    )
+
+
+def test_residual_energy_aligned_by_moves_ignores_dwells():
+    nominal, late = make_moves(12), make_moves(18)
+    assert fitted("residual_energy", nominal).test_quantity(late) > 0.1
+    detector = fitted("residual_energy", nominal, align="moves")
+    assert len(detector.signatures) == 6
+    assert detector.test_quantity(late) == pytest.approx(0, abs=1e-15)
+    late.tau[:, 1] *= 1.1
+    assert detector.test_quantity(late) == pytest.approx(0.01, rel=1e-9)
+    with pytest.raises(ValueError, match="has 5 moves, the nominal data 6"):
+        detector.test_quantity(make_moves(12, moves=5))
 
 
 def test_residual_energy_averages_nominal_batches():

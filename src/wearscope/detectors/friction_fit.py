@@ -12,7 +12,7 @@ from wearscope.detectors.motion import compute_joint_residual
 
 @dataclass
 class FrictionFit:
-    r"""Rise of the mean friction torque, from friction parameters estimated by least squares.
+    r"""Rise of the friction curve, from friction parameters estimated by least squares.
 
     The residual of the tested axis, recorded torque minus inverse dynamics with the declared payload minus
     declared rotor inertia times acceleration, is fitted over the samples in motion by
@@ -20,14 +20,15 @@ class FrictionFit:
     .. math:: r = \beta_c \, s + \beta_l \, s \, e^{-|v| / v_l} + \beta_v \, v + \beta_0, \quad s = sign(v)
 
     (Coulomb, low-speed bump, viscous, offset). The test quantity weighs the change of each friction parameter
-    by the mean of its regressor over the nominal motion,
+    by the mean of its regressor over the speed range 0 to :math:`v_m` of the nominal motion,
 
-    .. math:: y = \sum_k a_k \, \overline{\phi_k(|v|)} \, (\beta_k - \beta_k^{nominal})
+    .. math:: y = \sum_k a_k \, \overline{\phi_k} \, (\beta_k - \beta_k^{nominal})
 
-    so that with :math:`a_k = 1` it is the rise of the mean friction torque along the nominal motion [N m].
-    Wear adds friction at every speed, in eq. (17) of Samuelsson et al. (2014) by its low-speed and viscous
-    terms, which sets the sign. Weighed so, the sum is well determined where the single parameters are
-    collinear. The offset takes the mean load error; load errors that do not follow sign(v) largely cancel.
+    so that with :math:`a_k = 1` it is the mean rise of the estimated friction curve [N m]. Wear adds friction
+    at every speed, in eq. (17) of Samuelsson et al. (2014) by its low-speed and viscous terms, which sets the
+    sign. All speeds count alike, however long the motion dwells on them, because a warmer joint gains
+    low-speed and loses viscous friction: a mean over the motion's own, mostly low, speeds would follow the
+    gain alone. The offset takes the mean load error; load errors that do not follow sign(v) largely cancel.
 
     A stand-in for FDA C of Samuelsson et al. (2014). Least squares on inverse dynamics: Gautier, Khalil,
     Restrepo, Identification of the dynamic parameters of a closed loop robot, ICRA 1995; friction features:
@@ -38,8 +39,8 @@ class FrictionFit:
     weights : sequence of 3 float
         a of the Coulomb, low-speed and viscous parameter.
     low_speed_share, rest_share : float
-        :math:`v_l`, and the speed under which a sample counts as at rest, as shares of the 99 % quantile of
-        the nominal speed magnitude.
+        :math:`v_l`, and the speed under which a sample counts as at rest, as shares of :math:`v_m`, the 99 %
+        quantile of the nominal speed magnitude.
     window : float
         Length of the acceleration filter [s].
     """
@@ -69,8 +70,8 @@ class FrictionFit:
         self.top_speed = float(np.quantile(speed, 0.99))
         if not self.top_speed > 0:
             raise ValueError("the tested axis does not move in the nominal data")
-        moving = speed[speed > self.rest_share * self.top_speed]
-        self.mean_regressors = self.evaluate_regressors(moving)[:, :3].mean(axis=0)
+        share = self.low_speed_share
+        self.mean_regressors = np.array([1.0, share * (1.0 - np.exp(-1.0 / share)), 0.5 * self.top_speed])
         self.nominal = np.mean([self.estimate_parameters(batch) for batch in nominal], axis=0)
 
     def evaluate_regressors(self, speed: Array) -> Array:
@@ -100,7 +101,7 @@ class FrictionFit:
         return (solution / scale)[:3]
 
     def test_quantity(self, batch: Batch) -> float:
-        """Rise of the mean friction torque along the nominal motion [N m]."""
+        """Mean rise of the friction curve over the nominal speed range [N m]."""
         change = self.estimate_parameters(batch) - self.nominal
         return float(np.sum(np.asarray(self.weights) * self.mean_regressors * change))
 

@@ -1,6 +1,7 @@
 """Joint estimate of wear, temperature and payload error under the declared friction law (detector D)."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,7 +55,8 @@ class WearTemperatureFit:
     estimate_payload : bool
         Whether :math:`\mu` is estimated.
     start_temperature : float
-        Where the search starts [deg C].
+        Where the search starts [deg C]. It starts anew where wear and temperature have traded the speeds of
+        their low-speed terms, the one local minimum that eq. (17) invites; the better fit is taken.
     temperature_limit : float
         Highest temperature searched [deg C]; the lowest is where the declared Stribeck speed falls to 1 % of
         its value at `start_temperature`, or `start_temperature` less 100.
@@ -73,6 +75,7 @@ class WearTemperatureFit:
     max_iterations: int = 60
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
+    law: dict[str, float] = field(default_factory=dict, init=False, repr=False)
     rest_speed: float = field(default=0.0, init=False)
     lowest: float = field(default=0.0, init=False)
     nominal_wear: float = field(default=0.0, init=False)
@@ -95,7 +98,8 @@ class WearTemperatureFit:
         laws = [entry.parameters for entry in entries if entry.effect == FRICTION_LAW]
         if len(laws) != 1:
             raise ValueError(f"the model declares {len(laws)} effects {FRICTION_LAW} at {joint}, 1 is needed")
-        self.lowest = self._lowest_temperature(laws[0])
+        self.law = dict(laws[0])
+        self.lowest = self._lowest_temperature()
         self.varying, self.steady = [], []
         for entry in entries:
             effect = load_effect(entry.effect)
@@ -111,8 +115,8 @@ class WearTemperatureFit:
             raise ValueError("the tested axis does not move in the nominal data")
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
-    def _lowest_temperature(self, law: dict[str, float]) -> float:
-        start, slope = law.get("eta3", 0.0), law.get("eta4", 0.0)
+    def _lowest_temperature(self) -> float:
+        start, slope = self.law.get("eta3", 0.0), self.law.get("eta4", 0.0)
         at_start = start + slope * self.start_temperature
         if not at_start > 0:
             raise ValueError(
@@ -152,8 +156,24 @@ class WearTemperatureFit:
         def friction(x: Array) -> Array:
             return table.interpolate(self._evaluate_friction(table.nodes, x))
 
-        wear, temperature = self._minimise(residual[moving], friction, project)
-        return float(wear), float(temperature)
+        task = (residual[moving], friction, project)
+        x, cost = self._minimise(np.array([1.0, self.start_temperature]), *task)
+        traded = self._trade_speeds(x)
+        if traded is not None:
+            with suppress(ValueError):  # where this search finds nothing, the first one holds
+                other, other_cost = self._minimise(traded, *task)
+                if other_cost < cost:
+                    x = other
+        return float(x[0]), float(x[1])
+
+    def _trade_speeds(self, x: Array) -> Array | None:
+        """Wear and temperature whose low-speed terms have each other's speeds, None without such terms."""
+        start, slope, wear_slope = (self.law.get(name, 0.0) for name in ("eta3", "eta4", "eta8"))
+        if slope <= 0 or wear_slope <= 0 or x[0] <= 0:
+            return None
+        temperature = (wear_slope * x[0] - start) / slope
+        wear = (start + slope * x[1]) / wear_slope
+        return np.array([wear, np.clip(temperature, self.lowest, self.temperature_limit)])
 
     def _make_signals(self, batch: Batch) -> Signals:
         unknown = np.zeros_like(batch.q)
@@ -182,11 +202,18 @@ class WearTemperatureFit:
         return unworn + np.sign(x[:, :1]) * (worn - unworn)
 
     def _minimise(
-        self, residual: Array, friction: Callable[[Array], Array], project: Callable[[Array], Array]
-    ) -> Array:
-        """Damped Gauss-Newton on f and T with difference quotients; T is kept in its range."""
+        self,
+        start: Array,
+        residual: Array,
+        friction: Callable[[Array], Array],
+        project: Callable[[Array], Array],
+    ) -> tuple[Array, float]:
+        """Damped Gauss-Newton on f and T (2,) with difference quotients; T is kept in its range.
+
+        Returns the place and the sum of squares there.
+        """
         low, high = np.array([-np.inf, self.lowest]), np.array([np.inf, self.temperature_limit])
-        x = np.array([1.0, self.start_temperature])
+        x = start
         misfit = project(residual - friction(x[None])[0])
         cost, damping = float(misfit @ misfit), 1e-3
         for _ in range(self.max_iterations):
@@ -215,7 +242,7 @@ class WearTemperatureFit:
                     break
                 damping *= 10
             if np.all(np.abs(moved) < TOLERANCE):
-                return x
+                return x, cost
         raise ValueError(f"no wear and temperature found in {self.max_iterations} iterations")
 
     def test_quantity(self, batch: Batch) -> float:
