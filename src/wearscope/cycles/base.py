@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope import plugins
-from wearscope.effects.base import Signals, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
@@ -85,6 +84,9 @@ def required_torque(
     payload_factor : float
         True over declared payload mass.
     """
+    # Imported here: effects bring numba, which whoever only plans a motion need not wait for.
+    from wearscope.effects.base import Signals, load_effect
+
     payload = model.declared_payload
     body = model.rigid_body(None if payload is None else payload.scaled(payload_factor))
     load = body.inverse_dynamics(reference.q, reference.v, reference.a)
