@@ -1,4 +1,4 @@
-"""Three plain readers of the same folders: largest correlation, stepwise BIC, fit everything; to be beaten."""
+"""Three plain readers of the same folders, to beat: largest correlation, stepwise BIC, fit everything."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -83,9 +83,9 @@ def summarise(rows: pd.DataFrame) -> dict[str, Any]:
     dict
         By method: `named` (shares right at the first place by size, among separable single effects: strict,
         and with equivalent answers), `named_all` (the same over all), `wrong_name` (planted cases with any
-        entry that nothing planted accounts for), `false_attribution` (nulls with a non-empty verdict; `..._named` counts
-        named effects only; by noise), `outside_unknown`, `coverage`, `parameter_error` (median absolute),
-        `gap_closure` (quartiles), `pairs` (both found, at least one), `errors`.
+        entry that nothing planted accounts for), `false_attribution` (nulls with a non-empty verdict;
+        `..._named` counts named effects only; by noise), `outside_unknown`, `coverage`, `parameter_error`
+        (absolute, quartiles), `gap_closure` (quartiles), `pairs` (both found, at least one), `errors`.
     """
     result: dict[str, Any] = {}
     for method, frame in rows.groupby("method", sort=True):
