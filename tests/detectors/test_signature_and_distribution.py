@@ -101,16 +101,16 @@ def make_moves(dwell, moves=6, samples=200):
     )
 
 
-def test_residual_energy_aligned_by_moves_ignores_dwells():
+def test_residual_energy_aligned_by_path_ignores_delays_at_rest():
     nominal, late = make_moves(12), make_moves(18)
     assert fitted("residual_energy", nominal).test_quantity(late) > 0.1
-    detector = fitted("residual_energy", nominal, align="moves")
-    assert len(detector.signatures) == 6
+    detector = fitted("residual_energy", nominal, align="path")
     assert detector.test_quantity(late) == pytest.approx(0, abs=1e-15)
     late.tau[:, 1] *= 1.1
     assert detector.test_quantity(late) == pytest.approx(0.01, rel=1e-9)
-    with pytest.raises(ValueError, match="has 5 moves, the nominal data 6"):
-        detector.test_quantity(make_moves(12, moves=5))
+    late.qd[:] = 0
+    with pytest.raises(ValueError, match="no joint moves"):
+        detector.test_quantity(late)
 
 
 def test_residual_energy_averages_nominal_batches():

@@ -15,88 +15,84 @@ class ResidualEnergy:
 
     .. math:: y = \sum_k (\tau_k - \bar\tau_k)^2 / \sum_k \bar\tau_k^2
 
-    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired by index over
-    those that both have: from the start of the recording, so that every delay of the motion counts as a
-    residual, or move by move, so that only what is left within the moves counts. Zero for the nominal batch
-    itself, near-quadratic around it.
+    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired by index from
+    the start of the recording, over those that both have, so that every delay of the motion counts as a
+    residual; or by the path that the joints have covered, over those in motion, so that a delay at rest does
+    not. Zero for the nominal batch itself, near-quadratic around it.
 
     A stand-in for FDA A of Samuelsson et al. (2014), which is confidential: parity of measured and expected
     torque, e.g. Isermann, Fault-Diagnosis Systems, Springer 2006, ch. 10.
 
     Parameters
     ----------
-    align : {"start", "moves"}
-        Whether samples are paired from the start of the recording or of each move. Moves are the stretches
-        between rests of all joints; their number must be that of the nominal batches.
+    align : {"start", "path"}
+        How samples are paired. The path is the sum of all joints' motion, each in units of its highest
+        nominal speed, as a share of its length over the whole batch.
     rest_share : float
-        Speed under which a joint counts as at rest, as share of its highest nominal speed.
+        For ``path``: speed under which a joint counts as at rest, as share of its highest nominal speed.
     min_overlap : float
-        Smallest share of the signature that a batch must cover; a shorter batch raises ValueError.
+        For ``start``: smallest share of the signature that a batch must cover; a shorter one raises
+        ValueError.
     """
 
     align: str = "start"
     rest_share: float = 0.01
     min_overlap: float = 0.5
     axis: int = field(default=0, init=False)
-    signatures: list[Array] = field(default_factory=list, init=False, repr=False)
-    rest_speed: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    signature: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    path: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
+    top_speed: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     sample_rate: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
-        if self.align not in ("start", "moves"):
-            raise ValueError("align must be 'start' or 'moves'")
+        if self.align not in ("start", "path"):
+            raise ValueError("align must be 'start' or 'path'")
         if not 0 < self.min_overlap <= 1:
             raise ValueError("min_overlap must be above 0 and at most 1")
-        if not 0 <= self.rest_share < 1:
-            raise ValueError("rest_share must be at least 0 and below 1")
+        if not 0 < self.rest_share < 1:
+            raise ValueError("rest_share must lie between 0 and 1")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Average the nominal torque over the samples that all nominal batches have."""
         check_nominal(nominal)
         self.axis = axis
         self.sample_rate = nominal[0].sample_rate
-        self.rest_speed = self.rest_share * np.max(
-            [np.abs(batch.qd).max(axis=0) for batch in nominal], axis=0
-        )
-        pieces = [self.cut(batch) for batch in nominal]
-        if len({len(piece) for piece in pieces}) > 1:
-            raise ValueError("the nominal batches differ in their number of moves")
-        self.signatures = [_average(stretch) for stretch in zip(*pieces, strict=True)]
-        if not any(np.any(signature) for signature in self.signatures):
+        if self.align == "path":
+            self.top_speed = np.max([np.abs(batch.qd).max(axis=0) for batch in nominal], axis=0)
+            self.path, _ = self._follow_path(nominal[0])
+            torques = [np.interp(self.path, *self._follow_path(batch)) for batch in nominal]
+        else:
+            shortest = min(len(batch.t) for batch in nominal)
+            torques = [batch.tau[:shortest, axis] for batch in nominal]
+        self.signature = np.mean(torques, axis=0)
+        if not np.any(self.signature):
             raise ValueError("the nominal torque signature is zero throughout")
 
-    def cut(self, batch: Batch) -> list[Array]:
-        """Torques of the tested axis, one array for the recording or one a move."""
-        torque = batch.tau[:, self.axis]
-        if self.align == "start":
-            return [torque]
-        moving = np.any(np.abs(batch.qd) > self.rest_speed, axis=1)
-        edges = np.flatnonzero(np.diff(moving)) + 1
-        parts = np.split(torque, edges)
-        return parts[0 if moving[0] else 1 :: 2]
+    def _follow_path(self, batch: Batch) -> tuple[Array, Array]:
+        """Path covered (M,), from 0 to 1, and torque (M,) at the samples in motion."""
+        speed = np.abs(batch.qd) / np.where(self.top_speed > 0, self.top_speed, np.inf)
+        progress = np.where(speed > self.rest_share, speed, 0.0).sum(axis=1)
+        moving = progress > 0
+        if not moving.any():
+            raise ValueError("no joint moves")
+        path = np.cumsum(progress)[moving] - 0.5 * progress[moving]
+        return path / progress.sum(), batch.tau[moving, self.axis]
 
     def test_quantity(self, batch: Batch) -> float:
         """Relative residual energy [-], at least 0."""
         check_sample_rate(batch, self.sample_rate)
-        pieces = self.cut(batch)
-        if len(pieces) != len(self.signatures):
-            raise ValueError(f"the batch has {len(pieces)} moves, the nominal data {len(self.signatures)}")
-        pairs = [
-            (piece[: len(signature)], signature[: len(piece)])
-            for piece, signature in zip(pieces, self.signatures, strict=True)
-        ]
-        common, whole = (sum(map(len, those)) for those in ([n for _, n in pairs], self.signatures))
-        if common < self.min_overlap * whole:
-            raise ValueError(f"the batch covers {common} of the signature's {whole} samples")
-        nominal = np.concatenate([signature for _, signature in pairs])
-        residual = np.concatenate([piece for piece, _ in pairs]) - nominal
+        if self.align == "path":
+            nominal = self.signature
+            residual = np.interp(self.path, *self._follow_path(batch)) - nominal
+        else:
+            common = min(len(batch.t), len(self.signature))
+            if common < self.min_overlap * len(self.signature):
+                raise ValueError(
+                    f"the batch covers {common} of the signature's {len(self.signature)} samples"
+                )
+            nominal = self.signature[:common]
+            residual = batch.tau[:common, self.axis] - nominal
         return float(residual @ residual / (nominal @ nominal))
-
-
-def _average(torques: Sequence[Array]) -> Array:
-    """Mean over the samples that all have."""
-    shortest = min(map(len, torques))
-    return np.mean([torque[:shortest] for torque in torques], axis=0)
 
 
 DETECTOR = ResidualEnergy
