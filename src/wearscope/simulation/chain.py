@@ -1,0 +1,130 @@
+"""The robot's rigid bodies as arrays for the compiled step, and as the URDF that PyBullet loads."""
+
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import numpy as np
+
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
+from wearscope.robots.urdf import replace_inertias
+from wearscope.robots.urdf_file import parse_urdf
+
+
+class Chain(NamedTuple):
+    """Kinematic tree of one-degree-of-freedom joints on a fixed base, in joint order.
+
+    Attributes
+    ----------
+    order : ndarray of int (n,)
+        Joints, parents before children.
+    parent : ndarray of int (n,)
+        Joint that carries the joint, -1 for the base.
+    prismatic : ndarray of bool (n,)
+    offset : ndarray (n, 3)
+        Origin of the joint in its parent's frame [m].
+    turn : ndarray (n, 3, 3)
+        Its orientation there.
+    axis : ndarray (n, 3)
+        Unit axis in the joint's frame.
+    mass : ndarray (n,)
+        Mass of the joint's link [kg], payload included.
+    com : ndarray (n, 3)
+        Centre of mass in the joint's frame [m].
+    tensor : ndarray (n, 3, 3)
+        Inertia about the centre of mass along the frame's axes [kg m^2].
+    gravity : ndarray (3,)
+        [m/s^2].
+    """
+
+    order: np.ndarray
+    parent: np.ndarray
+    prismatic: np.ndarray
+    offset: np.ndarray
+    turn: np.ndarray
+    axis: np.ndarray
+    mass: np.ndarray
+    com: np.ndarray
+    tensor: np.ndarray
+    gravity: np.ndarray
+
+
+def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[str, Inertia]:
+    """Inertia of each joint's link in its own frame, payload included.
+
+    Parameters
+    ----------
+    body : RigidBody
+    extra_payload : ndarray (4,), optional
+        Mass [kg] and first moment [kg m] to add to the last link; the tensor about the frame's origin stays
+        as it is, which is what the regressor of `payload_error` says.
+
+    Raises
+    ------
+    InputError
+        Where a link would weigh nothing or less.
+    """
+    parameters = body.inertial_parameters.reshape(body.n, 10).copy()
+    if body.payload is not None:
+        parameters[-1] += body.payload.parameters
+    if extra_payload is not None:
+        parameters[-1, :4] += extra_payload
+    for name, row in zip(body.names, parameters, strict=True):
+        if not row[0] > 0.0:
+            raise InputError(
+                f"joint '{name}': its link with the payload would weigh {row[0]:.4g} kg; correct the payload "
+                "or the payload_error."
+            )
+    return {name: Inertia.from_parameters(row) for name, row in zip(body.names, parameters, strict=True)}
+
+
+def build_chain(body: RigidBody, extra_payload: Array | None = None) -> Chain:
+    """Arrays of a robot's bodies.
+
+    Parameters
+    ----------
+    body : RigidBody
+        With its payload.
+    extra_payload : ndarray (4,), optional
+        As for `list_inertias`.
+
+    Raises
+    ------
+    InputError
+        As `list_inertias`.
+    """
+    tree = parse_urdf(body.urdf_text())
+    joints = {joint.name: joint for joint in tree.joints}
+    carried_by = {joint.child: name for name, joint in joints.items()}
+    names = body.names
+    parent = np.array(
+        [names.index(carried_by[joints[n].parent]) if joints[n].parent in carried_by else -1 for n in names]
+    )
+    order: list[int] = []
+    while len(order) < len(names):
+        order += [j for j in range(len(names)) if j not in order and (parent[j] < 0 or parent[j] in order)]
+    inertias = list_inertias(body, extra_payload)
+    return Chain(
+        order=np.array(order),
+        parent=parent,
+        prismatic=np.array([joints[n].kind == "prismatic" for n in names]),
+        offset=np.array([joints[n].pose.xyz for n in names], dtype=float),
+        turn=np.array([rpy_to_matrix(joints[n].pose.rpy) for n in names]),
+        axis=np.array([joints[n].axis for n in names], dtype=float),
+        mass=np.array([inertias[n].mass for n in names]),
+        com=np.array([inertias[n].com for n in names]),
+        tensor=np.array([inertias[n].tensor for n in names]),
+        gravity=np.array(body.gravity, dtype=float),
+    )
+
+
+def write_plant_urdf(body: RigidBody) -> str:
+    """URDF for PyBullet: the payload on the last link, and no joint limits.
+
+    PyBullet turns limits into contacts; a run that leaves its limits is refused instead.
+    """
+    robot = ET.fromstring(replace_inertias(body.urdf_text(), list_inertias(body)))
+    for limit in robot.iter("limit"):
+        limit.attrib.update(lower="1.0", upper="-1.0")
+    return ET.tostring(robot, encoding="unicode")

@@ -1,0 +1,125 @@
+"""The controller: feed-forward from the declared model along the reference, and feedback of each joint.
+
+Its feedback acts on the motor's position and speed at the end of the step, as an analog one would; it has no
+integrator, no delay and no quantisation of its own.
+"""
+
+import numpy as np
+
+from wearscope.cycles.base import Reference
+from wearscope.effects.base import Plant, Signals, load_effect
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array
+from wearscope.simulation.step import Law
+
+#: Feedback where the model states none.
+DEFAULT_BANDWIDTH_HZ, DEFAULT_DAMPING = 5.0, 1.0
+#: Signals of friction: an effect that depends on none of them is part of the feed-forward in any case.
+FRICTION_SIGNALS = ("qd_", "sign_qd_", "temp_", "reversal_")
+
+
+def find_step(t: Array) -> float:
+    """Step of an even time vector (N,) [s].
+
+    Raises
+    ------
+    InputError
+        Where there are fewer than 3 instants or the steps differ.
+    """
+    steps = np.diff(np.asarray(t, dtype=float))
+    if len(steps) < 2 or not steps.min() > 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
+        raise InputError("reference: t does not grow in equal steps; sample the motion at a fixed rate.")
+    # Figures beyond the clock's are rounding of t: without them the step is that of the configuration.
+    return float(np.round((t[-1] - t[0]) / len(steps), 12))
+
+
+def make_feedforward(
+    model: RobotModel,
+    body: RigidBody,
+    plant: Plant,
+    reference: Reference,
+    friction: bool = False,
+    temperature: Array | float = 50.0,
+) -> Array:
+    """Torque (N, n) that the declared model needs along a reference.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The declared model.
+    body : RigidBody
+        Its bodies with the declared payload.
+    plant : Plant
+        Its effects, of which the rotor inertia is taken.
+    reference : Reference
+    friction : bool
+        Whether effects that depend on speed, reversals or temperature are fed forward too; others always are.
+    temperature : array (n,) or float
+        That the controller assumes for them [deg C].
+    """
+    q, v, a = reference.q, reference.v, reference.a
+    load = body.inverse_dynamics(q, v, a)
+    torque = load + plant.armature * a
+    signals = Signals(
+        t=reference.t,
+        q=q,
+        v=v,
+        a=a,
+        sign=np.sign(v),
+        load=load,
+        temperature=np.broadcast_to(np.asarray(temperature, dtype=float), load.shape),
+        wear=np.zeros_like(load),
+    )
+    for entry in model.effects:
+        effect = load_effect(entry.effect)
+        rubs = any(name.startswith(FRICTION_SIGNALS) for name in effect.depends_on)
+        if effect.row is None or effect.spread or "inertia" in effect.name or (rubs and not friction):
+            continue
+        joint = model.joints.index(entry.joint)
+        torque[:, joint] += effect.torque(signals, joint, entry.parameters)
+    return torque
+
+
+def make_law(
+    model: RobotModel,
+    reference: Reference,
+    feedforward: Array,
+    body: RigidBody,
+    armature: Array,
+    torque_limit: Array,
+) -> Law:
+    """Controller for one reference.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The declared model; its `controller` sets the natural frequency and damping ratio of each joint.
+    reference : Reference
+        One sample a step.
+    feedforward : ndarray (N, n)
+    body : RigidBody
+        With the declared payload: gains go with the mean inertia that it has along the reference.
+    armature : ndarray (n,)
+    torque_limit : ndarray (n,)
+        Of the motor, at the joint.
+    """
+    given = model.controller
+    bandwidth = DEFAULT_BANDWIDTH_HZ if given is None else given.bandwidth_hz
+    damping = DEFAULT_DAMPING if given is None else given.damping
+    omega = 2.0 * np.pi * np.broadcast_to(np.asarray(bandwidth, dtype=float), model.n)
+    some = np.linspace(0, len(reference.q) - 1, 25).astype(int)
+    inertia = np.mean([np.diag(body.mass_matrix(q)) for q in reference.q[some]], axis=0) + armature
+    dt = find_step(reference.t)
+    # One instant beyond the end: the motion goes on as it ends.
+    position = np.vstack([reference.q, reference.q[-1:] + dt * reference.v[-1:]])
+    contiguous = np.ascontiguousarray
+    return Law(
+        feedforward=contiguous(feedforward, dtype=float),
+        position=contiguous(position, dtype=float),
+        speed=contiguous(np.diff(position, axis=0) / dt),
+        stiffness=contiguous(omega**2 * inertia),
+        damping=contiguous(2.0 * damping * omega * inertia),
+        limit=contiguous(torque_limit, dtype=float),
+    )

@@ -1,0 +1,5 @@
+"""What a simulation that cannot be trusted raises."""
+
+
+class SimulationError(RuntimeError):
+    """A run that diverged, left its limits or disagreed with PyBullet, told in one sentence."""

@@ -1,0 +1,65 @@
+"""The simulated robot: a model's bodies and drive train with its effects installed."""
+
+import numpy as np
+
+from wearscope.effects.base import Plant, load_effect
+from wearscope.robots.model import RobotModel, check_effects
+from wearscope.simulation.step import Gears
+
+#: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the lost
+#: motion, so that the deflection law can be inverted.
+LEAST_DEFLECTION = 1e-3
+#: Torques balance to this share of the largest torque.
+BALANCE = 1e-8
+
+
+def build_plant(model: RobotModel) -> Plant:
+    """Plant with a model's effects.
+
+    Parameters
+    ----------
+    model : RobotModel
+
+    Returns
+    -------
+    Plant
+        `armature` is the `rotor_inertia` effect where a joint lists one, else the drive's rotor inertia; other
+        inertias add to it.
+
+    Raises
+    ------
+    InputError
+        Where an effect or a parameter is not in the vocabulary.
+    """
+    check_effects(model)
+    plant = Plant(model.n)
+    listed = {entry.joint for entry in model.effects if entry.effect == "rotor_inertia" and entry.parameters}
+    for joint, name in enumerate(model.joints):
+        if name not in listed:
+            plant.armature[joint] = model.rotor_inertia[joint]
+    for entry in model.effects:
+        if entry.effect == "rotor_inertia" and not entry.parameters:
+            continue
+        load_effect(entry.effect).install(plant, model.joints.index(entry.joint), entry.parameters)
+    return plant
+
+
+def build_gears(plant: Plant, torque_scale: np.ndarray) -> Gears:
+    """Motor sides of a plant's joints.
+
+    Parameters
+    ----------
+    plant : Plant
+    torque_scale : ndarray (n,)
+        Largest torque to expect.
+    """
+    flexible = (plant.compliance > 0.0) | (plant.lost_motion > 0.0)
+    least = 0.5 * plant.lost_motion * LEAST_DEFLECTION / torque_scale
+    return Gears(
+        armature=plant.armature.copy(),
+        flexible=flexible,
+        compliance=np.maximum(plant.compliance, least),
+        lost_motion=plant.lost_motion.copy(),
+        mesh_torque=plant.mesh_torque.copy(),
+        tolerance=BALANCE * torque_scale,
+    )

@@ -1,0 +1,184 @@
+"""One run: blocks of steps solved ahead, applied in PyBullet, and checked against where PyBullet arrives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope.effects.base import Plant
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.spatial import Array
+from wearscope.simulation.chain import build_chain, write_plant_urdf
+from wearscope.simulation.dynamics import make_scratch, mass_and_bias
+from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.gear import deflection
+from wearscope.simulation.plant import build_gears
+from wearscope.simulation.step import (
+    Gears,
+    Law,
+    Log,
+    State,
+    advance_block,
+    make_motion,
+    make_state,
+    make_work,
+)
+from wearscope.simulation.terms import Motion, pack_terms
+from wearscope.simulation.world import World
+
+#: Steps between two readings of PyBullet's state.
+BLOCK = 50
+#: Largest difference at a block's end between PyBullet's state and the solution, over 1 + its size.
+AGREEMENT = 1e-7
+#: A motor further than this from its reference [rad or m] has lost it.
+LOST = 0.5
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run at every step, before the sensors.
+
+    Attributes
+    ----------
+    t : ndarray (N,)
+        [s]
+    q : ndarray (N + 1, n)
+        Motor position, as joint position.
+    v : ndarray (N + 1, n)
+        Motor speed over the step that ends at `t`; row 0 is that of the start.
+    torque : ndarray (N, n)
+        Motor torque, as joint torque, in the step that begins at `t`.
+    link_q : ndarray (N, n)
+        Position of the links, where PyBullet was read (each `BLOCK` steps), else NaN.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    torque: Array
+    link_q: Array
+
+
+def start_state(state: State, motion: Motion, gears: Gears, chain, q: Array, v: Array) -> None:
+    """Put the motors at `q`, `v` and the links where static load bends the gears to."""
+    scratch = make_scratch(len(q))
+    still = np.zeros(len(q))
+    gap = np.zeros(len(q))
+    for _ in range(20):
+        mass_and_bias(chain, q - gap, still, scratch)
+        for j in np.flatnonzero(gears.flexible):
+            gap[j] = deflection(
+                scratch.bias[j], gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
+            )
+    state.q[:], state.gap[:] = q - gap, gap
+    state.v[:], state.y[:] = v, v
+    state.mode[:] = np.sign(v).astype(int)
+
+
+def as_rows(values: Array | float, n: int) -> Array:
+    """Values by joint as rows (1 or N, n)."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim < 2:
+        array = np.broadcast_to(array, (1, n))
+    return np.array(array, order="C")
+
+
+def run_motion(
+    world: World,
+    body: RigidBody,
+    plant: Plant,
+    law: Law,
+    dt: float,
+    temperature: Array | float,
+    wear: Array | float,
+    start: tuple[Array, Array],
+    t0: float = 0.0,
+    block: int = BLOCK,
+) -> Trace:
+    """Simulate one run.
+
+    Parameters
+    ----------
+    world : World
+    body : RigidBody
+        The bodies as they are, with the true payload.
+    plant : Plant
+        Everything else of the robot.
+    law : Law
+        Controller; one row a step.
+    dt : float
+        Step [s].
+    temperature, wear : array (N, n), (n,) or float
+    start : tuple of ndarray (n,)
+        Motor position and speed.
+    t0 : float
+        Time of the first step [s].
+    block : int
+        Steps solved ahead of PyBullet.
+
+    Raises
+    ------
+    SimulationError
+        Where a step has no solution, a motor loses its reference, or PyBullet does not arrive at the solution.
+    """
+    n, count = body.n, len(law.feedforward)
+    scale = np.where(np.isfinite(law.limit), law.limit, 0.0)
+    scale = np.where(scale > 0.0, scale, np.abs(law.feedforward).max(axis=0) + 1.0)
+    gears = build_gears(plant, scale)
+    rows, terms = pack_terms(plant)
+    ghost = bool(np.any(plant.payload))
+    bodies = build_chain(body)
+    chain = build_chain(body, plant.payload) if ghost else bodies
+    state, work, motion = make_state(n), make_work(n), make_motion(n)
+    w, v = make_scratch(n), make_scratch(n)
+    log = Log(*(np.full((count, n), np.nan) for _ in range(4)))
+    start_state(state, motion, gears, chain, *start)
+    warm, worn = as_rows(temperature, n), as_rows(wear, n)
+    world.load(write_plant_urdf(body), body.names, body.gravity, dt)
+    world.set_state(state.q, state.v)
+    link_q = np.full((count, n), np.nan)
+    for first in range(0, count, block):
+        last = min(first + block, count)
+        link_q[first] = state.q
+        failed = advance_block(
+            rows, terms, law, gears, chain, bodies, ghost, state, work, motion, w, v, log, warm, worn,
+            t0, dt, first, last,
+        )  # fmt: skip
+        if failed >= 0:
+            raise SimulationError(f"the torques do not balance at t = {t0 + failed * dt:.4f} s.")
+        world.advance(log.applied[first:last])
+        q, speed = world.read_state()
+        _compare(q, speed, state, body.names, t0 + last * dt)
+        state.q[:], state.v[:] = q, speed
+        rigid = ~gears.flexible
+        state.y[rigid] = np.where(state.mode[rigid] == 0, 0.0, speed[rigid])
+        _check_tracking(log.position[last - 1], law.position[last - 1], body.names, t0 + last * dt)
+    end = state.q + state.gap
+    return Trace(
+        t=t0 + dt * np.arange(count),
+        q=np.vstack([log.position, end]),
+        v=np.vstack([start[1], log.speed]),
+        torque=log.torque,
+        link_q=link_q,
+    )
+
+
+def _compare(q: Array, v: Array, state: State, names: list[str], t: float) -> None:
+    off = np.maximum(
+        np.abs(q - state.q) / (1.0 + np.abs(state.q)), np.abs(v - state.v) / (1.0 + np.abs(state.v))
+    )
+    if not np.all(off <= AGREEMENT):
+        j = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
+        raise SimulationError(
+            f"PyBullet arrives at q = {q[j]!r}, v = {v[j]!r} of joint '{names[j]}' at t = {t:.4f} s, where the "
+            f"step's solution has {state.q[j]!r}, {state.v[j]!r}."
+        )
+
+
+def _check_tracking(q: Array, wanted: Array, names: list[str], t: float) -> None:
+    off = np.abs(q - wanted)
+    if not np.all(off < LOST):
+        j = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
+        raise SimulationError(
+            f"joint '{names[j]}' is {off[j]:.3g} rad or m off its reference at t = {t:.3f} s; the motor may be "
+            "too weak or the controller too soft."
+        )

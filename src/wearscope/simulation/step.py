@@ -1,0 +1,404 @@
+"""The compiled step: friction, rotors, gears and controller solved for the speed at the step's end.
+
+At step k from state (q, v), with M, h the links' mass matrix and bias torque there, the speeds of links x and of
+motors y at the end of the step solve, joint by joint,
+
+    M (x - v)/dt + h = g                                  links
+    J (y - v_motor)/dt + tau(y) + g = u(y)                motors
+    x = y                     where the gear is rigid, g is then what the links need
+    deflection(g) = gap + dt (y - x)  where it is not
+
+with J the rotor inertia, tau the effects' torque, u the saturated controller torque and g the torque through the
+gear. tau is set-valued at y = 0: a motor stays at rest exactly where the torque that it would need to be held
+lies between tau(0-) and tau(0+). The torques g are what the bodies in PyBullet get. A Newton iteration with an
+active set of motors at rest solves this; slopes of tau come from the iterates themselves.
+
+Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set; Anitescu and Potra 1997, Nonlinear Dynamics
+14(3), for taking it at the step's end.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from wearscope.simulation.dynamics import mass_and_bias
+from wearscope.simulation.gear import deflection_slope, invert_deflection
+from wearscope.simulation.terms import Motion, evaluate_terms
+
+MAX_ITERATIONS = 80
+#: After these iterations only the joint that is furthest beyond break-away is released at a time.
+PATIENCE = 25
+
+
+class Law(NamedTuple):
+    """Controller: torque ``feedforward[k] + stiffness (position[k+1] - q) + damping (speed[k] - y)`` in step k.
+
+    Attributes
+    ----------
+    feedforward, speed : ndarray (N, n)
+    position : ndarray (N + 1, n)
+    stiffness, damping, limit : ndarray (n,)
+    """
+
+    feedforward: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    limit: np.ndarray
+
+
+class Gears(NamedTuple):
+    """Motor side of each joint, (n,): see `wearscope.effects.base.Plant`; `tolerance` of the balance of torque."""
+
+    armature: np.ndarray
+    flexible: np.ndarray
+    compliance: np.ndarray
+    lost_motion: np.ndarray
+    mesh_torque: np.ndarray
+    tolerance: np.ndarray
+
+
+class State(NamedTuple):
+    """What a step starts from, each (n,).
+
+    Attributes
+    ----------
+    q, v : ndarray
+        Links.
+    gap : ndarray
+        Motor minus link position.
+    y : ndarray
+        Motor speed.
+    a, a_motor, a_before : ndarray
+        Acceleration of the links and of the motors in the step before, and of the motors one earlier.
+    mode : ndarray of int
+        Direction of the motor's motion, 0 at rest.
+    slope : ndarray
+        Of the effects' torque against the motor's speed.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    gap: np.ndarray
+    y: np.ndarray
+    a: np.ndarray
+    a_motor: np.ndarray
+    a_before: np.ndarray
+    mode: np.ndarray
+    slope: np.ndarray
+
+
+class Work(NamedTuple):
+    """Vectors (n,), and matrices (n, n), that a step works in."""
+
+    x: np.ndarray
+    held: np.ndarray
+    residual: np.ndarray
+    residual_motor: np.ndarray
+    old_torque: np.ndarray
+    old_speed: np.ndarray
+    old_mode: np.ndarray
+    motor: np.ndarray
+    free: np.ndarray
+    gear: np.ndarray
+    stiff: np.ndarray
+    need: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    matrix: np.ndarray
+    jacobian: np.ndarray
+
+
+class Log(NamedTuple):
+    """What the steps leave: motor position, motor speed at the step's end, motor torque (N, n), and the joint
+    torque for PyBullet (N, n)."""  # noqa: D205, D209
+
+    position: np.ndarray
+    speed: np.ndarray
+    torque: np.ndarray
+    applied: np.ndarray
+
+
+def make_state(n: int) -> State:
+    """State at rest at 0."""
+    z = np.zeros
+    return State(z(n), z(n), z(n), z(n), z(n), z(n), z(n), z(n, dtype=np.int64), np.full(n, np.nan))
+
+
+def make_work(n: int) -> Work:
+    """Work arrays for `n` joints."""
+    vectors = [np.zeros(n) for _ in range(14)]
+    return Work(*vectors, np.zeros((n, n)), np.zeros((n, n)))
+
+
+def make_motion(n: int) -> Motion:
+    """Signals for `n` joints."""
+    return Motion(*(np.zeros(n) for _ in range(5)))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _solve(a, b):
+    """Solve a x = b in place, without pivoting; False where a pivot vanishes or is negative."""
+    n = len(b)
+    for i in range(n):
+        pivot = a[i, i]
+        if not pivot > 0.0:
+            return False
+        for r in range(i + 1, n):
+            if a[r, i] != 0.0:
+                factor = a[r, i] / pivot
+                for c in range(i + 1, n):
+                    a[r, c] -= factor * a[i, c]
+                b[r] -= factor * b[i]
+    for i in range(n - 1, -1, -1):
+        for c in range(i + 1, n):
+            b[i] -= a[i, c] * b[c]
+        b[i] /= a[i, i]
+    return True
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _set_speed(motion, state, j, speed, dt):
+    motion.speed[j] = speed
+    motion.acceleration[j] = (speed - state.y[j]) / dt
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _learn_slopes(terms, state, work, motion):
+    """Take the slopes of the effects' torques from the last two iterates."""
+    mode, y = state.mode, motion.speed
+    for j in range(len(mode)):
+        moved = y[j] - work.old_speed[j]
+        if mode[j] != 0 and work.old_mode[j] == mode[j] and abs(moved) > 1e-9 and not terms.coupled[j]:
+            state.slope[j] = (work.high[j] - work.old_torque[j]) / moved
+        work.old_speed[j], work.old_torque[j], work.old_mode[j] = y[j], work.high[j], mode[j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _balance(law, gears, state, work, motion, w, k, dt):
+    """Torques of motors and gears at the present iterate, what is missing to balance; release motors at rest.
+
+    Returns the number of released motors and whether all torques balance.
+    """
+    n = len(state.mode)
+    mass, bias, mode, y, x = w.mass_matrix, w.bias, state.mode, motion.speed, work.x
+    balanced = True
+    for j in range(n):
+        ahead = law.position[k + 1, j] - state.q[j] - state.gap[j] - dt * y[j]
+        motor = law.feedforward[k, j] + law.stiffness[j] * ahead + law.damping[j] * (law.speed[k, j] - y[j])
+        work.free[j] = law.damping[j] + dt * law.stiffness[j]
+        if abs(motor) > law.limit[j]:
+            motor = np.copysign(law.limit[j], motor)
+            work.free[j] = 0.0
+        work.motor[j] = motor
+        links = bias[j]
+        for c in range(n):
+            links += mass[j, c] * (x[c] - state.v[c]) / dt
+        if gears.flexible[j]:
+            gap = state.gap[j] + dt * (y[j] - x[j])
+            gear = invert_deflection(gap, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j])
+            work.stiff[j] = dt / deflection_slope(
+                gear, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
+            )
+            work.residual[j] = gear - links
+            if abs(work.residual[j]) > gears.tolerance[j]:
+                balanced = False
+        else:
+            gear = links
+            work.residual[j] = 0.0
+        work.gear[j] = gear
+        work.need[j] = motor - gear - gears.armature[j] * motion.acceleration[j]
+    return balanced
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _release(gears, state, work, motion, single):
+    """Release motors at rest that need more than friction can give; say whether any was."""
+    worst, beyond = -1, 0.0
+    any_released = False
+    for j in range(len(state.mode)):
+        if state.mode[j] != 0:
+            continue
+        excess = max(work.need[j] - work.high[j], work.low[j] - work.need[j])
+        if excess <= gears.tolerance[j]:
+            continue
+        any_released = True
+        if not single:
+            _let_go(state, work, motion, j)
+        elif excess > beyond:
+            worst, beyond = j, excess
+    if single and worst >= 0:
+        _let_go(state, work, motion, worst)
+    return any_released
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _let_go(state, work, motion, j):
+    state.mode[j] = 1 if work.need[j] > work.high[j] else -1
+    motion.sign[j] = state.mode[j]
+    state.slope[j] = np.nan
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _correct(gears, terms, state, work, motion, w, dt):
+    """One Newton step of speeds; motors whose direction would turn come to rest. False where singular."""
+    n = len(state.mode)
+    mass, mode, y, a, b = w.mass_matrix, state.mode, motion.speed, work.matrix, work.held
+    for j in range(n):
+        for c in range(n):
+            a[j, c] = mass[j, c]
+        inertia = gears.armature[j] / dt
+        damping = max(state.slope[j], -0.5 * (inertia + (0.0 if gears.flexible[j] else mass[j, j] / dt)))
+        motor = inertia + damping + work.free[j]
+        if gears.flexible[j]:
+            stiff = work.stiff[j]
+            if mode[j] != 0:
+                missing = work.need[j] - work.high[j]
+                a[j, j] += dt * stiff * motor / (motor + stiff)
+                b[j] = dt * (work.residual[j] + stiff * missing / (motor + stiff))
+            else:
+                a[j, j] += dt * stiff
+                b[j] = dt * work.residual[j]
+        elif mode[j] != 0:
+            a[j, j] += dt * motor
+            b[j] = dt * (work.need[j] - work.high[j])
+            if terms.coupled[j]:
+                for c in range(n):
+                    if c != j:
+                        a[j, c] += dt * work.jacobian[j, c]
+        else:
+            b[j] = 0.0
+    for j in range(n):
+        if mode[j] == 0 and not gears.flexible[j]:
+            for c in range(n):
+                a[j, c] = 0.0
+                a[c, j] = 0.0
+            a[j, j] = 1.0
+    if not _solve(a, b):
+        return False
+    for j in range(n):
+        work.x[j] += b[j]
+        if mode[j] == 0:
+            continue
+        if gears.flexible[j]:
+            inertia = gears.armature[j] / dt
+            motor = inertia + max(state.slope[j], -0.5 * inertia) + work.free[j]
+            change = (work.need[j] - work.high[j] + work.stiff[j] * b[j]) / (motor + work.stiff[j])
+        else:
+            change = b[j]
+        speed = y[j] + change
+        if mode[j] * speed < 0.0:
+            speed = 0.0
+            mode[j] = 0
+        _set_speed(motion, state, j, speed, dt)
+        motion.sign[j] = mode[j]
+        if not gears.flexible[j]:
+            work.x[j] = speed
+    return True
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _begin(state, work, motion, gears, w, dt):
+    """First iterate: the acceleration of the step before goes on."""
+    n = len(state.mode)
+    for j in range(n):
+        load = w.bias[j]
+        for c in range(n):
+            load += w.mass_matrix[j, c] * state.a[c]
+        motion.load[j] = load
+        motion.position[j] = state.q[j] + state.gap[j]
+        speed = 0.0
+        if state.mode[j] != 0:
+            speed = state.y[j] + dt * (2.0 * state.a_motor[j] - state.a_before[j])
+            if speed * state.mode[j] < 0.0:
+                speed = state.y[j]
+        _set_speed(motion, state, j, speed, dt)
+        motion.sign[j] = state.mode[j]
+        work.x[j] = state.v[j] + dt * state.a[j] if gears.flexible[j] else speed
+        work.old_mode[j] = 0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear):
+    """Iterate until the torques balance; False where they do not."""
+    _begin(state, work, motion, gears, w, dt)
+    for iteration in range(MAX_ITERATIONS):
+        evaluate_terms(
+            rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
+            t, dt, temperature, wear,
+        )  # fmt: skip
+        _learn_slopes(terms, state, work, motion)
+        balanced = _balance(law, gears, state, work, motion, w, k, dt)
+        if _release(gears, state, work, motion, iteration > PATIENCE):
+            continue
+        for j in range(len(state.mode)):
+            if state.mode[j] != 0 and not abs(work.need[j] - work.high[j]) <= gears.tolerance[j]:
+                balanced = False
+        if balanced:
+            return True
+        if not _correct(gears, terms, state, work, motion, w, dt):
+            return False
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def advance_block(rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log, temperature, wear,
+                  t0, dt, first, last):  # fmt: skip
+    """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
+
+    Parameters
+    ----------
+    rows, terms : typed.List, Terms
+    law : Law
+    gears : Gears
+    plant, bodies : Chain
+        The robot as it is, and as PyBullet holds it; they differ where `ghost` is set.
+    state : State
+    work, motion, w, v : Work, Motion, Scratch, Scratch
+    log : Log
+        Rows `first` to `last` are written.
+    temperature, wear : ndarray (1 or N, n)
+        [deg C], [-].
+    t0, dt : float
+        Start and step [s].
+
+    Returns
+    -------
+    int
+        -1, or the step that has no solution.
+    """
+    n = len(state.q)
+    for k in range(first, last):
+        mass_and_bias(plant, state.q, state.v, w)
+        warm = temperature[min(k, len(temperature) - 1)]
+        worn = wear[min(k, len(wear) - 1)]
+        t = t0 + k * dt
+        if not _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, warm, worn):
+            return k
+        for j in range(n):
+            log.position[k, j] = motion.position[j]
+            log.speed[k, j] = motion.speed[j]
+            log.torque[k, j] = work.motor[j]
+            log.applied[k, j] = work.gear[j]
+        for i in range(len(terms.joint)):
+            if terms.remembers[i]:
+                terms.state[i, :] = terms.next_state[i, :]
+        if ghost:
+            mass_and_bias(bodies, state.q, state.v, v)
+            for j in range(n):
+                torque = v.bias[j]
+                for c in range(n):
+                    torque += v.mass_matrix[j, c] * (work.x[c] - state.v[c]) / dt
+                log.applied[k, j] = torque
+        for j in range(n):
+            state.a[j] = (work.x[j] - state.v[j]) / dt
+            state.a_before[j] = state.a_motor[j]
+            state.a_motor[j] = motion.acceleration[j]
+            if gears.flexible[j]:
+                state.gap[j] += dt * (motion.speed[j] - work.x[j])
+            state.v[j] = work.x[j]
+            state.y[j] = motion.speed[j]
+            state.q[j] += dt * work.x[j]
+    return -1

@@ -1,0 +1,210 @@
+"""A plant's torque terms packed for the compiled step."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, typed, types
+
+from wearscope.effects.base import ROW, Plant, Term
+
+#: Difference of speed over which a slope is taken.
+PROBE = 1e-7
+
+
+class Terms(NamedTuple):
+    """Torque terms in the order of their joints.
+
+    Attributes
+    ----------
+    joint : ndarray of int (m,)
+    count : ndarray of int (m,)
+        Number of coefficients of each term.
+    coefficients, shape : ndarray (m, widest)
+    state, next_state, spare : ndarray (m, most states)
+        Memory of the terms, what it becomes after the step, and a place for what is thrown away.
+    remembers : ndarray of bool (m,)
+    coupled : ndarray of bool (n,)
+        Whether a term of the joint depends on the motion of another joint.
+    out : ndarray (widest,)
+    idle : ndarray (1,)
+        Memory of terms that have none.
+    """
+
+    joint: np.ndarray
+    count: np.ndarray
+    coefficients: np.ndarray
+    shape: np.ndarray
+    state: np.ndarray
+    next_state: np.ndarray
+    spare: np.ndarray
+    remembers: np.ndarray
+    coupled: np.ndarray
+    out: np.ndarray
+    idle: np.ndarray
+
+
+def _is_coupled(term: Term, n: int) -> bool:
+    """Whether the term's row changes when only other joints move otherwise."""
+    state = np.zeros(max(term.n_states, 1))
+    values = []
+    for other in (0.0, 1.0):
+        vector = np.full(n, other)
+        vector[term.joint] = 0.7
+        fixed = np.full(n, 0.7)
+        out = np.zeros(len(term.coefficients))
+        term.row(
+            term.joint, 0.0, 1e-3, vector, fixed, vector, vector, fixed, fixed, fixed,
+            term.shape, state, state.copy(), out,
+        )  # fmt: skip
+        values.append(out)
+    return not np.array_equal(values[0], values[1], equal_nan=True)
+
+
+def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
+    """Rows and numbers of a plant's terms.
+
+    Parameters
+    ----------
+    plant : Plant
+
+    Returns
+    -------
+    rows : typed.List of compiled row (m,)
+    Terms
+    """
+    ordered = sorted(plant.terms, key=lambda term: term.joint)
+    rows = typed.List.empty_list(types.FunctionType(ROW))
+    for term in ordered:
+        rows.append(term.row)
+    m = len(ordered)
+    widest = max([1, *(len(t.coefficients) for t in ordered)])
+    deepest = max([1, *(len(t.shape) for t in ordered)])
+    memory = max([1, *(t.n_states for t in ordered)])
+    coefficients, shape = np.zeros((max(m, 1), widest)), np.zeros((max(m, 1), deepest))
+    coupled = np.zeros(plant.n, dtype=bool)
+    for i, term in enumerate(ordered):
+        coefficients[i, : len(term.coefficients)] = term.coefficients
+        shape[i, : len(term.shape)] = term.shape
+        coupled[term.joint] |= _is_coupled(term, plant.n)
+    return rows, Terms(
+        joint=np.array([term.joint for term in ordered], dtype=np.int64),
+        count=np.array([len(t.coefficients) for t in ordered], dtype=np.int64),
+        coefficients=coefficients,
+        shape=shape,
+        state=np.zeros((max(m, 1), memory)),
+        next_state=np.zeros((max(m, 1), memory)),
+        spare=np.zeros((max(m, 1), memory)),
+        remembers=np.array([t.n_states > 0 for t in ordered], dtype=bool),
+        coupled=coupled,
+        out=np.zeros(widest),
+        idle=np.zeros(1),
+    )
+
+
+class Motion(NamedTuple):
+    """Signals at one step that the terms depend on, each (n,): motor side, `load` of the links."""
+
+    sign: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    load: np.ndarray
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
+    """Torque of term `i` at joint `j`; its memory goes to `after`."""
+    sign, q, y, a, load = motion
+    # Views cost as much as the rest of a call: only terms with memory get theirs.
+    if terms.remembers[i]:
+        row(
+            j, t, dt, sign, q, y, a, load, temperature, wear,
+            terms.shape[i], terms.state[i], after[i], terms.out,
+        )  # fmt: skip
+    else:
+        row(
+            j, t, dt, sign, q, y, a, load, temperature, wear,
+            terms.shape[i], terms.idle, terms.idle, terms.out,
+        )  # fmt: skip
+    torque = 0.0
+    for c in range(terms.count[i]):
+        torque += terms.coefficients[i, c] * terms.out[c]
+    return torque
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear):
+    """Add the torque on either side of rest; leave the memory of rest itself."""
+    motion.sign[j] = -1.0
+    low[j] += _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
+    motion.sign[j] = 1.0
+    high[j] += _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
+    motion.sign[j] = 0.0
+    if terms.remembers[i]:
+        _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+
+
+@njit(cache=True, error_model="numpy")
+def _probe_slopes(row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear):
+    """Add the slopes of a term's torque against the speeds that it may depend on."""
+    for other in range(len(mode)):
+        if mode[other] == 0 or (other != j and not terms.coupled[j]):
+            continue
+        speed, probe = motion.speed[other], PROBE * mode[other]
+        motion.speed[other] = speed + probe
+        motion.acceleration[other] = (speed + probe - speed_before[other]) / dt
+        probed = _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
+        motion.speed[other] = speed
+        motion.acceleration[other] = (speed - speed_before[other]) / dt
+        jacobian[j, other] += (probed - here) / probe
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def evaluate_terms(
+    rows, terms, mode, speed_before, slope, jacobian, motion, low, high, t, dt, temperature, wear
+):
+    """Torque of the effects at each motor, and its slopes where they are asked for.
+
+    Parameters
+    ----------
+    rows, terms
+        As `pack_terms` gives them; ``terms.next_state`` receives the memory after the step.
+    mode : ndarray of int (n,)
+        Direction of motion; 0 asks for the torque on both sides of rest.
+    speed_before : ndarray (n,)
+        Motor speed at the step's start, to which accelerations refer.
+    slope : ndarray (n,)
+        NaN asks for the slope of a moving joint's torque against its own speed; so does a coupled joint.
+    jacobian : ndarray (n, n)
+        Receives the slopes of coupled joints' torques against the others' speeds.
+    motion : Motion
+    low, high : ndarray (n,)
+        Receive the torque; both sides of rest for a joint at rest.
+    t, dt : float
+        [s]
+    temperature, wear : ndarray (n,)
+    """
+    n = len(mode)
+    for j in range(n):
+        low[j] = 0.0
+        high[j] = 0.0
+        if terms.coupled[j] or np.isnan(slope[j]):
+            jacobian[j, :] = 0.0
+    for i in range(len(terms.joint)):
+        j, row = terms.joint[i], rows[i]
+        if mode[j] == 0:
+            _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear)
+            continue
+        here = _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+        high[j] += here
+        if terms.coupled[j] or np.isnan(slope[j]):
+            _probe_slopes(
+                row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear
+            )
+    for j in range(n):
+        if mode[j] != 0:
+            low[j] = high[j]
+            if terms.coupled[j] or np.isnan(slope[j]):
+                slope[j] = jacobian[j, j]
+        elif low[j] > high[j]:
+            low[j], high[j] = high[j], low[j]

@@ -1,0 +1,181 @@
+"""The PyBullet world: a robot with everything off that is not rigid-body dynamics, and the proof of it."""
+
+import os
+import tempfile
+from collections.abc import Sequence
+
+import numpy as np
+import pybullet as pb
+
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.spatial import Array
+from wearscope.simulation.chain import write_plant_urdf
+from wearscope.simulation.errors import SimulationError
+
+#: Faster than any joint: PyBullet clips joint speeds at 100 rad/s by default.
+MAX_JOINT_VELOCITY = 1e6
+#: Largest relative difference between the applied torque and inverse dynamics in the self-test.
+SELF_TEST_TOLERANCE = 1e-9
+
+
+class World:
+    """A PyBullet client without display, holding one robot at a time.
+
+    Use as a context manager, or call `close`.
+    """
+
+    def __init__(self) -> None:
+        self.client = pb.connect(pb.DIRECT)
+        if self.client < 0:
+            raise SimulationError("PyBullet gives no further client; close worlds that are no longer used.")
+
+    def __enter__(self) -> "World":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def load(self, urdf_text: str, joints: Sequence[str], gravity: Sequence[float], dt: float) -> None:
+        """Build the world anew, so that no run sees what an earlier one left.
+
+        Parameters
+        ----------
+        urdf_text : str
+            Normalised URDF, the payload on its last link.
+        joints : sequence of str (n,)
+            Order of every array.
+        gravity : sequence of 3 float
+            [m/s^2]
+        dt : float
+            Step [s].
+        """
+        self.joints = list(joints)
+        c = self.client
+        pb.resetSimulation(physicsClientId=c)
+        pb.setGravity(*gravity, physicsClientId=c)
+        pb.setPhysicsEngineParameter(
+            fixedTimeStep=dt,
+            numSubSteps=0,
+            deterministicOverlappingPairs=1,
+            enableFileCaching=0,
+            physicsClientId=c,
+        )
+        handle, path = tempfile.mkstemp(suffix=".urdf")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(urdf_text)
+            self.body = pb.loadURDF(
+                path,
+                useFixedBase=True,
+                flags=pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_MAINTAIN_LINK_ORDER,
+                physicsClientId=c,
+            )
+        finally:
+            os.unlink(path)
+        found = {}
+        for index in range(pb.getNumJoints(self.body, physicsClientId=c)):
+            found[pb.getJointInfo(self.body, index, physicsClientId=c)[1].decode()] = index
+        self.indices = [found[name] for name in self.joints]
+        for index in [-1, *self.indices]:
+            pb.changeDynamics(
+                self.body,
+                index,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                maxJointVelocity=MAX_JOINT_VELOCITY,
+                physicsClientId=c,
+            )
+        # Every joint starts with a velocity motor that holds it.
+        pb.setJointMotorControlArray(
+            self.body,
+            self.indices,
+            pb.VELOCITY_CONTROL,
+            forces=[0.0] * len(self.indices),
+            physicsClientId=c,
+        )
+
+    def set_state(self, q: Array, v: Array) -> None:
+        """Put the joints at position `q` and speed `v` (n,)."""
+        pb.resetJointStatesMultiDof(
+            self.body,
+            self.indices,
+            [[float(x)] for x in q],
+            [[float(x)] for x in v],
+            physicsClientId=self.client,
+        )
+
+    def read_state(self) -> tuple[Array, Array]:
+        """Position and speed (n,) of the joints."""
+        states = pb.getJointStates(self.body, self.indices, physicsClientId=self.client)
+        return np.array([s[0] for s in states]), np.array([s[1] for s in states])
+
+    def advance(self, torques: Array) -> None:
+        """Apply joint torques (K, n), one row a step."""
+        body, indices, mode, client = self.body, self.indices, pb.TORQUE_CONTROL, self.client
+        apply, step = pb.setJointMotorControlArray, pb.stepSimulation
+        for row in torques.tolist():
+            apply(body, indices, mode, forces=row, physicsClientId=client)
+            step(physicsClientId=client)
+
+    def step_bare(self, count: int) -> None:
+        """Step without touching the torques: what a step of PyBullet costs by itself."""
+        step, client = pb.stepSimulation, self.client
+        for _ in range(count):
+            step(physicsClientId=client)
+
+    def close(self) -> None:
+        """End the client."""
+        if self.client >= 0:
+            pb.disconnect(physicsClientId=self.client)
+            self.client = -1
+
+
+def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> float:
+    """Show that PyBullet adds nothing to rigid-body dynamics.
+
+    The torque applied at random states must equal Pinocchio's inverse dynamics of the acceleration that
+    PyBullet's forward difference of speed has.
+
+    Parameters
+    ----------
+    world : World
+        Is left with the robot loaded.
+    body : RigidBody
+        With its payload.
+    dt : float
+        Step [s].
+    samples : int
+
+    Returns
+    -------
+    float
+        Largest relative difference.
+
+    Raises
+    ------
+    SimulationError
+        Where the difference exceeds `SELF_TEST_TOLERANCE`.
+    """
+    world.load(write_plant_urdf(body), body.names, body.gravity, dt)
+    rng = np.random.default_rng(np.random.SeedSequence(entropy=0))
+    worst = 0.0
+    for _ in range(samples):
+        q, v = rng.uniform(-1.5, 1.5, body.n), rng.uniform(-2.0, 2.0, body.n)
+        torque = body.inverse_dynamics(q, v, rng.uniform(-5.0, 5.0, body.n))
+        world.set_state(q, v)
+        world.advance(torque[None, :])
+        arrived, speed = world.read_state()
+        needed = body.inverse_dynamics(q, v, (speed - v) / dt)
+        size = np.abs(torque).max()
+        worst = max(
+            worst,
+            float(np.abs(needed - torque).max() / size),
+            float(np.abs(arrived - (q + dt * speed)).max() / (1.0 + np.abs(q).max())),
+        )
+    if not worst <= SELF_TEST_TOLERANCE:
+        raise SimulationError(
+            f"self-test: the torque applied in PyBullet differs from inverse dynamics by {worst:.2g} of it, more "
+            f"than {SELF_TEST_TOLERANCE:g}; PyBullet adds damping, limits or inertias that the model has not."
+        )
+    return worst
