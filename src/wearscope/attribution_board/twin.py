@@ -92,12 +92,12 @@ TWIN = Machine(
 def _gas_spring(q: float) -> tuple[float, float]:
     """Torque of a gas-spring balancer on axis 2 [N m], and the spring's force [N].
 
-    Two pins at 0.62 m and 0.17 m of the axis; 2 kN relaxed, polytropic exponent 1.2.
+    Two pins at 0.62 m and 0.17 m of the axis; 1.3 kN relaxed, polytropic exponent 1.2.
     """
     span, arm = 0.62, 0.17
     angle = q + 1.2
     length = np.sqrt(span**2 + arm**2 + 2 * span * arm * np.cos(angle))
-    force = 2000.0 * (1.0 / (1.0 - 0.8 * (span + arm - length) / (2 * arm))) ** 1.2
+    force = 1300.0 * (1.0 / (1.0 - 0.8 * (span + arm - length) / (2 * arm))) ** 1.2
     return -float(force * span * arm * np.sin(angle) / length), float(force)
 
 
