@@ -8,6 +8,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pandas as pd
 from wearscope.attribution_board.baselines import BASELINES, run_baselines
 from wearscope.attribution_board.cases import Case, list_cases
 from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.score import score_case, score_folder
+from wearscope.attribution_board.score import score_case, score_folder, smoothed_floor
 from wearscope.attribution_board.summary import (
     find_smallest_sizes,
     summarise,
@@ -63,7 +64,7 @@ def run_case(case: Case, closer: Closer, baselines: bool = True) -> dict[str, An
         if baselines:
             verdicts = run_baselines(folder)
             for method in BASELINES:
-                rows += score_case(truth, verdicts[method], method)
+                rows += score_case(truth, verdicts[method], method, partial(smoothed_floor, truth))
     return {"case": case.tell(), "rows": rows, "seconds": seconds, "error": error}
 
 
@@ -93,12 +94,12 @@ def run_board(
         ``small`` (for tests), ``medium`` or ``full``.
     out_dir : path-like
         Gets ``cases/<name>.json`` (one by case, so that a stopped board goes on where it was;
-        delete them after a change of the tracer), ``board.parquet``, ``confusion.parquet``, ``smallest_sizes.parquet``,
-        ``summary.json`` and ``board.md``.
+        delete them after a change of the tracer), ``board.parquet``, ``confusion.parquet``,
+        ``smallest_sizes.parquet``, ``summary.json`` and ``board.md``.
     close_loop : callable, optional
         ``close_loop(dataset_yaml, out_dir)`` writes ``verdict.json`` (and ``residual.parquet``) into
-        `out_dir`. By default `wearscope.closed_loop.run.close_loop` with ``light=True``. For ``jobs > 1`` it must be
-        importable.
+        `out_dir`. By default `wearscope.closed_loop.run.close_loop` with ``light=True``. For
+        ``jobs > 1`` it must be importable.
     jobs : int
         Processes.
     seed : int

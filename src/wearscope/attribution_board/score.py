@@ -1,6 +1,8 @@
 """Scores one verdict against the sealed truth: a row by planted effect (one row for a null)."""
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from wearscope.attribution_board.features import smooth
 from wearscope.errors import InputError
 from wearscope.tables import read_table
 
@@ -154,9 +157,23 @@ def true_floor(residual: pd.DataFrame, truth: dict[str, Any], joint: str) -> dic
     return out
 
 
-def score_gap(
-    verdict: dict[str, Any], truth: dict[str, Any], joint: str, residual: pd.DataFrame | None
-) -> float:
+def _raw_floor(truth: dict[str, Any], joint: str) -> dict[int, float]:
+    plans = truth["recipe"]["plans"]
+    return {i: truth["noise_rms"][joint] for i, plan in enumerate(plans) if plan["use"] == "test"}
+
+
+def smoothed_floor(truth: dict[str, Any], joint: str) -> dict[int, float]:
+    """RMS of the true torque noise by test run as the baselines' own smoothing leaves it."""
+    signals, rate = truth["signals"], truth["recipe"]["rate"]
+    out = {}
+    for number, plan in enumerate(truth["recipe"]["plans"]):
+        if plan["use"] == "test":
+            noise = np.asarray(signals[f"noise_{joint}"])[np.asarray(signals["run"]) == number]
+            out[number] = float(np.sqrt(np.mean(smooth(noise[:, None], rate) ** 2)))
+    return out
+
+
+def score_gap(verdict: dict[str, Any], truth: dict[str, Any], joint: str, floors: dict[int, float]) -> float:
     """Share of the gap to the true noise floor that was closed on the joint's test runs.
 
     (before^2 - after^2) / (before^2 - floor^2), pooled over the test runs; NaN where the floor cannot be told
@@ -165,14 +182,6 @@ def score_gap(
     stated = verdict["joints"].get(joint)
     if stated is None:
         return float("nan")
-    if residual is None:
-        floors = {
-            number: truth["noise_rms"][joint]
-            for number, plan in enumerate(truth["recipe"]["plans"])
-            if plan["use"] == "test"
-        }
-    else:
-        floors = true_floor(residual, truth, joint)
     before = after = floor = 0.0
     for file, (was, now) in stated["test_runs"].items():
         digits = "".join(c for c in Path(file).stem if c.isdigit())
@@ -188,20 +197,20 @@ def score_case(
     truth: dict[str, Any],
     verdict: dict[str, Any],
     method: str = "tracer",
-    residual: pd.DataFrame | None = None,
+    floor: Callable[[str], dict[int, float]] | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of one case: one by planted effect, or one row for a null.
 
     Parameters
     ----------
     truth : dict
-        As `generate.generate_dataset` returns it, `signals` included where `residual` is given.
+        As `generate.generate_dataset` returns it.
     verdict : dict
         The content of ``verdict.json``.
     method : str
         Whose verdict it is.
-    residual : DataFrame, optional
-        ``residual.parquet``; without it the gap is measured against the unfiltered noise.
+    floor : callable, optional
+        Noise floor of a joint by test run (its number from 0); by default that of the unfiltered noise.
 
     Returns
     -------
@@ -211,6 +220,7 @@ def score_case(
         counts entries of the verdict that name an effect that nothing planted accounts for.
     """
     entries = list(verdict["verdict"])
+    floor = floor or partial(_raw_floor, truth)
     planted = truth["planted"]
     kind = "null" if not planted else "pair" if len(planted) > 1 else "single"
     common: dict[str, Any] = {
@@ -242,7 +252,7 @@ def score_case(
             "effect": plant["effect"], "joint": plant["joint"], "size": plant["size"],
             "unabsorbed_size": plant["unabsorbed_size"], "separable": plant["separable"],
             "outside": plant["outside"],
-            "gap_closure": score_gap(verdict, truth, plant["joint"], residual),
+            "gap_closure": score_gap(verdict, truth, plant["joint"], floor(plant["joint"])),
         }  # fmt: skip
         if matched:
             entry, outcome = entries[matched[0]], str(grade[matched[0]])
@@ -275,8 +285,10 @@ def score_folder(truth: dict[str, Any], out_dir: str | Path, method: str = "trac
     """Score what closing the loop wrote into a folder (``verdict.json``, ``residual.parquet`` if there)."""
     verdict = read_verdict(Path(out_dir) / "verdict.json")
     path = Path(out_dir) / "residual.parquet"
-    residual = read_table(path) if path.exists() and "signals" in truth else None
-    return score_case(truth, verdict, method, residual)
+    if not path.exists() or "signals" not in truth:
+        return score_case(truth, verdict, method)
+    residual = read_table(path)
+    return score_case(truth, verdict, method, lambda joint: true_floor(residual, truth, joint))
 
 
 def read_truth(path: str | Path) -> dict[str, Any]:
