@@ -201,36 +201,31 @@ class ScopeSettings(Section):
 
 
 class AuditSettings(Section):
-    """Surrogates against direct simulation, where the scope analysis extrapolates."""
+    """Surrogates against direct simulation at z0 and at the edges of the scopes, where they extrapolate."""
 
     enabled: bool = True
     """Whether the audit runs."""
-    points: Annotated[int, Field(ge=1)] = 6
-    """Points on the way from f0 to the largest delta at z0, simulated directly a robot and test-cycle."""
-    cycles: Annotated[int, Field(ge=1)] = 1
-    """Number of test-cycles audited, the first ones of the list."""
+    points: Annotated[int, Field(ge=1)] = 9
+    """Points simulated directly a robot and test-cycle, most telling first."""
+    cycles: Annotated[int, Field(ge=1)] = 2
+    """Number of test-cycles audited, the first ones of `cycles`."""
 
 
 class ClosedLoopSettings(Section):
     """The loop closed with measured data."""
 
     demonstration: bool = True
-    """Whether the study records a twin with an undeclared effect and closes the loop on it."""
-    robot: str = "medium"
-    """Robot of the demonstration's twin."""
+    """Whether the study records a twin of the medium robot with an effect that nobody declared, and closes
+    the loop on it."""
 
 
 class BoardSettings(Section):
     """The attribution board: planted effects, their verdicts scored."""
 
-    robots: Annotated[list[str], Field(min_length=1)] = ["medium", "large"]
-    """Robots that effects are planted in."""
-    sizes: Annotated[list[float], Field(min_length=1)] = [1.0, 2.0, 4.0, 8.0]
-    """Effect torque RMS over the noise."""
-    seeds: Annotated[int, Field(ge=1)] = 3
-    """Cases of each effect, size and robot."""
-    nulls: Annotated[int, Field(ge=0)] = 300
-    """Cases with nothing planted."""
+    size: Literal["small", "medium", "full"] = "full"
+    """How many cases; the full board takes hours."""
+    nulls: Annotated[int, Field(ge=0)] | None = None
+    """Number of cases with nothing planted; the board's own where left out."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -281,6 +276,10 @@ class StudyConfig(Section):
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""
+
+    def count_audit_points(self) -> int:
+        """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
+        return min(self.audit.points, 1 + len(self.scope.factors) * (2 + 2 * len(self.axes)))
 
     def factor_table(self) -> list[dict[str, Any]]:
         """Factors as the keyword arguments of `wearscope.designs.factors.Factor`, in the design's order."""

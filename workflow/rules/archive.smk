@@ -1,1 +1,24 @@
+rule archive:
+    input:
+        f"results/archive/{STUDY.study}.tar",
 
+
+rule pack_archive:
+    input:
+        study=rules.report.input,
+        code=code("pack_archive"),
+    output:
+        f"results/archive/{STUDY.study}.tar",
+    log:
+        f"{R}/logs/pack_archive.log",
+    benchmark:
+        f"{R}/benchmarks/pack_archive.tsv"
+    conda:
+        ENV
+    params:
+        folder=R,
+        config=config,
+    message:
+        "Pack the study into {output}"
+    script:
+        "../scripts/pack_archive.py"

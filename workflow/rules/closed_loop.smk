@@ -1,1 +1,119 @@
+LOOP_FILES = [
+    "verdict.json",
+    "residual.parquet",
+    "candidates.parquet",
+    "model_before.yaml",
+    "model_after.yaml",
+    "report.html",
+]
+DEMONSTRATION = [f"{R}/closed_loop/twin/{name}" for name in LOOP_FILES]
+BOARD = "results/attribution_board"
 
+if STUDY.dataset is None:
+    LOOP = DEMONSTRATION
+else:
+    LOOP = [f"results/closed_loop/{dataset_name(STUDY.dataset)}/{name}" for name in LOOP_FILES]
+
+
+rule closed_loop:
+    input:
+        LOOP,
+
+
+rule demonstration:
+    input:
+        DEMONSTRATION,
+
+
+rule attribution_board:
+    input:
+        f"{BOARD}/summary.json",
+
+
+rule record_demonstration:
+    input:
+        code=code("record_demonstration"),
+    output:
+        dataset=f"{R}/demonstration/twin/dataset.yaml",
+        urdf=f"{R}/demonstration/twin/robot.urdf",
+        runs=[f"{R}/demonstration/twin/runs/r{number}.parquet" for number in range(1, 7)],
+        truth=f"{R}/demonstration/truth.json",
+    log:
+        f"{R}/logs/record_demonstration.log",
+    benchmark:
+        f"{R}/benchmarks/record_demonstration.tsv"
+    conda:
+        ENV
+    params:
+        seed=STUDY.seed,
+    message:
+        "Record the demonstration's twin, with an effect that nobody declared"
+    script:
+        "../scripts/record_demonstration.py"
+
+
+rule close_demonstration:
+    input:
+        dataset=rules.record_demonstration.output.dataset,
+        urdf=rules.record_demonstration.output.urdf,
+        runs=rules.record_demonstration.output.runs,
+        code=code("close_loop", *effect_files()),
+    output:
+        DEMONSTRATION,
+    log:
+        f"{R}/logs/close_demonstration.log",
+    benchmark:
+        f"{R}/benchmarks/close_demonstration.tsv"
+    conda:
+        ENV
+    message:
+        "Close the loop on the demonstration's twin"
+    script:
+        "../scripts/close_loop.py"
+
+
+if STUDY.dataset is not None:
+
+    rule close_loop:
+        input:
+            dataset=dataset_file(STUDY.dataset),
+            files=dataset_files(STUDY.dataset),
+            code=code("close_loop", *effect_files()),
+        output:
+            LOOP,
+        log:
+            f"results/closed_loop/{dataset_name(STUDY.dataset)}/close_loop.log",
+        benchmark:
+            f"results/closed_loop/{dataset_name(STUDY.dataset)}/close_loop.tsv"
+        conda:
+            ENV
+        message:
+            "Close the loop on {input.dataset}"
+        script:
+            "../scripts/close_loop.py"
+
+
+rule run_board:
+    input:
+        code=code("run_board", *effect_files()),
+    output:
+        f"{BOARD}/board.parquet",
+        f"{BOARD}/confusion.parquet",
+        f"{BOARD}/smallest_sizes.parquet",
+        f"{BOARD}/summary.json",
+        f"{BOARD}/board.md",
+    log:
+        f"{BOARD}/run_board.log",
+    benchmark:
+        f"{BOARD}/run_board.tsv"
+    conda:
+        ENV
+    threads: workflow.cores
+    params:
+        size=STUDY.attribution_board.size,
+        nulls=STUDY.attribution_board.nulls,
+        seed=STUDY.seed,
+    message:
+        "Run the attribution board"
+    script:
+        "../scripts/run_board.py"

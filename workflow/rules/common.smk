@@ -1,7 +1,7 @@
 """Paths, the validated configuration, and the files that a rule's result depends on."""
 
-import glob
 import os
+import re
 import sys
 
 import yaml
@@ -10,16 +10,14 @@ SRC = os.path.join(workflow.basedir, "src")
 sys.path.insert(0, SRC)
 # Scripts run in other interpreters (with --sdm conda, in another environment): they find the package here,
 # and compute with one thread each, so that results do not depend on the number of cores.
-os.environ["PYTHONPATH"] = os.pathsep.join(
-    filter(None, [SRC, os.environ.get("PYTHONPATH")])
+inherited = dict(os.environ)
+os.environ.update(
+    PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])),
+    OMP_NUM_THREADS="1",
+    OPENBLAS_NUM_THREADS="1",
+    MKL_NUM_THREADS="1",
+    NUMBA_NUM_THREADS="1",
 )
-for variable in (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-):
-    os.environ[variable] = "1"
 
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
@@ -41,7 +39,10 @@ POINTS = {
     "identification": N_POINTS,
     "validation": N_POINTS,
     "nominal": STUDY.simulation.nominal_runs,
+    "audit": STUDY.count_audit_points(),
 }
+STUDY_SETS = ["identification", "validation", "nominal"]
+AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 
 wildcard_constraints:
@@ -90,11 +91,59 @@ def robot_effects(reference):
 
 def detector_files():
     """Files of the study's detectors."""
-    return [
-        plugin_file(detector.use, "detectors") for detector in STUDY.detectors.values()
-    ]
+    return [plugin_file(detector.use, "detectors") for detector in STUDY.detectors.values()]
+
+
+def traces(robot, cycle, *sets):
+    """Markers of the simulated chunks of some sets."""
+    return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
 
 
 def chunks(set):
     """Numbers of the chunks into which a set's points are cut."""
     return range(-(-POINTS[set] // STUDY.simulation.chunk))
+
+
+def effect_files():
+    """Files of all effects: whatever closes the loop may try each."""
+    return sorted(
+        os.path.join(SRC, "wearscope/effects", name) for name in os.listdir(f"{SRC}/wearscope/effects")
+    )
+
+
+def dataset_file(path):
+    """The dataset.yaml of a measured data set given as its folder or that file."""
+    return os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path
+
+
+def read_dataset(path):
+    """Content of a dataset.yaml; ends the run in one sentence where there is none."""
+    try:
+        with open(dataset_file(path), encoding="utf-8") as file:
+            content = yaml.safe_load(file)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise SystemExit(
+            f"config: dataset: {path} has no readable dataset.yaml ({reason}); correct the path."
+        )
+    if not isinstance(content, dict) or not re.fullmatch(r"[\w.-]+", str(content.get("name", ""))):
+        raise SystemExit(
+            f"{dataset_file(path)}: name is missing or holds other than letters, digits, '_', '-' and '.'; "
+            "the results' folder is called like it, so correct it."
+        )
+    return content
+
+
+def dataset_name(path):
+    """Name of a measured data set."""
+    return read_dataset(path)["name"]
+
+
+def dataset_files(path):
+    """URDF and runs that a data set names and that are there; the loop itself says which is missing."""
+    content, folder = read_dataset(path), os.path.dirname(dataset_file(path))
+    robot, runs = content.get("robot"), content.get("runs")
+    names = [robot.get("urdf")] if isinstance(robot, dict) else []
+    names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    paths = [os.path.join(folder, name) for name in names if isinstance(name, str)]
+    return [path for path in paths if os.path.isfile(path)]

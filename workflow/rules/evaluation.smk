@@ -72,9 +72,7 @@ rule compute_scope:
     conda:
         ENV
     params:
-        settings={
-            key: value for key, value in config["scope"].items() if key != "group_by"
-        },
+        settings={key: value for key, value in config["scope"].items() if key != "group_by"},
         factors=FACTORS,
         seed=STUDY.seed,
     message:

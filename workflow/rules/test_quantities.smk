@@ -5,14 +5,11 @@ rule test_quantities:
 
 rule compute_test_quantities:
     input:
-        design=expand("{R}/design/{set}.parquet", R=R, set=POINTS),
-        chunks=lambda w: [
-            f"{R}/traces/{w.robot}/{w.cycle}/{set}/_chunk-{chunk}.json"
-            for set in POINTS
-            for chunk in chunks(set)
-        ],
+        identification=f"{R}/design/identification.parquet",
+        validation=f"{R}/design/validation.parquet",
+        traces=lambda w: traces(w.robot, w.cycle, *STUDY_SETS),
         robot=lambda w: robot_files(ROBOTS[w.robot]),
-        code=code("compute_test_quantities", *detector_files()),
+        code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:
         f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
     log:
@@ -23,6 +20,7 @@ rule compute_test_quantities:
         ENV
     params:
         traces=f"{R}/traces/{{robot}}/{{cycle}}",
+        sets=["identification", "validation"],
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,
         detectors=config["detectors"],
@@ -36,12 +34,7 @@ rule compute_test_quantities:
 
 rule join_test_quantities:
     input:
-        parts=expand(
-            "{R}/parts/test_quantities/{robot}/{cycle}.parquet",
-            R=R,
-            robot=ROBOTS,
-            cycle=CYCLES,
-        ),
+        parts=expand("{R}/parts/test_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
         code=code("join_test_quantities"),
     output:
         table=f"{R}/test_quantities.parquet",

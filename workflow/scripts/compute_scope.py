@@ -1,8 +1,8 @@
 """Where the detectors work (Q-3), for the cells of one robot."""
 
 import numpy as np
-from job import run_job
 
+from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.evaluation.scope import scope_table

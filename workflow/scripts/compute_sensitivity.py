@@ -1,7 +1,6 @@
 """Which factors matter (Q-1)."""
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.evaluation.sensitivity import sensitivity_table
 

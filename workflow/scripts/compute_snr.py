@@ -1,7 +1,6 @@
 """How the detectors compare (Q-2)."""
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.evaluation.snr import rank_by_median, snr_table
 

@@ -1,12 +1,8 @@
 """Test quantities of one robot and test-cycle."""
 
-from job import count_progress, run_job
-
+from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities
-from wearscope.robots.model import load_model
-from wearscope.simulation.recording import read_batch
 
 with run_job(snakemake) as say:
     params, wildcards = snakemake.params, snakemake.wildcards

@@ -1,7 +1,6 @@
 """Surrogates of every cell."""
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.surrogates.fitting import fit_surrogates
 

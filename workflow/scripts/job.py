@@ -1,4 +1,4 @@
-"""What every workflow script does around its one call: log, say how far it is, end a bad input in one line."""
+"""What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
 
 import sys
 import time
@@ -17,7 +17,7 @@ def run_job(snakemake: Any) -> Iterator[Say]:
     """Log a job, and end it where its input is bad.
 
     Yields a function that writes one line to the log and, under the rule's name, to the terminal. An
-    `InputError` is told as its one sentence; anything else is a defect, and its traceback goes to the log too.
+    `InputError` is told as its one sentence; anything else is a defect, with its traceback in the log too.
     """
     name = " ".join([snakemake.rule, *map(str, snakemake.wildcards)])
     start = time.monotonic()

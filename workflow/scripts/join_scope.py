@@ -1,8 +1,8 @@
 """One scope table, its group scope matrices, and where the two methods disagree."""
 
 import pandas as pd
-from job import run_job
 
+from job import run_job
 from wearscope import tables
 from wearscope.evaluation.scope import group_scope, scope_disagreement
 

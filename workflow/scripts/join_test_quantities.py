@@ -1,8 +1,8 @@
 """One table of all test quantities, and one of the points at which a detector failed."""
 
 import pandas as pd
-from job import run_job
 
+from job import run_job
 from wearscope import tables
 from wearscope.detectors.run import count_failures
 

@@ -1,7 +1,6 @@
 """Design matrices, and what they can tell, before anything is simulated."""
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.designs.checks import alias_table, check_design, describe_design
 from wearscope.designs.factors import Factor
@@ -18,8 +17,8 @@ with run_job(snakemake) as say:
     checks = describe_design(identification, factors, params.models)
     for row in checks.itertuples():
         say(
-            f"model {row.model}: {row.terms} terms on {row.points} points, condition number "
-            f"{row.condition:.3g}, {row.dof} residual degrees of freedom, resolution {row.resolution or 'full'}"
+            f"{row.model}: {row.terms} terms on {row.points} points, condition number {row.condition:.3g}, "
+            f"{row.dof} residual degrees of freedom, resolution {row.resolution or 'full'}"
         )
     largest = max(params.models, key=lambda model: int(checks.set_index("model").loc[model, "terms"]))
     aliases = alias_table(identification[names].to_numpy(), names, largest)

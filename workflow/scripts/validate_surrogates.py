@@ -1,7 +1,6 @@
 """Fit (6) of every surrogate on the validation runs, its diagnostics, and the table like Table 4."""
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.surrogates.validation import fit_table, validate_surrogates
 

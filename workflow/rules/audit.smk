@@ -1,0 +1,79 @@
+rule audit:
+    input:
+        f"{R}/audit.parquet",
+        f"{R}/audit_summary.parquet",
+        f"{R}/audit_verdicts.parquet",
+
+
+rule choose_audit_points:
+    input:
+        scope=f"{R}/scope.parquet",
+        code=code("choose_audit_points"),
+    output:
+        f"{R}/design/audit.parquet",
+    log:
+        f"{R}/logs/choose_audit_points.log",
+    benchmark:
+        f"{R}/benchmarks/choose_audit_points.tsv"
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        about=STUDY.scope.factors,
+        points=POINTS["audit"],
+        axes=STUDY.axes,
+        f0=STUDY.scope.f0,
+        detection=STUDY.scope.p_d,
+    message:
+        "Choose the points of the audit"
+    script:
+        "../scripts/choose_audit_points.py"
+
+
+use rule compute_test_quantities as compute_audit_quantities with:
+    input:
+        audit=f"{R}/design/audit.parquet",
+        traces=lambda w: traces(w.robot, w.cycle, "audit", "nominal"),
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
+    output:
+        f"{R}/parts/audit_quantities/{{robot}}/{{cycle}}.parquet",
+    log:
+        f"{R}/logs/compute_audit_quantities/{{robot}}/{{cycle}}.log",
+    benchmark:
+        f"{R}/benchmarks/compute_audit_quantities/{{robot}}/{{cycle}}.tsv"
+    params:
+        traces=f"{R}/traces/{{robot}}/{{cycle}}",
+        sets=["audit"],
+        reference=lambda w: ROBOTS[w.robot],
+        axes=STUDY.axes,
+        detectors=config["detectors"],
+        factors=FACTORS,
+        max_failed_share=1.0,
+    message:
+        "Compute the audit's test quantities of {wildcards.robot}, {wildcards.cycle}"
+
+
+rule audit_surrogates:
+    input:
+        points=f"{R}/design/audit.parquet",
+        parts=expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED),
+        surrogates=f"{R}/surrogates.parquet",
+        code=code("audit_surrogates"),
+    output:
+        audit=f"{R}/audit.parquet",
+        summary=f"{R}/audit_summary.parquet",
+        verdicts=f"{R}/audit_verdicts.parquet",
+    log:
+        f"{R}/logs/audit_surrogates.log",
+    benchmark:
+        f"{R}/benchmarks/audit_surrogates.tsv"
+    conda:
+        ENV
+    params:
+        model=STUDY.scope.model,
+        group_by=STUDY.scope.group_by,
+    message:
+        "Compare the surrogates with direct simulation"
+    script:
+        "../scripts/audit_surrogates.py"

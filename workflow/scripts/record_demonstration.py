@@ -1,0 +1,10 @@
+"""A data set of a twin with an effect that its description does not declare."""
+
+from pathlib import Path
+
+from job import run_job
+from wearscope.attribution_board.twin import record_twin
+
+with run_job(snakemake) as say:
+    folder = Path(snakemake.output.dataset).parent
+    record_twin(folder, snakemake.params.seed, truth_path=snakemake.output.truth)
