@@ -80,7 +80,7 @@ def joined_signals(runs: list[PreparedRun]) -> Signals:
         return np.concatenate([getattr(run.signals, name) for run in runs])
 
     names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-    return Signals(**{name: join(name) for name in names})
+    return Signals(**{name: join(name) for name in names}, bandwidth=runs[0].band.torque)
 
 
 def reduce_columns(effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun) -> np.ndarray:

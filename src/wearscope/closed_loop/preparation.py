@@ -153,8 +153,27 @@ def _spread_out(bad: np.ndarray, width: int) -> np.ndarray:
     return np.column_stack([np.convolve(b, kernel, mode="same") > 0.5 for b in bad.T.astype(float)])
 
 
-def _prepare_run(run: Run, motion: Motion, body: RigidBody, dataset: Dataset, band: Band) -> PreparedRun:
-    signals, known = make_signals(motion, body, known_inertia(dataset))
+def _predict_roughly(
+    made: list[tuple[Signals, np.ndarray]], measured: list[np.ndarray], moving: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Measured torque and a prediction with friction and inertia fitted joint by joint, run by run."""
+    predicted = [np.empty_like(tau) for tau in measured]
+    for j in np.flatnonzero(moving):
+        columns = [
+            np.column_stack([known[:, j], s.a[:, j], s.sign[:, j], s.v[:, j], np.ones(len(s.t))])
+            for s, known in made
+        ]
+        theta = np.linalg.lstsq(
+            np.vstack(columns), np.concatenate([tau[:, j] for tau in measured]), rcond=None
+        )
+        for out, x in zip(predicted, columns, strict=True):
+            out[:, j] = x @ theta[0]
+    return [(tau[:, moving], out[:, moving]) for tau, out in zip(measured, predicted, strict=True)]
+
+
+def _prepare_run(
+    run: Run, motion: Motion, signals: Signals, known: np.ndarray, dataset: Dataset, band: Band
+) -> PreparedRun:
     bad = np.abs(motion.v) < motion.rest_speed
     saturated = _saturated(motion.tau, dataset.fields.robot.torque_limit)
     if saturated.any():
@@ -213,24 +232,34 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
         if not moving[j]:
             notes.append(f"joint {joint} does not move in the train runs; its friction stays undetermined.")
     train = [run for run in uniform if run.use == "train"]
-    motion_cutoff = choose_motion_cutoff(train, rate)
-    motions = [differentiate_run(run, rate, motion_cutoff) for run in uniform]
+    edge = choose_motion_cutoff(train, rate)
     bodies = [rigid_body_of(urdf, dataset, run) for run in uniform]
     inertia = known_inertia(dataset)
-    pairs = [
-        (motion.tau[:, moving], make_signals(motion, body, inertia)[1][:, moving])
-        for run, motion, body in zip(uniform, motions, bodies, strict=True)
-        if run.use == "train"
-    ]
-    band = Band(rate, motion_cutoff, choose_torque_cutoff(pairs, rate, motion_cutoff))
+
+    def differentiate(cutoff: float) -> tuple[list[Motion], list[tuple[Signals, np.ndarray]]]:
+        motions = [differentiate_run(run, rate, cutoff) for run in uniform]
+        return motions, [make_signals(m, body, inertia) for m, body in zip(motions, bodies, strict=True)]
+
+    motions, made = differentiate(edge)
+    is_train = [run.use == "train" for run in uniform]
+    pairs = _predict_roughly(
+        [m for m, use in zip(made, is_train, strict=True) if use],
+        [m.tau for m, use in zip(motions, is_train, strict=True) if use],
+        moving,
+    )
+    torque_cutoff = choose_torque_cutoff(pairs, rate, edge)
+    # The motion filter must not be felt below the common cut-off, where the torque does not have it.
+    band = Band(rate, min(max(edge, 3.0 * torque_cutoff), 0.4 * rate), torque_cutoff)
+    if band.motion != edge:
+        motions, made = differentiate(band.motion)
     notes.append(
         f"motion filtered at {band.motion:.3g} Hz, torque and regressors at {band.torque:.3g} Hz, zero phase."
     )
     if robot.inertials == "approximate" and "rigid_body" not in dataset.fields.declared_effects:
         notes.append("inertials are approximate but rigid_body is not declared; they are not refitted.")
     runs = [
-        _prepare_run(run, motion, body, dataset, band)
-        for run, motion, body in zip(uniform, motions, bodies, strict=True)
+        _prepare_run(run, motion, signals, known, dataset, band)
+        for run, motion, (signals, known) in zip(uniform, motions, made, strict=True)
     ]
     short = [run.file for run in runs if len(run.t) < 40]
     if short:

@@ -18,6 +18,8 @@ from wearscope.closed_loop.regression import (
 
 #: Share of a regressor that must stay after the current model is projected out.
 ISOLABLE = 1e-3
+#: Least number of blocks, effectively, that the information on a candidate must come from.
+_LEAST_BLOCKS = 4.0
 #: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
 _CANCELLATION = 12.0
 
@@ -126,7 +128,9 @@ class Scorer:
             beta=beta,
             flips=flips,
         )
-        scored.reason = self._object(scored, own)
+        information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
+        blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
+        scored.reason = self._object(scored, own, blocks)
         return scored
 
     def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
@@ -139,9 +143,11 @@ class Scorer:
         error = np.sqrt((u**2).sum() * count / (count - 1))
         return float(stats.t.sf(beta @ inner @ beta / max(error, 1e-300), count - 1))
 
-    def _object(self, scored: Scored, own: np.ndarray) -> str:
+    def _object(self, scored: Scored, own: np.ndarray, blocks: float) -> str:
         if scored.isolability < ISOLABLE:
             return "the declared model absorbs it on these runs"
+        if blocks < _LEAST_BLOCKS:
+            return f"all its evidence lies in {blocks:.1f} blocks of the runs"
         beta = scored.beta
         parts = np.sqrt(np.maximum(np.diag(own), 0)) * np.abs(beta)
         whole = np.sqrt(max(beta @ own @ beta, 1e-300))

@@ -363,8 +363,33 @@ class Tracer:
             found.append(Found(entry, [r.entry.effect.name for r in rivals], taken))
             self.progress(f"step {step}: {entry.label}, {100 * taken.cv_share:.0f} % of the held-out loss")
             model = self.fit([f.entry for f in found])
-        found, model = self.explain_rest(found, model, step)
+        found = self.revise(found)
+        found, model = self.explain_rest(found, self.fit([f.entry for f in found]), step)
         return Trace(found, self.before, model, self.rows, self.folds)
+
+    def revise(self, found: list[Found]) -> list[Found]:
+        """Ask of each effect again, with all later ones in the model, whether it is needed and the best."""
+        for f in list(found):
+            others = [k for k in found if k is not f]
+            model = self.fit([k.entry for k in others])
+            joint = f.entry.joint
+            nearby = [
+                family
+                for family in self.families
+                if family.joint == joint or family.effect.spread or f.entry.effect.spread
+            ]
+            scored = self.score_all(model, nearby)
+            taken, rivals = self.choose(scored, self.options.minimum_gain)
+            if taken is None:
+                self.progress(f"{f.entry.label} is taken back: not needed beside the others")
+                found = others
+            else:
+                entry = self.refine(model, taken.entry)
+                if entry.effect is not f.entry.effect:
+                    self.progress(f"{f.entry.label} is replaced by {entry.label}")
+                again = Found(entry, [r.entry.effect.name for r in rivals], taken)
+                found = [again if k is f else k for k in found]
+        return found
 
     def explain_rest(
         self, found: list[Found], model: Regression, step: int

@@ -17,7 +17,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 EFFECT = TransmissionEffect(
     name="backlash",
     form="inverse dynamics along q - (lost_motion/2) tanh(tau_rb/mesh_torque), to first order",
-    coefficients=(Parameter("lost_motion", "{position}", lower=0.0),),
+    coefficients=(Parameter("lost_motion", "{position}", lower=0.0, upper=0.1),),
     source="Nordin and Gutman 2002, Automatica 38(10)",
     depends_on=("load_{joint}", "reversal_load_{joint}"),
     shape=(Parameter("mesh_torque", "{torque}", lower=1e-9, default=1.0),),

@@ -87,6 +87,8 @@ class Signals:
         The dynamics that gave `load`, for effects that perturb it.
     torque : ndarray (N, n) or None
         Torque predicted by the model without the effect, for errors of the measurement itself.
+    bandwidth : float
+        Frequency [Hz] above which the signals are not used.
     """
 
     t: np.ndarray
@@ -99,6 +101,7 @@ class Signals:
     wear: np.ndarray
     rigid_body: Any = None
     torque: np.ndarray | None = None
+    bandwidth: float = np.inf
 
     @property
     def dt(self) -> float:

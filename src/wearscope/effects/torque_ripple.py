@@ -12,11 +12,12 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
-    # From three periods over the visited range, in steps that the range resolves, to where the median
-    # speed would turn the ripple into an alias of the sampling.
+    # From three periods over the visited range, in steps that the range resolves, to where even slow motion
+    # turns the ripple into frequencies that are not used.
     reach = max(np.ptp(signals.q[:, joint]), 1e-12)
-    speed = max(np.median(np.abs(signals.v[:, joint])), 1e-12)
-    highest = min(0.8 * np.pi / signals.dt / speed, 2 * np.pi * 300 / reach)
+    speed = np.abs(signals.v[:, joint])
+    slow = max(np.quantile(speed[speed > 0.01 * speed.max()], 0.2), 1e-12)
+    highest = 2 * np.pi * min(signals.bandwidth / slow, 0.4 / signals.dt / slow, 300 / reach)
     return np.arange(2 * np.pi * 3 / reach, max(highest, 2 * np.pi * 4 / reach), np.pi / reach)[:, None]
 
 
