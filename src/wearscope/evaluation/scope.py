@@ -9,6 +9,7 @@ from wearscope.designs.factors import FAULT, PAPER_FACTORS, nominal_levels
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
+from wearscope.evaluation.scope_confidence import pass_confidence
 from wearscope.evaluation.scope_exact import detection_probability, standardise
 from wearscope.evaluation.snr import output_status
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
@@ -117,6 +118,7 @@ def scope_table(
     runs: int = 100_000,
     seed: int = 0,
     bandwidth: str = "silverman",
+    draws: int = 200,
     report: Callable[[int], None] | None = None,
 ) -> pd.DataFrame:
     """Scope matrices of every cell, long form.
@@ -143,6 +145,8 @@ def scope_table(
         P_f', P_d'.
     runs, seed, bandwidth
         See `kde_scope`.
+    draws : int
+        Coefficient draws for ``confidence``; 0 for none.
     report : callable, optional
         Called with the number of cells done, after each.
 
@@ -151,7 +155,8 @@ def scope_table(
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``, ``p_d``,
         ``passes``, ``method``, ``status``: ``ok``; ``constant`` (never passes); ``decreasing``: theta_0 < 0,
-        judged by rule (13) as it stands, never with its sign turned.
+        judged by rule (13) as it stands, never with its sign turned. ``confidence`` (method exact, else
+        NaN): share of coefficient draws for which the grid cell passes.
 
     Raises
     ------
@@ -162,21 +167,27 @@ def scope_table(
     grid_d = grid_d if deltas is None else np.asarray(deltas, dtype=float)
     grid_s = grid_s if sigmas is None else np.asarray(sigmas, dtype=float)
     _check_setting(grid_d, grid_s, methods, false_alarm, detection, runs, bandwidth)
+    held = nominal_levels(PAPER_FACTORS) if levels is None else dict(levels)
     blocks = []
     for done, (key, surrogate) in enumerate(surrogates_of(surrogates, model), start=1):
         for factor in factors:
             if factor not in surrogate.names or factor == FAULT:
                 raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(surrogate.names[1:])}.")
-            null, alternatives = scope_quadratics(
-                surrogate, factor, grid_d, grid_s, f0, levels, (centres or {}).get(factor, 0.0)
-            )
+            centre = (centres or {}).get(factor, 0.0)
+            null, alternatives = scope_quadratics(surrogate, factor, grid_d, grid_s, f0, held, centre)
             for method in methods:
                 if method == "exact":
                     p_d = exact_scope(null, alternatives, false_alarm)
+                    stream = generator_for(seed, "scope confidence", cell_name(key), factor)
+                    sure = pass_confidence(
+                        surrogate, factor, grid_d, grid_s, held, stream, draws, f0, centre, false_alarm,
+                        detection,
+                    )  # fmt: skip
                 else:
                     identity = (cell_name(key), factor)
                     p_d = kde_scope(null, alternatives, false_alarm, runs, seed, identity, bandwidth)
-                blocks.append((key, factor, method, output_status(surrogate), p_d))
+                    sure = np.full(p_d.shape, np.nan)
+                blocks.append((key, factor, method, output_status(surrogate), p_d, sure))
         if report is not None:
             report(done)
     return _long(blocks, grid_d, grid_s, detection)
@@ -217,6 +228,7 @@ def _long(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float
     columns["passes"] = p_d >= detection
     columns["method"] = np.repeat(np.array([block[2] for block in blocks]), size)
     columns["status"] = np.repeat(np.array([block[3] for block in blocks]), size)
+    columns["confidence"] = np.concatenate([block[5].ravel() for block in blocks])
     return pd.DataFrame(columns)
 
 

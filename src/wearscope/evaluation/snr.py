@@ -125,21 +125,12 @@ def parametric_interval(
 ) -> tuple[float, float]:
     """Interval of the exact SNR that the uncertainty of the coefficients allows.
 
-    Coefficients are drawn from their multivariate t distribution (estimate, covariance, residual degrees of
-    freedom); NaN without residual degrees of freedom.
+    Coefficients are drawn by `Surrogate.draw_coefficients`; NaN without residual degrees of freedom.
     """
-    if surrogate.status == "constant" or surrogate.dof < 1 or not np.all(np.isfinite(surrogate.covariance)):
+    if surrogate.status == "constant" or surrogate.dof < 1:
         return float("nan"), float("nan")
-    scale = float(np.abs(np.diag(surrogate.covariance)).max())
-    if scale == 0:
-        value = float(exact_snr(surrogate.theta, surrogate.terms, f0, delta, sigma))
-        return value, value
-    root = np.linalg.cholesky(surrogate.covariance / scale) * np.sqrt(scale)
-    shape = np.sqrt(surrogate.dof / rng.chisquare(surrogate.dof, size=(draws, 1)))
-    theta = surrogate.theta + shape * (rng.standard_normal((draws, len(surrogate.theta))) @ root.T)
-    low, high = np.quantile(
-        exact_snr(theta, surrogate.terms, f0, delta, sigma), [0.5 - level / 2, 0.5 + level / 2]
-    )
+    values = exact_snr(surrogate.draw_coefficients(rng, draws), surrogate.terms, f0, delta, sigma)
+    low, high = np.quantile(values, [0.5 - level / 2, 0.5 + level / 2])
     return float(low), float(high)
 
 

@@ -1,6 +1,7 @@
 """A second-order regression of the test quantity on coded factors, with its own uncertainty."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,7 +49,8 @@ class Surrogate:
         """Coefficient of a term; 0 where the model leaves it out."""
         return float(self.theta[self.terms.index(term)]) if term in self.terms else 0.0
 
-    def expand(self) -> tuple[float, Array, Array]:
+    @cached_property
+    def quadratic(self) -> tuple[float, Array, Array]:
         """Constant c, gradient b (n,) and symmetric matrix Q (n, n) of y = c + b'z + z'Qz."""
         c, b, q = expand_coefficients(self.theta, self.terms, self.names)
         return float(c), b, q
@@ -66,7 +68,7 @@ class Surrogate:
         array (N,)
         """
         z = np.atleast_2d(np.asarray(z, dtype=float))
-        c, b, q = self.expand()
+        c, b, q = self.quadratic
         product = z @ q
         product += b
         product *= z
@@ -97,6 +99,21 @@ class Surrogate:
         half = width * stats.t.ppf(0.5 + level / 2, max(self.dof, 1))
         return value - half, value + half
 
+    def draw_coefficients(self, rng: np.random.Generator, draws: int) -> Array:
+        """Coefficient vectors that the data allow, shape (draws, p).
+
+        From the multivariate t distribution of the estimate, its covariance and the residual degrees of
+        freedom; NaN without any.
+        """
+        if self.dof < 1 or not np.all(np.isfinite(self.covariance)):
+            return np.full((draws, len(self.theta)), np.nan)
+        scale = float(np.diag(self.covariance).max())
+        if scale == 0:
+            return np.tile(self.theta, (draws, 1))
+        root = np.linalg.cholesky(self.covariance / scale) * np.sqrt(scale)
+        stretch = np.sqrt(self.dof / rng.chisquare(self.dof, size=(draws, 1)))
+        return self.theta + stretch * (rng.standard_normal((draws, len(self.theta))) @ root.T)
+
     def at_fault(self, f: float) -> tuple[float, Array, Array]:
         """c, g (n-1,), A (n-1, n-1) of y = c + g'w + w'Aw at a coded fault level."""
         c, g, a = condition_on_fault(self.theta, self.terms, f)
@@ -111,7 +128,7 @@ class Surrogate:
         levels : dict of str to float
             Coded levels of all other factors.
         """
-        c, b, q = self.expand()
+        c, b, q = self.quadratic
         k = self.names.index(factor)
         z = np.array([0.0 if name == factor else levels[name] for name in self.names])
         return np.array([c + b @ z + z @ q @ z, b[k] + 2.0 * q[k] @ z, q[k, k]])

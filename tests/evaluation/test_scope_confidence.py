@@ -1,0 +1,100 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wearscope import tables
+from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
+from wearscope.evaluation.scope import exact_scope, scope_quadratics, scope_table
+from wearscope.evaluation.scope_confidence import along_operator, pass_confidence
+from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
+from wearscope.surrogates.planted import planted_test_quantities
+from wearscope.surrogates.surrogate import Surrogate
+
+LEVELS = nominal_levels(PAPER_FACTORS)
+DELTAS, SIGMAS = np.linspace(0, 4, 9), np.linspace(0.05, 1, 7)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    quantities, _ = planted_test_quantities(robots=["m"], cycles=["a"], fdas=["A"], noise=0.08, seed=2)
+    return fit_surrogates(quantities, ["full", "simplified"])
+
+
+@pytest.mark.parametrize("model", ["full", "simplified"])
+def test_the_operator_gives_the_coefficients_along_a_factor(noisy, model):
+    for _, surrogate in surrogates_of(noisy, model):
+        maps = along_operator(surrogate, "w5", LEVELS, [-2.0, 0.5])
+        for f, matrix in zip((-2.0, 0.5), maps, strict=True):
+            expected = surrogate.along("w5", {**LEVELS, "f": f})
+            np.testing.assert_allclose(surrogate.theta @ matrix, expected, atol=1e-12)
+
+
+def test_drawn_coefficients_have_the_covariance_of_the_estimate(noisy):
+    _, surrogate = next(surrogates_of(noisy, "full"))
+    draws = surrogate.draw_coefficients(np.random.default_rng(0), 40_000)
+    np.testing.assert_allclose(
+        draws.mean(axis=0), surrogate.theta, atol=5 * np.sqrt(surrogate.covariance.max() / 40_000)
+    )
+    # a t distribution is wider than its scale matrix by dof / (dof - 2)
+    expected = surrogate.covariance * surrogate.dof / (surrogate.dof - 2)
+    np.testing.assert_allclose(np.cov(draws.T), expected, atol=0.05 * expected.max())
+
+
+def test_confidence_counts_the_draws_that_pass(noisy):
+    for _, surrogate in surrogates_of(noisy, "full"):
+        got = pass_confidence(surrogate, "w3", DELTAS, SIGMAS, LEVELS, np.random.default_rng(7), 40)
+        count = np.zeros(got.shape)
+        for theta in surrogate.draw_coefficients(np.random.default_rng(7), 40):
+            moved = replace(surrogate, theta=theta)
+            count += exact_scope(*scope_quadratics(moved, "w3", DELTAS, SIGMAS)) >= 0.99
+        np.testing.assert_allclose(got, count / 40, atol=1e-12)
+
+
+def test_a_study_repeated_with_fresh_noise_passes_as_often_as_told():
+    # 20 studies of one truth: where a verdict is called sure, it is that of the truth
+    sure = wrong = 0
+    for seed in range(20):
+        quantities, truth = planted_test_quantities(["m"], ["a"], [1], ["A"], noise=0.2, seed=0)
+        quantities["y"] += 0.2 * np.random.default_rng(seed).standard_normal(len(quantities))
+        table = fit_surrogates(quantities, ["full"])
+        scope = scope_table(table, methods=["exact"], deltas=DELTAS, sigmas=SIGMAS)
+        _, surrogate = next(surrogates_of(table, "full"))
+        exact = replace(surrogate, theta=truth["m", "a", 1, "A"])
+        for factor in ("w3", "w5"):
+            right = exact_scope(*scope_quadratics(exact, factor, DELTAS, SIGMAS)) >= 0.99
+            confidence = scope.loc[scope["factor"] == factor, "confidence"].to_numpy().reshape(right.shape)
+            certain = (confidence > 0.975) | (confidence < 0.025)
+            sure += int(certain.sum())
+            wrong += int(np.sum(certain & ((confidence > 0.5) != right)))
+    assert sure > 1000
+    assert wrong / sure < 0.03
+
+
+def test_only_the_exact_method_carries_a_confidence(noisy):
+    kde = scope_table(noisy, methods=["kde"], deltas=[1.0], sigmas=[0.5], runs=500)
+    assert kde["confidence"].isna().all()
+    none = scope_table(noisy, methods=["exact"], deltas=[1.0], sigmas=[0.5], draws=0)
+    assert none["confidence"].isna().all()
+
+
+def test_degenerate_surrogates_have_an_explicit_confidence():
+    rng = np.random.default_rng(0)
+    constant = Surrogate(("1", "f", "w3"), np.array([1.0, 0, 0]), np.zeros((3, 3)), 0.0, 9, "constant")
+    assert (pass_confidence(constant, "w3", DELTAS, SIGMAS, LEVELS, rng) == 0).all()
+    saturated = Surrogate(("1", "f", "w3"), np.ones(3), np.full((3, 3), np.nan), np.nan, 0)
+    assert np.isnan(pass_confidence(saturated, "w3", DELTAS, SIGMAS, LEVELS, rng)).all()
+    exact = Surrogate(("1", "f", "w3"), np.ones(3), np.zeros((3, 3)), 0.0, 9)
+    certain = pass_confidence(exact, "w3", DELTAS, SIGMAS, LEVELS, rng)
+    passes = exact_scope(*scope_quadratics(exact, "w3", DELTAS, SIGMAS)) >= 0.99
+    np.testing.assert_array_equal(certain, passes)
+
+
+def test_surrogates_keep_their_uncertainty_through_a_file(noisy, tmp_path):
+    tables.write_table(tmp_path / "surrogates.parquet", noisy)
+    back = tables.read_table(tmp_path / "surrogates.parquet")
+    setting = {"methods": ["exact"], "deltas": DELTAS, "sigmas": SIGMAS, "draws": 20}
+    first, second = scope_table(noisy, **setting), scope_table(back, **setting)
+    np.testing.assert_array_equal(first["confidence"], second["confidence"])
+    tables.write_table(tmp_path / "again.parquet", back)
+    assert (tmp_path / "again.parquet").read_bytes() == (tmp_path / "surrogates.parquet").read_bytes()
