@@ -155,8 +155,11 @@ def _best_variant(problem: Problem, base: NDArray[np.int64], name: str) -> tuple
 
 
 def pick_largest_correlation(problems: list[Problem]) -> list[tuple[int, str, int]]:
-    """The one column, of all joints, that correlates most with the declared model's residual, if at all."""
-    best: tuple[float, int, str, int] = (0.0, 0, "", 0)
+    """The one column, of all joints, that correlates most with the declared model's residual, if at all.
+
+    Of candidates that share a column, the one with the fewest columns is taken.
+    """
+    best: tuple[float, int, int, str, int] = (0.0, 0, 0, "", 0)
     tried = rows = 0
     for number, problem in enumerate(problems):
         declared = problem.columns[:, : problem.declared]
@@ -167,9 +170,10 @@ def pick_largest_correlation(problems: list[Problem]) -> list[tuple[int, str, in
         for name, slots in problem.slots.items():
             for index, slot in enumerate(slots):
                 tried += len(slot)
-                best = max(best, (float(np.max(np.abs(products[slot]) / sizes[slot])), number, name, index))
+                correlation = round(float(np.max(np.abs(products[slot]) / sizes[slot])), 9)
+                best = max(best, (correlation, -len(slot), number, name, index))
     threshold = float(norm.isf(ALARM / 2 / max(tried, 1))) / np.sqrt(max(rows, 1))
-    return [best[1:]] if best[0] > threshold else []
+    return [best[2:]] if best[0] > threshold else []
 
 
 def pick_stepwise_bic(problems: list[Problem]) -> list[tuple[int, str, int]]:

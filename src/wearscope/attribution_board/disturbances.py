@@ -70,7 +70,7 @@ def make_noise(kind: str, rows: int, rms: Array, rate: float, rng: np.random.Gen
         return _scaled(0.8 * white + 0.85 * np.sin(2 * np.pi * frequency * t[:, None] + phase), rms)
     moment = rng.uniform(0.2, 0.8, n) * t[-1]
     knock = np.exp(-(((t[:, None] - moment) / 0.15) ** 2)) * rng.choice([-1.0, 1.0], n)
-    return (white + 6.0 * knock) * rms
+    return _scaled(white + 6.0 * knock, rms)
 
 
 def jitter_times(t: Array, kind: str, rate: float, rng: np.random.Generator) -> tuple[Array, Array]:
