@@ -10,7 +10,7 @@ from wearscope.simulation.step import Gears
 #: motion, so that the deflection law can be inverted.
 LEAST_DEFLECTION = 1e-3
 #: Torques balance to this share of the largest torque.
-BALANCE = 1e-8
+BALANCE = 1e-7
 
 
 def build_plant(model: RobotModel) -> Plant:

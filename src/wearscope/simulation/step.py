@@ -29,6 +29,9 @@ from wearscope.simulation.terms import Motion, evaluate_terms
 MAX_ITERATIONS = 80
 #: After these iterations only the joint that is furthest beyond break-away is released at a time.
 PATIENCE = 25
+#: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
+#: convergence still holds; that is looked at after this many steps at the latest.
+SAFETY, TRUST = 5.0, 30.0
 
 
 class Law(NamedTuple):
@@ -77,6 +80,8 @@ class State(NamedTuple):
         Direction of the motor's motion, 0 at rest.
     slope : ndarray
         Of the effects' torque against the motor's speed.
+    pace : ndarray (2,)
+        Last rate of convergence, and the number of steps since that trusted it.
     """
 
     q: np.ndarray
@@ -88,6 +93,7 @@ class State(NamedTuple):
     a_before: np.ndarray
     mode: np.ndarray
     slope: np.ndarray
+    pace: np.ndarray
 
 
 class Work(NamedTuple):
@@ -124,7 +130,18 @@ class Log(NamedTuple):
 def make_state(n: int) -> State:
     """State at rest at 0."""
     z = np.zeros
-    return State(z(n), z(n), z(n), z(n), z(n), z(n), z(n), z(n, dtype=np.int64), np.full(n, np.nan))
+    return State(
+        z(n),
+        z(n),
+        z(n),
+        z(n),
+        z(n),
+        z(n),
+        z(n),
+        z(n, dtype=np.int64),
+        np.full(n, np.nan),
+        np.array([1.0, 0.0]),
+    )
 
 
 def make_work(n: int) -> Work:
@@ -178,13 +195,10 @@ def _learn_slopes(terms, state, work, motion):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _balance(law, gears, state, work, motion, w, k, dt):
-    """Torques of motors and gears at the present iterate, what is missing to balance; release motors at rest.
-
-    Returns the number of released motors and whether all torques balance.
-    """
+    """Torques of motors and gears at the present iterate; what is missing at the links, over its tolerance."""
     n = len(state.mode)
-    mass, bias, mode, y, x = w.mass_matrix, w.bias, state.mode, motion.speed, work.x
-    balanced = True
+    mass, bias, y, x = w.mass_matrix, w.bias, motion.speed, work.x
+    missing = 0.0
     for j in range(n):
         ahead = law.position[k + 1, j] - state.q[j] - state.gap[j] - dt * y[j]
         motor = law.feedforward[k, j] + law.stiffness[j] * ahead + law.damping[j] * (law.speed[k, j] - y[j])
@@ -203,14 +217,13 @@ def _balance(law, gears, state, work, motion, w, k, dt):
                 gear, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
             )
             work.residual[j] = gear - links
-            if abs(work.residual[j]) > gears.tolerance[j]:
-                balanced = False
+            missing = max(missing, abs(work.residual[j]) / gears.tolerance[j])
         else:
             gear = links
             work.residual[j] = 0.0
         work.gear[j] = gear
         work.need[j] = motor - gear - gears.armature[j] * motion.acceleration[j]
-    return balanced
+    return missing
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -243,7 +256,10 @@ def _let_go(state, work, motion, j):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _correct(gears, terms, state, work, motion, w, dt):
-    """One Newton step of speeds; motors whose direction would turn come to rest. False where singular."""
+    """One Newton step of speeds; motors whose direction would turn come to rest.
+
+    Returns how many did, or -1 where the system is singular.
+    """
     n = len(state.mode)
     mass, mode, y, a, b = w.mass_matrix, state.mode, motion.speed, work.matrix, work.held
     for j in range(n):
@@ -277,7 +293,8 @@ def _correct(gears, terms, state, work, motion, w, dt):
                 a[c, j] = 0.0
             a[j, j] = 1.0
     if not _solve(a, b):
-        return False
+        return -1
+    turned = 0
     for j in range(n):
         work.x[j] += b[j]
         if mode[j] == 0:
@@ -292,11 +309,12 @@ def _correct(gears, terms, state, work, motion, w, dt):
         if mode[j] * speed < 0.0:
             speed = 0.0
             mode[j] = 0
+            turned += 1
         _set_speed(motion, state, j, speed, dt)
         motion.sign[j] = mode[j]
         if not gears.flexible[j]:
             work.x[j] = speed
-    return True
+    return turned
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -321,25 +339,42 @@ def _begin(state, work, motion, gears, w, dt):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear):
-    """Iterate until the torques balance; False where they do not."""
+def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear, may_trust):
+    """Iterate until the torques balance; False where they do not.
+
+    As the steps are alike, the last rate of convergence tells whether one correction is enough, without asking
+    for the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
+    """
     _begin(state, work, motion, gears, w, dt)
+    before = 0.0
     for iteration in range(MAX_ITERATIONS):
         evaluate_terms(
             rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
             t, dt, temperature, wear,
         )  # fmt: skip
         _learn_slopes(terms, state, work, motion)
-        balanced = _balance(law, gears, state, work, motion, w, k, dt)
+        missing = _balance(law, gears, state, work, motion, w, k, dt)
         if _release(gears, state, work, motion, iteration > PATIENCE):
+            before = 0.0
             continue
         for j in range(len(state.mode)):
-            if state.mode[j] != 0 and not abs(work.need[j] - work.high[j]) <= gears.tolerance[j]:
-                balanced = False
-        if balanced:
+            if state.mode[j] != 0:
+                missing = max(missing, abs(work.need[j] - work.high[j]) / gears.tolerance[j])
+        if before > 0.0:
+            state.pace[0], state.pace[1] = missing / before, 0.0
+        if missing <= 1.0:
             return True
-        if not _correct(gears, terms, state, work, motion, w, dt):
+        turned = _correct(gears, terms, state, work, motion, w, dt)
+        if turned < 0:
             return False
+        before = 0.0 if turned > 0 else missing
+        sure = SAFETY * state.pace[0] * missing <= 1.0 and state.pace[1] < TRUST
+        if may_trust and iteration == 0 and turned == 0 and sure:
+            _balance(law, gears, state, work, motion, w, k, dt)
+            if not _release(gears, state, work, motion, False):
+                state.pace[1] += 1.0
+                return True
+            before = 0.0
     return False
 
 
@@ -370,12 +405,14 @@ def advance_block(rows, terms, law, gears, plant, bodies, ghost, state, work, mo
         -1, or the step that has no solution.
     """
     n = len(state.q)
+    # Memory and coupling are taken from the last evaluation.
+    may_trust = not (terms.remembers.any() or terms.coupled.any())
     for k in range(first, last):
         mass_and_bias(plant, state.q, state.v, w)
         warm = temperature[min(k, len(temperature) - 1)]
         worn = wear[min(k, len(wear) - 1)]
         t = t0 + k * dt
-        if not _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, warm, worn):
+        if not _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, warm, worn, may_trust):
             return k
         for j in range(n):
             log.position[k, j] = motion.position[j]

@@ -26,8 +26,6 @@ class Terms(NamedTuple):
     coupled : ndarray of bool (n,)
         Whether a term of the joint depends on the motion of another joint.
     out : ndarray (widest,)
-    idle : ndarray (1,)
-        Memory of terms that have none.
     """
 
     joint: np.ndarray
@@ -40,7 +38,6 @@ class Terms(NamedTuple):
     remembers: np.ndarray
     coupled: np.ndarray
     out: np.ndarray
-    idle: np.ndarray
 
 
 def _is_coupled(term: Term, n: int) -> bool:
@@ -97,7 +94,6 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
         remembers=np.array([t.n_states > 0 for t in ordered], dtype=bool),
         coupled=coupled,
         out=np.zeros(widest),
-        idle=np.zeros(1),
     )
 
 
@@ -115,17 +111,10 @@ class Motion(NamedTuple):
 def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
     """Torque of term `i` at joint `j`; its memory goes to `after`."""
     sign, q, y, a, load = motion
-    # Views cost as much as the rest of a call: only terms with memory get theirs.
-    if terms.remembers[i]:
-        row(
-            j, t, dt, sign, q, y, a, load, temperature, wear,
-            terms.shape[i], terms.state[i], after[i], terms.out,
-        )  # fmt: skip
-    else:
-        row(
-            j, t, dt, sign, q, y, a, load, temperature, wear,
-            terms.shape[i], terms.idle, terms.idle, terms.out,
-        )  # fmt: skip
+    row(
+        j, t, dt, sign, q, y, a, load, temperature, wear,
+        terms.shape[i], terms.state[i], after[i], terms.out,
+    )  # fmt: skip
     torque = 0.0
     for c in range(terms.count[i]):
         torque += terms.coefficients[i, c] * terms.out[c]
@@ -195,7 +184,14 @@ def evaluate_terms(
         if mode[j] == 0:
             _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear)
             continue
-        here = _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+        # Called here and not through `_evaluate`: handing a row on doubles the time of its call.
+        row(
+            j, t, dt, motion.sign, motion.position, motion.speed, motion.acceleration, motion.load,
+            temperature, wear, terms.shape[i], terms.state[i], terms.next_state[i], terms.out,
+        )  # fmt: skip
+        here = 0.0
+        for c in range(terms.count[i]):
+            here += terms.coefficients[i, c] * terms.out[c]
         high[j] += here
         if terms.coupled[j] or np.isnan(slope[j]):
             _probe_slopes(
