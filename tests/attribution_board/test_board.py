@@ -25,7 +25,7 @@ SHORT = Recipe(duration=7.0, plans=PLANS)
 @pytest.fixture(scope="module")
 def huge(tmp_path_factory):
     folder = tmp_path_factory.mktemp("huge") / "d1"
-    truth = generate_dataset(folder, "stage", [Planted("torque_offset", "slide", 60.0)], 1, SHORT)
+    truth = generate_dataset(folder, "stage", [Planted("viscous_asymmetry", "slide", 60.0)], 1, SHORT)
     return folder, truth
 
 
@@ -38,10 +38,10 @@ def test_baselines_find_a_huge_effect(huge):
         assert row["outcome"] == "right"
         assert row["gap_closure"] > 0.9
     (entry,) = verdicts["largest_correlation"]["verdict"]
-    low, high = entry["parameters"]["offset"]["ci95"]
-    planted = truth["planted"][0]["parameters"]["offset"]["value"]
-    assert low < entry["parameters"]["offset"]["value"] < high
-    assert entry["parameters"]["offset"]["value"] == pytest.approx(planted, rel=0.03)
+    low, high = entry["parameters"]["half_difference"]["ci95"]
+    planted = truth["planted"][0]["parameters"]["half_difference"]["value"]
+    assert low < entry["parameters"]["half_difference"]["value"] < high
+    assert entry["parameters"]["half_difference"]["value"] == pytest.approx(planted, rel=0.03)
 
 
 def test_baseline_verdicts_have_the_form_of_verdict_json(huge):
