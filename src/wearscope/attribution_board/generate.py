@@ -1,6 +1,7 @@
 """Makes measured-data folders with planted truth, and seals the truth outside of them."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -88,6 +89,9 @@ class Recipe:
         [Hz]
     temperatures : bool or None
         Whether temperature channels are recorded; None lets the seed decide (always where they matter).
+    inertia_error : float
+        Standard deviation of the factor by which the folder's URDF misses every link's mass and inertia;
+        where it is not 0, the data set says ``inertials: approximate``.
     plans : tuple of RunPlan
     """
 
@@ -96,6 +100,7 @@ class Recipe:
     duration: float = 16.0
     rate: float = 250.0
     temperatures: bool | None = None
+    inertia_error: float = 0.0
     plans: tuple[RunPlan, ...] = field(default=PLANS)
 
 
@@ -141,9 +146,12 @@ def _scale(
     """
     amplitude = first_amplitude(plant, setting.machine)
     joint = plant.joint
-    for _ in range(12):
+    below, above = 0.0, np.inf
+    for _ in range(25):
         active = [Active(plant, amplitude)]
-        torque = np.vstack([_plant_torque(behave(setting, m, temp, active, body)) for m, temp in runs])
+        torque = np.vstack(
+            [_plant_torque(behave(setting, m, temp, active, body))[::OVERSAMPLING] for m, temp in runs]
+        )
         ratio = np.sqrt(np.mean(torque**2, axis=0)) / sigma
         if isinstance(plant, Structural) and plant.kind == "payload_error":
             joint = int(np.argmax(ratio))
@@ -154,7 +162,12 @@ def _scale(
             )
         if abs(ratio[joint] / wanted - 1) < 0.005:
             break
-        amplitude *= float(np.clip(wanted / ratio[joint], 0.05, 20.0))
+        size, sign = abs(amplitude), np.sign(amplitude)
+        below, above = (size, above) if ratio[joint] < wanted else (below, size)
+        size *= float(np.clip(wanted / ratio[joint], 0.05, 20.0))
+        if not below < size < above:
+            size = 0.5 * (below + above)
+        amplitude = float(sign * size)
     return amplitude, joint
 
 
@@ -332,6 +345,20 @@ def _judge(
         entry["separable"] = bool(not rivals and best >= max(UNABSORBED, 0.1 * float(ratio[main])))
 
 
+def _miss_inertials(urdf: str, error: float, rng: np.random.Generator) -> str:
+    """URDF text with every link's mass and inertia off by one factor a link (so they stay consistent)."""
+
+    def link(match: re.Match[str]) -> str:
+        factor = float(np.exp(error * rng.normal()))
+
+        def scaled(number: re.Match[str]) -> str:
+            return f'{number[1]}="{float(number[2]) * factor:.6g}"'
+
+        return re.sub(r'(value|i[xyz][xyz])="([^"]*)"', scaled, match[0])
+
+    return re.sub(r"<inertial>.*?</inertial>", link, urdf)
+
+
 def _write_folder(
     folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
     sigma: Array, seed: int, declared: list[str], with_temperature: bool,
@@ -370,7 +397,7 @@ def _write_folder(
     robot: dict[str, Any] = {
         "urdf": "robot.urdf",
         "joints": list(joints),
-        "inertials": "trusted",
+        "inertials": "approximate" if recipe.inertia_error else "trusted",
         "gravity": list(machine.gravity),
         "gear_ratio": list(machine.gear_ratio),
     }
@@ -386,6 +413,8 @@ def _write_folder(
         "declared_effects": declared,
         "runs": listing,
     }
-    write_text(folder / "robot.urdf", machine.urdf)
+    rng = _stream(seed, machine.name, "inertials")
+    urdf = _miss_inertials(machine.urdf, recipe.inertia_error, rng) if recipe.inertia_error else machine.urdf
+    write_text(folder / "robot.urdf", urdf)
     write_text(folder / "dataset.yaml", yaml.safe_dump(document, sort_keys=False))
     return {key: np.concatenate(parts) for key, parts in sealed.items()}
