@@ -1,4 +1,4 @@
-"""Deflection of a gear: ``compliance tau + lost_motion/2 tanh(tau/mesh_torque)``, its slope and its inverse."""
+"""Deflection of a gear, ``compliance tau + lost_motion/2 tanh(tau/mesh_torque)``: its slope and inverse."""
 
 import numpy as np
 from numba import njit
@@ -21,8 +21,8 @@ def deflection_slope(torque, compliance, lost_motion, mesh_torque):
 def invert_deflection(gap, compliance, lost_motion, mesh_torque):
     """Torque at a deflection.
 
-    The law is concave beyond rest: Newton's method from a point short of the root, which the steepest slope and
-    the far asymptote give, climbs to it.
+    The law is concave beyond rest: Newton's method climbs to the root from a point short of it, which the
+    steepest slope and the far asymptote give.
     """
     size = abs(gap)
     torque = max(

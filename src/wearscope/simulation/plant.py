@@ -6,8 +6,8 @@ from wearscope.effects.base import Plant, load_effect
 from wearscope.robots.model import RobotModel, check_effects
 from wearscope.simulation.step import Gears
 
-#: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the lost
-#: motion, so that the deflection law can be inverted.
+#: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the
+#: lost motion, so that the deflection law can be inverted.
 LEAST_DEFLECTION = 1e-3
 #: Torques balance to this share of the largest torque.
 BALANCE = 1e-7
@@ -23,8 +23,8 @@ def build_plant(model: RobotModel) -> Plant:
     Returns
     -------
     Plant
-        `armature` is the `rotor_inertia` effect where a joint lists one, else the drive's rotor inertia; other
-        inertias add to it.
+        `armature` is the `rotor_inertia` effect where a joint lists one, else the drive's rotor inertia;
+        other inertias add to it.
 
     Raises
     ------

@@ -118,7 +118,7 @@ def run_motion(
     Raises
     ------
     SimulationError
-        Where a step has no solution, a motor loses its reference, or PyBullet does not arrive at the solution.
+        Where a step has no solution, a motor loses its reference, or PyBullet does not arrive there.
     """
     n, count = body.n, len(law.feedforward)
     scale = np.where(np.isfinite(law.limit), law.limit, 0.0)
@@ -154,7 +154,7 @@ def run_motion(
         _check_tracking(log.position[last - 1], law.position[last - 1], body.names, t0 + last * dt)
     end = state.q + state.gap
     return Trace(
-        t=t0 + dt * np.arange(count),
+        t=t0 + dt * np.arange(count, dtype=np.float64),
         q=np.vstack([log.position, end]),
         v=np.vstack([start[1], log.speed]),
         torque=log.torque,
@@ -169,8 +169,8 @@ def _compare(q: Array, v: Array, state: State, names: list[str], t: float) -> No
     if not np.all(off <= AGREEMENT):
         j = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
         raise SimulationError(
-            f"PyBullet arrives at q = {q[j]!r}, v = {v[j]!r} of joint '{names[j]}' at t = {t:.4f} s, where the "
-            f"step's solution has {state.q[j]!r}, {state.v[j]!r}."
+            f"PyBullet arrives at q = {q[j]}, v = {v[j]} of joint '{names[j]}' at t = {t:.4f} s, where the "
+            f"step's solution has {state.q[j]}, {state.v[j]}."
         )
 
 
@@ -179,6 +179,6 @@ def _check_tracking(q: Array, wanted: Array, names: list[str], t: float) -> None
     if not np.all(off < LOST):
         j = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
         raise SimulationError(
-            f"joint '{names[j]}' is {off[j]:.3g} rad or m off its reference at t = {t:.3f} s; the motor may be "
-            "too weak or the controller too soft."
+            f"joint '{names[j]}' is {off[j]:.3g} rad or m off its reference at t = {t:.3f} s; the motor may "
+            "be too weak or the controller too soft."
         )

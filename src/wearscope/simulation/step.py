@@ -1,16 +1,16 @@
 """The compiled step: friction, rotors, gears and controller solved for the speed at the step's end.
 
-At step k from state (q, v), with M, h the links' mass matrix and bias torque there, the speeds of links x and of
-motors y at the end of the step solve, joint by joint,
+At step k from state (q, v), with M, h the links' mass matrix and bias torque there, the speeds of links x and
+of motors y at the end of the step solve, joint by joint,
 
     M (x - v)/dt + h = g                                  links
     J (y - v_motor)/dt + tau(y) + g = u(y)                motors
     x = y                     where the gear is rigid, g is then what the links need
     deflection(g) = gap + dt (y - x)  where it is not
 
-with J the rotor inertia, tau the effects' torque, u the saturated controller torque and g the torque through the
-gear. tau is set-valued at y = 0: a motor stays at rest exactly where the torque that it would need to be held
-lies between tau(0-) and tau(0+). The torques g are what the bodies in PyBullet get. A Newton iteration with an
+with J the rotor inertia, tau the effects' torque, u the saturated controller torque and g the torque through
+the gear. tau is set-valued at y = 0: a motor stays at rest exactly where the torque that holds it there lies
+between tau(0-) and tau(0+). The torques g are what the bodies in PyBullet get. A Newton iteration with an
 active set of motors at rest solves this; slopes of tau come from the iterates themselves.
 
 Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set; Anitescu and Potra 1997, Nonlinear Dynamics
@@ -35,7 +35,7 @@ SAFETY, TRUST = 5.0, 30.0
 
 
 class Law(NamedTuple):
-    """Controller: torque ``feedforward[k] + stiffness (position[k+1] - q) + damping (speed[k] - y)`` in step k.
+    """Controller: in step k ``feedforward[k] + stiffness (position[k+1] - q) + damping (speed[k] - y)``.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Law(NamedTuple):
 
 
 class Gears(NamedTuple):
-    """Motor side of each joint, (n,): see `wearscope.effects.base.Plant`; `tolerance` of the balance of torque."""
+    """Motor side of each joint, (n,), see `wearscope.effects.base.Plant`; `tolerance` of torques' balance."""
 
     armature: np.ndarray
     flexible: np.ndarray
@@ -146,8 +146,8 @@ def make_state(n: int) -> State:
 
 def make_work(n: int) -> Work:
     """Work arrays for `n` joints."""
-    vectors = [np.zeros(n) for _ in range(14)]
-    return Work(*vectors, np.zeros((n, n)), np.zeros((n, n)))
+    shapes = [(n, n) if name in ("matrix", "jacobian") else (n,) for name in Work._fields]
+    return Work(*(np.zeros(shape) for shape in shapes))
 
 
 def make_motion(n: int) -> Motion:
@@ -195,7 +195,7 @@ def _learn_slopes(terms, state, work, motion):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _balance(law, gears, state, work, motion, w, k, dt):
-    """Torques of motors and gears at the present iterate; what is missing at the links, over its tolerance."""
+    """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
     n = len(state.mode)
     mass, bias, y, x = w.mass_matrix, w.bias, motion.speed, work.x
     missing = 0.0
@@ -342,8 +342,8 @@ def _begin(state, work, motion, gears, w, dt):
 def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear, may_trust):
     """Iterate until the torques balance; False where they do not.
 
-    As the steps are alike, the last rate of convergence tells whether one correction is enough, without asking
-    for the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
+    As the steps are alike, the last rate of convergence tells whether one correction is enough, without
+    asking for the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
     """
     _begin(state, work, motion, gears, w, dt)
     before = 0.0
@@ -379,8 +379,10 @@ def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, tempe
 
 
 @njit(cache=True, error_model="numpy")
-def advance_block(rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log, temperature, wear,
-                  t0, dt, first, last):  # fmt: skip
+def advance_block(
+    rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
+    temperature, wear, t0, dt, first, last,
+):  # fmt: skip
     """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
 
     Parameters

@@ -17,7 +17,7 @@ class Terms(NamedTuple):
     Attributes
     ----------
     joint : ndarray of int (m,)
-    count : ndarray of int (m,)
+    width : ndarray of int (m,)
         Number of coefficients of each term.
     coefficients, shape : ndarray (m, widest)
     state, next_state, spare : ndarray (m, most states)
@@ -29,7 +29,7 @@ class Terms(NamedTuple):
     """
 
     joint: np.ndarray
-    count: np.ndarray
+    width: np.ndarray
     coefficients: np.ndarray
     shape: np.ndarray
     state: np.ndarray
@@ -85,7 +85,7 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
         coupled[term.joint] |= _is_coupled(term, plant.n)
     return rows, Terms(
         joint=np.array([term.joint for term in ordered], dtype=np.int64),
-        count=np.array([len(t.coefficients) for t in ordered], dtype=np.int64),
+        width=np.array([len(t.coefficients) for t in ordered], dtype=np.int64),
         coefficients=coefficients,
         shape=shape,
         state=np.zeros((max(m, 1), memory)),
@@ -116,7 +116,7 @@ def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
         terms.shape[i], terms.state[i], after[i], terms.out,
     )  # fmt: skip
     torque = 0.0
-    for c in range(terms.count[i]):
+    for c in range(terms.width[i]):
         torque += terms.coefficients[i, c] * terms.out[c]
     return torque
 
@@ -190,7 +190,7 @@ def evaluate_terms(
             temperature, wear, terms.shape[i], terms.state[i], terms.next_state[i], terms.out,
         )  # fmt: skip
         here = 0.0
-        for c in range(terms.count[i]):
+        for c in range(terms.width[i]):
             here += terms.coefficients[i, c] * terms.out[c]
         high[j] += here
         if terms.coupled[j] or np.isnan(slope[j]):

@@ -1,0 +1,140 @@
+"""What a drive records of a run, and the Parquet partition that holds it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from wearscope import tables
+from wearscope.errors import InputError
+from wearscope.robots.spatial import Array
+
+COLUMNS = ("t", "joint", "q", "qd", "tau")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recorded run.
+
+    Attributes
+    ----------
+    t : ndarray (N,)
+        Time [s], evenly spaced.
+    q, qd : ndarray (N, n)
+        Position and speed of the motors, as joint position [rad or m] and speed [rad/s or m/s].
+    tau : ndarray (N, n)
+        Motor torque at the joint [N m or N].
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    tau: Array
+
+
+def write_recording(
+    path: str | Path,
+    recording: Recording,
+    joints: Sequence[str],
+    position_units: Sequence[str] | None = None,
+    torque_units: Sequence[str] | None = None,
+) -> None:
+    """Write a run in long form: `t`, `joint`, `q`, `qd`, `tau`, joint after joint.
+
+    Speed and torque are stored in single precision, a millionth of the sensors' own noise; position keeps the
+    encoder's steps, which single precision would not. Equal recordings give equal bytes.
+
+    Parameters
+    ----------
+    path : path-like
+    recording : Recording
+    joints : sequence of str (n,)
+    position_units, torque_units : sequence of str (n,), optional
+        By joint, rad and N m by default; a column whose joints differ names each joint's.
+    """
+    count, n = recording.q.shape
+    position_units = ["rad"] * n if position_units is None else list(position_units)
+    torque_units = ["N m"] * n if torque_units is None else list(torque_units)
+    speed_units = [f"{unit}/s" for unit in position_units]
+    names = pa.DictionaryArray.from_arrays(
+        pa.array(np.repeat(np.arange(n, dtype=np.int32), count)), pa.array(list(joints))
+    )
+    table = tables.to_arrow(
+        {
+            "t": np.tile(recording.t, n),
+            "joint": names,
+            "q": recording.q.T.ravel(),
+            "qd": recording.qd.T.ravel().astype(np.float32),
+            "tau": recording.tau.T.ravel().astype(np.float32),
+        },
+        {
+            "t": "s",
+            "q": _join_units(joints, position_units),
+            "qd": _join_units(joints, speed_units),
+            "tau": _join_units(joints, torque_units),
+        },
+    )
+    tables.write_whole(
+        path,
+        lambda name: pq.write_table(
+            table,
+            name,
+            compression="zstd",
+            use_dictionary=["t", "joint"],
+            column_encoding={column: "BYTE_STREAM_SPLIT" for column in ("q", "qd", "tau")},
+            row_group_size=count * n,
+        ),
+    )
+
+
+def _join_units(joints: Sequence[str], units: Sequence[str]) -> str:
+    if len(set(units)) == 1:
+        return units[0]
+    return ", ".join(f"{joint}: {unit}" for joint, unit in zip(joints, units, strict=True))
+
+
+def read_recording(path: str | Path, joints: Sequence[str] | None = None) -> Recording:
+    """Read a run.
+
+    Parameters
+    ----------
+    path : path-like
+    joints : sequence of str, optional
+        Order of the joints, that of the file by default.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, is no whole Parquet file, or does not hold these joints.
+    """
+    try:
+        table = pq.read_table(path, columns=list(COLUMNS), partitioning=None)
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; simulate the design point first.") from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(
+            f"{path}: not a whole recording ({str(error).splitlines()[0]}); delete it and simulate it again."
+        ) from error
+    column = table.column("joint").combine_chunks()
+    if isinstance(column, pa.ChunkedArray):
+        column = column.chunk(0)
+    codes, names = column.indices.to_numpy(), column.dictionary.to_pylist()
+    order = list(range(len(names)))
+    if joints is not None:
+        if sorted(joints) != sorted(names):
+            raise InputError(
+                f"{path}: holds the joints {', '.join(names)}, not {', '.join(joints)}; simulate it again."
+            )
+        order = [names.index(joint) for joint in joints]
+    count = len(codes) // len(names)
+    if not np.array_equal(codes, np.repeat(np.arange(len(names)), count)):
+        raise InputError(f"{path}: its joints do not stand one after the other; simulate it again.")
+
+    def shape(name: str) -> Array:
+        values = table.column(name).to_numpy().reshape(len(names), count)
+        return np.ascontiguousarray(values[order].T, dtype=float)
+
+    return Recording(table.column("t").to_numpy()[:count].copy(), shape("q"), shape("qd"), shape("tau"))

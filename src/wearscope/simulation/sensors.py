@@ -1,0 +1,105 @@
+"""Sensors of a drive: encoder steps, gain, lag and noise of the torque, and the rate of recording."""
+
+import hashlib
+
+import numpy as np
+
+from wearscope.errors import InputError
+from wearscope.robots.spatial import Array
+from wearscope.simulation.recording import Recording
+from wearscope.simulation.run import Trace
+
+
+def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
+    """Seed of one thing: it depends on the root seed and on what the thing is called, on nothing else.
+
+    Parameters
+    ----------
+    root : int
+    *identity
+        E.g. robot, test-cycle, set and point.
+    """
+    digest = hashlib.sha256("\0".join(str(part) for part in identity).encode()).digest()
+    words = np.frombuffer(digest, dtype="<u4")
+    return np.random.SeedSequence(entropy=int(root), spawn_key=tuple(int(word) for word in words))
+
+
+def find_stride(dt: float, sample_rate: float) -> int:
+    """Steps between two samples.
+
+    Raises
+    ------
+    InputError
+        Where the sampling interval is no whole number of steps.
+    """
+    stride = round(1.0 / (dt * sample_rate))
+    if stride < 1 or abs(stride * dt * sample_rate - 1.0) > 1e-6:
+        raise InputError(
+            f"sample_rate {sample_rate:g} Hz is no whole number of steps of {dt:g} s; choose a step that "
+            "divides the sample time."
+        )
+    return stride
+
+
+def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
+    """Torque (N, n) shifted in time by `delay` (n,) [s], linear between steps, held at the ends."""
+    if not np.any(delay):
+        return torque
+    steps = np.arange(len(torque), dtype=float)
+    return np.column_stack(
+        [np.interp(steps - delay[j] / dt, steps, torque[:, j]) for j in range(torque.shape[1])]
+    )
+
+
+def record(
+    trace: Trace,
+    dt: float,
+    sample_rate: float,
+    encoder_resolution: Array,
+    torque_noise: Array,
+    torque_gain: Array,
+    torque_delay: Array,
+    seed: int | np.random.SeedSequence | None,
+) -> Recording:
+    """Record a run as a drive does, sampling every signal at the same instants without filtering it.
+
+    Positions are encoder steps; speeds are their central difference over two steps of the simulation; torques
+    are the motor's, with gain error, lag and white noise.
+
+    Parameters
+    ----------
+    trace : Trace
+    dt, sample_rate : float
+        Step [s] and samples a second [Hz].
+    encoder_resolution : ndarray (n,)
+        0 does not quantise.
+    torque_noise : ndarray (n,)
+        Standard deviation.
+    torque_gain : ndarray (n,)
+    torque_delay : ndarray (n,)
+        [s]
+    seed : int or SeedSequence or None
+        Of the noise; None records without noise.
+
+    Raises
+    ------
+    InputError
+        As `find_stride`.
+    """
+    stride = find_stride(dt, sample_rate)
+    count = len(trace.torque)
+    position = trace.q
+    for j in np.flatnonzero(encoder_resolution > 0.0):
+        steps = np.rint(position[:, j] / encoder_resolution[j])
+        position = np.array(position) if position is trace.q else position
+        position[:, j] = steps * encoder_resolution[j]
+    # Before the start the motors moved on as they start.
+    first = position[:1] - dt * trace.v[:1]
+    speed = (position[1:] - np.vstack([first, position[:-2]])) / (2.0 * dt)
+    torque = lag_torque(trace.torque, torque_delay, dt) * (1.0 + torque_gain)
+    tau = torque[::stride].copy()
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        tau += torque_noise * rng.standard_normal(tau.shape)
+    kept = slice(0, count, stride)
+    return Recording(t=trace.t[kept].copy(), q=position[:count][kept].copy(), qd=speed[kept].copy(), tau=tau)

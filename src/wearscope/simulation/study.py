@@ -1,0 +1,276 @@
+"""Design points of a study: conditions in, recordings out, one by one or a chunk at a time."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope.cycles.base import Reference
+from wearscope.effects.base import Plant
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array
+from wearscope.simulation.controller import find_step, make_feedforward, make_law
+from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.plant import build_plant
+from wearscope.simulation.recording import Recording
+from wearscope.simulation.run import run_motion
+from wearscope.simulation.sensors import find_stride, record
+from wearscope.simulation.step import Law
+from wearscope.simulation.world import World, prove_world
+
+#: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
+KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a design point sets beside its reference motion.
+
+    Attributes
+    ----------
+    wear : tuple of float
+        Level f of eq. (17) of each wearing joint, in the order of `RobotModel.wear_joints`; shorter is filled
+        with 0 [-].
+    temperature : float
+        Of all joints [deg C].
+    payload_mass_error : float
+        Error of the declared mass relative to the correct one [-]: the robot carries
+        ``declared / (1 + error)``, the controller believes in the declared payload.
+    """
+
+    wear: tuple[float, ...] = ()
+    temperature: float = 50.0
+    payload_mass_error: float = 0.0
+
+
+def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Conditions:
+    """Conditions of natural factor levels.
+
+    Parameters
+    ----------
+    levels : mapping of str to float
+        Natural level by factor, in the order of the factors: the k-th wear factor is the wear of the k-th
+        wearing joint. Temperature in deg C, payload mass error in % of the correct mass.
+    kinds : mapping of str to str
+        Kind by factor: wear, temperature, dwell (not looked at), payload_mass_error.
+
+    Raises
+    ------
+    InputError
+        Where a kind is not known.
+    """
+    wear, temperature, error = [], 50.0, 0.0
+    for name, level in levels.items():
+        kind = kinds[name]
+        if kind not in KINDS:
+            raise InputError(
+                f"factor '{name}': the simulation knows no kind '{kind}'; use one of {', '.join(KINDS)}."
+            )
+        if kind == "wear":
+            wear.append(float(level))
+        elif kind == "temperature":
+            temperature = float(level)
+        elif kind == "payload_mass_error":
+            error = float(level) / 100.0
+    return Conditions(tuple(wear), temperature, error)
+
+
+class Simulator:
+    """A robot with its controller, ready to run design points; use as a context manager.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Its payload is the declared one.
+    sample_rate : float, optional
+        [Hz]; that of the model's sensors by default.
+    friction_feedforward : bool
+        See `wearscope.simulation.controller.make_feedforward`.
+
+    Notes
+    -----
+    PyBullet's world is built anew for each run, so that a run's bytes do not depend on what ran before it.
+    """
+
+    def __init__(
+        self, model: RobotModel, sample_rate: float | None = None, friction_feedforward: bool = False
+    ) -> None:
+        self.model = model
+        self.sample_rate = model.sensors.sample_rate if sample_rate is None else sample_rate
+        self.friction_feedforward = friction_feedforward
+        self.plant: Plant = build_plant(model)
+        self.declared: RigidBody = model.rigid_body(model.declared_payload)
+        self.world = World()
+        self._proven: set[float] = set()
+        self._laws: dict[int, tuple[Reference, Law]] = {}
+
+    def __enter__(self) -> "Simulator":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.world.close()
+
+    def _law(self, reference: Reference) -> Law:
+        # Points that share a dwell share their reference, whose torque costs as much as a tenth of a run.
+        kept = self._laws.get(id(reference))
+        if kept is None:
+            feedforward = make_feedforward(
+                self.model, self.declared, self.plant, reference, self.friction_feedforward
+            )
+            law = make_law(
+                self.model,
+                reference,
+                feedforward,
+                self.declared,
+                self.plant.armature,
+                self.model.torque_limit,
+            )
+            kept = self._laws[id(reference)] = (reference, law)
+        return kept[1]
+
+    def body(self, payload_mass_error: float) -> RigidBody:
+        """Bodies with the true payload."""
+        payload = self.model.declared_payload
+        if payload_mass_error == 0.0 or payload is None:
+            return self.declared
+        if not payload_mass_error > -1.0:
+            raise InputError(
+                f"payload_mass_error = {payload_mass_error:g}: a mass declared {payload_mass_error:.0%} off "
+                "the correct one is none; use a level above -100 %."
+            )
+        return self.declared.with_payload(payload.scaled(1.0 / (1.0 + payload_mass_error)))
+
+    def wear(self, levels: Sequence[float]) -> Array:
+        """Wear (n,) of all joints from that of the wearing ones."""
+        joints = self.model.wear_joints
+        if len(levels) > len(joints):
+            raise InputError(
+                f"robot '{self.model.name}': {len(levels)} wear levels for its {len(joints)} wearing joints "
+                f"({', '.join(joints)}); list more under wear_axes or drop a wear factor."
+            )
+        wear = np.zeros(self.model.n)
+        for name, level in zip(joints, levels, strict=False):
+            wear[self.model.joints.index(name)] = level
+        return wear
+
+    def run(
+        self,
+        reference: Reference,
+        conditions: Conditions,
+        seed: int | np.random.SeedSequence | None,
+    ) -> Recording:
+        """Simulate and record one point.
+
+        Parameters
+        ----------
+        reference : Reference
+            One sample a step.
+        conditions : Conditions
+        seed : int or SeedSequence or None
+            Of the sensor noise, see `wearscope.simulation.sensors.seed_of`; None records without noise.
+
+        Raises
+        ------
+        InputError
+            Where reference or conditions do not fit the robot.
+        SimulationError
+            Where the run fails.
+        """
+        model = self.model
+        _check_reference(reference, model)
+        dt = find_step(reference.t)
+        find_stride(dt, self.sample_rate)
+        wear = self.wear(conditions.wear)
+        body = self.body(conditions.payload_mass_error)
+        if dt not in self._proven:
+            prove_world(self.world, self.declared, dt)
+            self._proven.add(dt)
+        trace = run_motion(
+            self.world,
+            body,
+            self.plant,
+            self._law(reference),
+            dt,
+            conditions.temperature,
+            wear,
+            (reference.q[0], reference.v[0] - 0.5 * dt * reference.a[0]),
+            float(reference.t[0]),
+        )
+        lower, upper = model.position_limits
+        outside = (trace.q < lower) | (trace.q > upper)
+        if np.any(outside):
+            row, j = (int(k) for k in np.argwhere(outside)[0])
+            raise SimulationError(
+                f"joint '{model.joints[j]}' leaves its limits {lower[j]:g} to {upper[j]:g} at "
+                f"t = {row * dt:.3f} s."
+            )
+        return record(
+            trace,
+            dt,
+            self.sample_rate,
+            model.encoder_resolution,
+            model.torque_noise,
+            self.plant.torque_gain,
+            self.plant.torque_delay,
+            seed,
+        )
+
+
+def _check_reference(reference: Reference, model: RobotModel) -> None:
+    shape = (len(reference.t), model.n)
+    for key in ("q", "v", "a"):
+        values = np.asarray(getattr(reference, key))
+        if values.shape != shape or not np.all(np.isfinite(values)):
+            raise InputError(
+                f"robot '{model.name}': the reference's {key} has the shape {values.shape}, not {shape}, or "
+                "is not finite; correct the test-cycle."
+            )
+
+
+def simulate_point(
+    model: RobotModel,
+    reference: Reference,
+    conditions: Conditions | None = None,
+    seed: int | np.random.SeedSequence | None = None,
+    sample_rate: float | None = None,
+    friction_feedforward: bool = False,
+) -> Recording:
+    """Simulate and record one design point; see `Simulator` and `Simulator.run`."""
+    with Simulator(model, sample_rate, friction_feedforward) as simulator:
+        return simulator.run(reference, conditions or Conditions(), seed)
+
+
+def simulate_points(
+    model: RobotModel,
+    points: Iterable[tuple[Reference, Conditions, int | np.random.SeedSequence | None]],
+    sample_rate: float | None = None,
+    friction_feedforward: bool = False,
+) -> Iterator[Recording | SimulationError]:
+    """Simulate a chunk of design points, each as `simulate_point` would alone, byte by byte.
+
+    Parameters
+    ----------
+    model : RobotModel
+    points : iterable of (Reference, Conditions, seed)
+        Points that share a reference should share the object, so that its torque is computed once.
+    sample_rate : float, optional
+    friction_feedforward : bool
+
+    Yields
+    ------
+    Recording or SimulationError
+        In the order of `points`; a run that fails does not end the others.
+
+    Raises
+    ------
+    InputError
+        Where a point does not fit the robot.
+    """
+    with Simulator(model, sample_rate, friction_feedforward) as simulator:
+        for reference, conditions, seed in points:
+            try:
+                yield simulator.run(reference, conditions, seed)
+            except SimulationError as error:
+                yield error
