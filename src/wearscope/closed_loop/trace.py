@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import optimize
 
+from wearscope.closed_loop.assessment import refit, update_prediction
 from wearscope.closed_loop.candidates import (
     Family,
     applies,
@@ -22,6 +23,7 @@ from wearscope.closed_loop.candidates import (
     make_family,
     reduce_columns,
 )
+from wearscope.closed_loop.estimation import free_shapes
 from wearscope.closed_loop.preparation import Prepared
 from wearscope.closed_loop.regression import (
     Entry,
@@ -141,25 +143,6 @@ def residual_scale(model: Regression) -> np.ndarray:
     return np.sqrt(np.maximum(total / np.maximum(count, 1), 1e-18))
 
 
-def update_prediction(model: Regression) -> None:
-    """Give the training signals the current model's torque, for errors of the measurement itself."""
-    theta = model.solve()
-    for run in model.prepared.runs_for("train"):
-        run.signals.torque = predict_full(model, theta, run)
-
-
-def predict_full(model: Regression, theta: np.ndarray, run) -> np.ndarray:
-    """Full-rate torque (N, n) that a model predicts along a run."""
-    torque = run.known.copy()
-    s = run.signals
-    if model.inertial:
-        count = model.spans[0].start if model.spans else model.p
-        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[:count]
-    for entry, span in zip(model.entries, model.spans, strict=True):
-        torque += entry.columns(run) @ theta[span]
-    return torque
-
-
 class Tracer:
     """Names the effects that a prepared data set's declared model lacks.
 
@@ -203,9 +186,7 @@ class Tracer:
 
     def fit(self, entries: list[Entry]) -> Regression:
         """Regression of the declared entries and further ones."""
-        return Regression(
-            self.prepared, self.before.entries + entries, self.before.sigma, self.inertial, self.blocks
-        )
+        return refit(self.before, self.before.entries + entries)
 
     def score_all(self, model: Regression, families: list[Family]) -> list[Scored]:
         """Score all variants of the families beside a model, p-values adjusted over all of them."""
@@ -268,7 +249,9 @@ class Tracer:
                 }
             )
 
-    def choose(self, scored: list[Scored], least: float) -> tuple[Scored | None, list[Scored]]:
+    def choose(
+        self, model: Regression, scored: list[Scored], least: float
+    ) -> tuple[Scored | None, list[Scored]]:
         """Best candidate that passes, the simplest of those like it, and its rivals.
 
         Returns
@@ -281,22 +264,41 @@ class Tracer:
         if not able:
             return None, []
         best = max(able, key=lambda s: s.cv_gain)
-        kin = [s for s in able if s.entry.effect is best.entry.effect and s.entry.joint == best.entry.joint]
-        kin = [s for s in kin if s.cv_gain >= 0.9 * best.cv_gain or not separates(best.cv_loss, s.cv_loss)]
-        best = min(kin, key=lambda s: (s.size, -s.cv_gain))
-        touching = [
-            s
-            for s in able
-            if s.entry.joint == best.entry.joint or s.entry.effect.spread or best.entry.effect.spread
-        ]
-        tied = [s for s in touching if s is best or not separates(best.cv_loss, s.cv_loss)]
-        tied = [s for s in tied if s.cv_gain > 0.5 * best.cv_gain]
+        near = [s for s in able if s.cv_gain > 0.5 * best.cv_gain and touches(s.entry, best.entry)]
+        tied = [s for s in near if s is best or not self.tells_apart(model, best, s)]
         simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
         rivals: dict[str, Scored] = {}
         for s in sorted(tied, key=lambda s: -s.cv_gain):
             if s.entry.effect.name != simplest.entry.effect.name and cost(s) <= cost(simplest):
                 rivals.setdefault(s.entry.effect.name, s)
         return simplest, list(rivals.values())
+
+    def tells_apart(self, model: Regression, best: Scored, other: Scored) -> bool:
+        """Whether the runs tell the best candidate from another one.
+
+        They do if held-out losses differ outside their noise, or if the best still gains significantly with
+        the other one in the model.
+        """
+        o = self.options
+        if best.entry.effect is other.entry.effect:
+            return other.cv_gain < 0.9 * best.cv_gain
+        if separates(best.cv_loss, other.cv_loss):
+            return True
+        beside = self.fit([*model.entries[len(self.before.entries) :], other.entry])
+        scorer = Scorer(beside, self.folds, self.flips)
+        family = self.family_of(best.entry)
+        again = scorer.score(family)
+        adjust_p_values(again)
+        needed = max(again, key=lambda s: s.cv_gain)
+        return needed.p_block <= o.alpha and needed.cv_share >= 0.1 and needed.p_run <= 0.05
+
+    def family_of(self, entry: Entry) -> Family:
+        """Candidate family that an entry was chosen from."""
+        return next(
+            f
+            for f in self.families + self.unknown
+            if f.effect.name == entry.effect.name and f.joint == entry.joint
+        )
 
     def balances(self, s: Scored) -> bool:
         """Whether a counterbalance does what one is built for: take load off the joint."""
@@ -310,12 +312,7 @@ class Tracer:
 
     def refine(self, model: Regression, entry: Entry) -> Entry:
         """Best continuous shape of an entry beside a model, from its grid value."""
-        free = [
-            k
-            for k, p in enumerate(entry.effect.shape)
-            if p.name
-            not in ("exponent", "other", "reference", "signal", "source", "modulator", "low", "high")
-        ]
+        free = free_shapes(entry)
         if not free or entry.effect.name == "unknown":
             return entry
         train = self.prepared.runs_for("train")
@@ -354,7 +351,7 @@ class Tracer:
         step = 0
         while step < o.most_steps:
             scored = self.score_all(model, self.families)
-            taken, rivals = self.choose(scored, o.minimum_gain)
+            taken, rivals = self.choose(model, scored, o.minimum_gain)
             self.record(step, scored, taken)
             step += 1
             if taken is None:
@@ -379,7 +376,7 @@ class Tracer:
                 if family.joint == joint or family.effect.spread or f.entry.effect.spread
             ]
             scored = self.score_all(model, nearby)
-            taken, rivals = self.choose(scored, self.options.minimum_gain)
+            taken, rivals = self.choose(model, scored, self.options.minimum_gain)
             if taken is None:
                 self.progress(f"{f.entry.label} is taken back: not needed beside the others")
                 found = others
@@ -425,6 +422,11 @@ class Tracer:
             if not separates(a, b) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
                 kept = others
         return kept
+
+
+def touches(a: Entry, b: Entry) -> bool:
+    """Whether two entries act on a common joint."""
+    return a.joint == b.joint or a.effect.spread or b.effect.spread
 
 
 def cost(s: Scored) -> int:

@@ -1,0 +1,107 @@
+"""Models before and after as files that the simulator loads."""
+
+from pathlib import Path
+
+import numpy as np
+
+from wearscope.closed_loop.consistency import nearest_consistent
+from wearscope.closed_loop.dataset import Dataset
+from wearscope.closed_loop.estimation import Estimate
+from wearscope.closed_loop.preparation import Prepared, known_inertia
+from wearscope.closed_loop.regression import Regression
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.model import RobotModel, make_model, save_model
+
+
+def _limits(prepared: Prepared) -> dict[str, list[float]]:
+    """Motion limits from the measured ranges, with a margin, so that test-cycles can be planned."""
+
+    def largest(name: str) -> np.ndarray:
+        return np.max([np.abs(getattr(run.signals, name)).max(axis=0) for run in prepared.runs], axis=0)
+
+    speed = np.maximum(1.1 * largest("v"), 1e-3)
+    acceleration = np.maximum(1.1 * largest("a"), 1e-2)
+    torque = np.max([np.abs(run.tau).max(axis=0) for run in prepared.runs], axis=0)
+    stated = prepared.dataset.fields.robot.torque_limit
+    return {
+        "speed_limit": speed.tolist(),
+        "acceleration_limit": acceleration.tolist(),
+        "jerk_limit": (20.0 * acceleration).tolist(),
+        "torque_limit": list(stated) if stated is not None else (2.0 * torque).tolist(),
+    }
+
+
+def make_corrected_model(
+    prepared: Prepared, model: Regression, estimates: list[Estimate], stage: str
+) -> RobotModel:
+    """Complete robot model of one stage.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    model : Regression
+    estimates : list of Estimate
+        Of the model's entries.
+    stage : str
+        ``before`` or ``after``; part of the name.
+    """
+    dataset = prepared.dataset
+    robot = dataset.fields.robot
+    limits = _limits(prepared)
+    drive: dict = dict(limits)
+    if robot.gear_ratio is not None:
+        drive["gear_ratio"] = [abs(g) for g in robot.gear_ratio]
+    drive["rotor_inertia"] = known_inertia(dataset).tolist()
+    train = prepared.runs_for("train")
+    effects = [{"joint": joint, "effect": "rigid_body", "source": "declared"} for joint in dataset.joints]
+    for estimate in estimates:
+        effects.append(
+            {
+                "joint": dataset.joints[estimate.entry.joint],
+                "effect": estimate.entry.effect.name,
+                "parameters": estimate.values,
+                "source": f"fitted on {', '.join(run.file for run in train)}",
+            }
+        )
+    payload = next((run.payload for run in dataset.runs if run.payload is not None), None)
+    fields = {
+        "name": f"{safe_name(dataset)}-{stage}",
+        "description": f"{dataset.fields.description} Model {stage} closing the loop.".strip(),
+        "source": dataset.fields.source,
+        "urdf": f"model_{stage}.urdf",
+        "joints": list(dataset.joints),
+        "gravity": list(robot.gravity),
+        "drive": drive,
+        "sensors": {"sample_rate": dataset.fields.sample_rate},
+        "payload": None if payload is None else {"mass": payload.mass, "com": list(payload.com)},
+        "home": train[0].signals.q[0].tolist(),
+        "lower": np.min([run.signals.q.min(axis=0) for run in prepared.runs], axis=0).tolist(),
+        "upper": np.max([run.signals.q.max(axis=0) for run in prepared.runs], axis=0).tolist(),
+        "effects": effects,
+    }
+    return make_model(fields, corrected_urdf(prepared, model), f"model_{stage}.yaml", strict=False)
+
+
+def corrected_urdf(prepared: Prepared, model: Regression) -> str:
+    """URDF with the refitted inertial parameters, physically consistent; as it is where they stand."""
+    if not model.inertial:
+        return prepared.urdf
+    dataset = prepared.dataset
+    body = RigidBody(prepared.urdf, dataset.joints, tuple(dataset.fields.robot.gravity))
+    parameters = body.inertial_parameters + model.solve()[: 10 * prepared.n]
+    hessian = (model.gram.sum(axis=0) + model.prior)[: 10 * prepared.n, : 10 * prepared.n]
+    return body.with_inertial_parameters(
+        nearest_consistent(parameters, body.inertial_parameters, hessian)
+    ).urdf_text()
+
+
+def safe_name(dataset: Dataset) -> str:
+    """Name of a data set as part of a file name."""
+    kept = "".join(c if c.isalnum() or c in "_.-" else "-" for c in dataset.name)
+    return kept.lstrip("-_.") or "dataset"
+
+
+def write_models(folder: Path, models: dict[str, RobotModel]) -> None:
+    """Write each stage's model and its URDF."""
+    for stage, model in models.items():
+        save_model(model, folder / f"model_{stage}.yaml")

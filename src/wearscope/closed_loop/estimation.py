@@ -1,0 +1,121 @@
+"""Parameters of a fitted model with intervals that autocorrelated residuals do not make too narrow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from wearscope.closed_loop.candidates import reduce_columns
+from wearscope.closed_loop.regression import Entry, Regression
+
+#: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
+FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high"})
+
+
+@dataclass
+class Estimate:
+    """Parameters of one entry.
+
+    Attributes
+    ----------
+    entry : Entry
+    values : dict of str to float
+        Every parameter in use, coefficients and shape.
+    intervals : dict of str to tuple
+        95 % interval of every parameter that was estimated.
+    """
+
+    entry: Entry
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+
+
+def free_shapes(entry: Entry) -> list[int]:
+    """Indices of the shape parameters that are estimated."""
+    return [k for k, p in enumerate(entry.effect.shape) if p.name not in FIXED]
+
+
+def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
+    """Derivative of the prediction with respect to each free shape: rows (M, n) by run, and whose it is."""
+    train = model.prepared.runs_for("train")
+    gradients: list[list[np.ndarray]] = [[] for _ in train]
+    owners = []
+    for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
+        for k in free_shapes(entry):
+            owners.append((i, k))
+            step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
+            shapes = np.array([entry.shape, entry.shape])
+            shapes[0, k] -= step
+            shapes[1, k] += step
+            for r, run in enumerate(train):
+                x = reduce_columns(entry.effect, entry.joint, shapes, run)
+                x = x.reshape(*x.shape[:-1], 2, -1)[..., list(entry.subset)]
+                slope = (x[..., 1, :] - x[..., 0, :]) @ theta[span] / (2 * step)
+                full = np.zeros((len(slope), model.prepared.n))
+                if entry.effect.spread:
+                    full = slope
+                else:
+                    full[:, entry.joint] = slope
+                gradients[r].append(full)
+    return [
+        np.stack(g, axis=2) if g else np.zeros((len(run.t), model.prepared.n, 0))
+        for g, run in zip(gradients, train, strict=True)
+    ], owners
+
+
+def estimate(model: Regression) -> list[Estimate]:
+    """Estimates of all entries of a model.
+
+    The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
+    1986), scaled by B/(B - p) for B blocks; intervals take Student's t with the number of clusters that
+    carry the parameter's information, less one, as degrees of freedom.
+
+    Returns
+    -------
+    list of Estimate
+        In the order of the model's entries.
+    """
+    theta = model.solve()
+    extra, owners = _shape_gradients(model, theta)
+    residuals = model.residuals(theta)
+    p = model.p + len(owners)
+    blocks = len(model.blocks)
+    hessian = np.zeros((p, p))
+    hessian[: model.p, : model.p] = model.prior
+    scores = np.zeros((blocks, p))
+    information = np.zeros((blocks, p))
+    for b, block in enumerate(model.blocks):
+        rows = slice(block.start, block.stop)
+        w = model.weights[block.run][rows]
+        x = np.concatenate([model.columns[block.run][rows], extra[block.run][rows]], axis=2) * w[:, :, None]
+        x = x.reshape(-1, p)
+        e = (residuals[block.run][rows] * w).reshape(-1)
+        hessian += x.T @ x
+        information[b] = (x**2).sum(axis=0)
+        scores[b] = x.T @ e
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(
+        scale, scale
+    )
+    meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1)
+    error = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+    carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
+    width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
+    estimates = []
+    for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
+        values: dict[str, float] = {}
+        intervals: dict[str, tuple[float, float]] = {}
+        for k, index in zip(entry.subset, range(span.start, span.stop), strict=True):
+            name = entry.effect.coefficients[k].name
+            values[name] = float(theta[index])
+            intervals[name] = (float(theta[index] - width[index]), float(theta[index] + width[index]))
+        for k, parameter in enumerate(entry.effect.shape):
+            values[parameter.name] = float(entry.shape[k])
+            if (i, k) in owners:
+                index = model.p + owners.index((i, k))
+                intervals[parameter.name] = (
+                    float(entry.shape[k] - width[index]),
+                    float(entry.shape[k] + width[index]),
+                )
+        estimates.append(Estimate(entry, values, intervals))
+    return estimates
