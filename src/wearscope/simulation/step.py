@@ -17,14 +17,12 @@ Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set; Anitescu and 
 14(3), for taking it at the step's end.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.gear import deflection_slope, invert_deflection
-from wearscope.simulation.terms import Motion, evaluate_terms
+from wearscope.simulation.terms import evaluate_terms
 
 MAX_ITERATIONS = 80
 #: After these iterations only the joint that is furthest beyond break-away is released at a time.
@@ -32,127 +30,6 @@ PATIENCE = 25
 #: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
 #: convergence still holds; that is looked at after this many steps at the latest.
 SAFETY, TRUST = 5.0, 30.0
-
-
-class Law(NamedTuple):
-    """Controller: in step k ``feedforward[k] + stiffness (position[k+1] - q) + damping (speed[k] - y)``.
-
-    Attributes
-    ----------
-    feedforward, speed : ndarray (N, n)
-    position : ndarray (N + 1, n)
-    stiffness, damping, limit : ndarray (n,)
-    """
-
-    feedforward: np.ndarray
-    position: np.ndarray
-    speed: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    limit: np.ndarray
-
-
-class Gears(NamedTuple):
-    """Motor side of each joint, (n,), see `wearscope.effects.base.Plant`; `tolerance` of torques' balance."""
-
-    armature: np.ndarray
-    flexible: np.ndarray
-    compliance: np.ndarray
-    lost_motion: np.ndarray
-    mesh_torque: np.ndarray
-    tolerance: np.ndarray
-
-
-class State(NamedTuple):
-    """What a step starts from, each (n,).
-
-    Attributes
-    ----------
-    q, v : ndarray
-        Links.
-    gap : ndarray
-        Motor minus link position.
-    y : ndarray
-        Motor speed.
-    a, a_motor, a_before : ndarray
-        Acceleration of the links and of the motors in the step before, and of the motors one earlier.
-    mode : ndarray of int
-        Direction of the motor's motion, 0 at rest.
-    slope : ndarray
-        Of the effects' torque against the motor's speed.
-    pace : ndarray (2,)
-        Last rate of convergence, and the number of steps since that trusted it.
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    gap: np.ndarray
-    y: np.ndarray
-    a: np.ndarray
-    a_motor: np.ndarray
-    a_before: np.ndarray
-    mode: np.ndarray
-    slope: np.ndarray
-    pace: np.ndarray
-
-
-class Work(NamedTuple):
-    """Vectors (n,), and matrices (n, n), that a step works in."""
-
-    x: np.ndarray
-    held: np.ndarray
-    residual: np.ndarray
-    residual_motor: np.ndarray
-    old_torque: np.ndarray
-    old_speed: np.ndarray
-    old_mode: np.ndarray
-    motor: np.ndarray
-    free: np.ndarray
-    gear: np.ndarray
-    stiff: np.ndarray
-    need: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    matrix: np.ndarray
-    jacobian: np.ndarray
-
-
-class Log(NamedTuple):
-    """What the steps leave: motor position, motor speed at the step's end, motor torque (N, n), and the joint
-    torque for PyBullet (N, n)."""  # noqa: D205, D209
-
-    position: np.ndarray
-    speed: np.ndarray
-    torque: np.ndarray
-    applied: np.ndarray
-
-
-def make_state(n: int) -> State:
-    """State at rest at 0."""
-    z = np.zeros
-    return State(
-        z(n),
-        z(n),
-        z(n),
-        z(n),
-        z(n),
-        z(n),
-        z(n),
-        z(n, dtype=np.int64),
-        np.full(n, np.nan),
-        np.array([1.0, 0.0]),
-    )
-
-
-def make_work(n: int) -> Work:
-    """Work arrays for `n` joints."""
-    shapes = [(n, n) if name in ("matrix", "jacobian") else (n,) for name in Work._fields]
-    return Work(*(np.zeros(shape) for shape in shapes))
-
-
-def make_motion(n: int) -> Motion:
-    """Signals for `n` joints."""
-    return Motion(*(np.zeros(n) for _ in range(5)))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -97,16 +97,6 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     )
 
 
-class Motion(NamedTuple):
-    """Signals at one step that the terms depend on, each (n,): motor side, `load` of the links."""
-
-    sign: np.ndarray
-    position: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    load: np.ndarray
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
     """Torque of term `i` at joint `j`; its memory goes to `after`."""
