@@ -8,9 +8,10 @@ import pytest
 from wearscope.attribution_board.baselines import BASELINES, run_baselines
 from wearscope.attribution_board.board import run_board
 from wearscope.attribution_board.cases import EXTENTS, PLACES, Case, list_cases
-from wearscope.attribution_board.generate import Planted, Recipe, RunPlan, generate_dataset
+from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.machines import MACHINES
 from wearscope.attribution_board.outside import OUTSIDE
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.attribution_board.score import score_case
 from wearscope.errors import InputError
 

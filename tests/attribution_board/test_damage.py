@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from wearscope.attribution_board.damage import DAMAGES, MISLEADING, REFUSED, copy_damaged, damage
-from wearscope.attribution_board.generate import Recipe, RunPlan, generate_dataset
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.attribution_board.recipe import Recipe, RunPlan
 from wearscope.errors import InputError
 
 PLANS = (

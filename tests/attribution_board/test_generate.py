@@ -9,11 +9,12 @@ import pytest
 import yaml
 
 from wearscope.attribution_board.disturbances import NOISES, make_noise, quantise
-from wearscope.attribution_board.generate import Planted, Recipe, RunPlan, generate_dataset
+from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.machines import MACHINES, Body
 from wearscope.attribution_board.motions import make_motion
 from wearscope.attribution_board.outside import OUTSIDE
 from wearscope.attribution_board.physics import STRUCTURAL, Active, Setting, behave, make_plant
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.attribution_board.terms import NAMED
 from wearscope.errors import InputError
 

@@ -3,8 +3,8 @@
 import hashlib
 from dataclasses import dataclass
 
-from wearscope.attribution_board.generate import Planted, Recipe
 from wearscope.attribution_board.outside import OUTSIDE
+from wearscope.attribution_board.recipe import Planted, Recipe
 from wearscope.errors import InputError
 
 SIZES = (1.0, 2.0, 4.0, 8.0)

@@ -1,30 +1,29 @@
 """Makes measured-data folders with planted truth, and seals the truth outside of them."""
 
 import json
-import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from wearscope.attribution_board.disturbances import check_noise, jitter_times, make_noise, quantise
+from wearscope.attribution_board.disturbances import check_noise
 from wearscope.attribution_board.features import Families, make_track
+from wearscope.attribution_board.folder import write_folder
 from wearscope.attribution_board.machines import Body, Machine, find_machine
 from wearscope.attribution_board.motions import Motion, make_motion
 from wearscope.attribution_board.outside import OUTSIDE
 from wearscope.attribution_board.physics import (
     Active,
-    Behaviour,
     Setting,
     Structural,
     behave,
     first_amplitude,
     make_plant,
 )
+from wearscope.attribution_board.recipe import OVERSAMPLING, Planted, Recipe, RunPlan, make_stream
 from wearscope.attribution_board.separability import (
     ONE_COEFFICIENT,
     UNABSORBED,
@@ -38,80 +37,13 @@ from wearscope.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 
-OVERSAMPLING = 4
 LACKING = {"rotor_inertia_error": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}
 """Effects that are planted by leaving a declared one out: no other joint of that machine has it."""
 THERMAL = ("temperature_dependent_friction",)
 
 
-@dataclass(frozen=True)
-class Planted:
-    """One effect to plant: name, joint name, and size (RMS of its torque over the noise RMS, train runs)."""
-
-    effect: str
-    joint: str
-    size: float
-
-
-@dataclass(frozen=True)
-class RunPlan:
-    """One run: its use, kind of motion, which drawn trajectory (equal numbers repeat), start temperature."""
-
-    use: str
-    kind: str
-    trajectory: int
-    start_temperature: float
-
-
-PLANS: tuple[RunPlan, ...] = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "fourier", 0, 43.0),
-    RunPlan("train", "sweep", 1, 52.0),
-    RunPlan("train", "points", 2, 31.0),
-    RunPlan("test", "points", 3, 47.0),
-    RunPlan("test", "sweep", 4, 28.0),
-)
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How a data set is recorded.
-
-    Attributes
-    ----------
-    noise : str
-        A kind of `disturbances.NOISES`.
-    noise_level : float
-        Torque noise RMS over the RMS of the declared torque, by joint.
-    duration : float
-        Length of a run [s].
-    rate : float
-        [Hz]
-    temperatures : bool or None
-        Whether temperature channels are recorded; None lets the seed decide (always where they matter).
-    inertia_error : float
-        Standard deviation of the factor by which the folder's URDF misses every link's mass and inertia;
-        where it is not 0, the data set says ``inertials: approximate``.
-    plans : tuple of RunPlan
-    """
-
-    noise: str = "plain"
-    noise_level: float = 0.005
-    duration: float = 16.0
-    rate: float = 250.0
-    temperatures: bool | None = None
-    inertia_error: float = 0.0
-    plans: tuple[RunPlan, ...] = field(default=PLANS)
-
-
-def _stream(seed: int, *identity: str) -> np.random.Generator:
-    """Random stream of a named thing: seed and identity, never the order of execution."""
-    key = [int(byte) for byte in "/".join(identity).encode()]
-    return np.random.default_rng(np.random.SeedSequence([seed, *key]))
-
-
 def _setting(machine: Machine, seed: int, planted: Sequence[Planted]) -> Setting:
-    rng = _stream(seed, machine.name, "setting")
+    rng = make_stream(seed, machine.name, "setting")
     n = len(machine.joints)
     lacking = {LACKING[p.effect] for p in planted if p.effect in LACKING}
     values = {
@@ -132,10 +64,6 @@ def _temperature(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> A
     return start + rise * (1 - np.exp(-t[:, None] / time))
 
 
-def _plant_torque(behaviour: Behaviour) -> Array:
-    return behaviour.tau - behaviour.declared
-
-
 def _scale(
     plant: Term | Structural, wanted: float, sigma: Array, runs: list[tuple[Motion, Array]], setting: Setting,
     body: Body,
@@ -150,7 +78,7 @@ def _scale(
     for _ in range(25):
         active = [Active(plant, amplitude)]
         torque = np.vstack(
-            [_plant_torque(behave(setting, m, temp, active, body))[::OVERSAMPLING] for m, temp in runs]
+            [behave(setting, m, temp, active, body).plant_torque[::OVERSAMPLING] for m, temp in runs]
         )
         ratio = np.sqrt(np.mean(torque**2, axis=0)) / sigma
         if isinstance(plant, Structural) and plant.kind == "payload_error":
@@ -221,9 +149,9 @@ def generate_dataset(
     fine = recipe.rate * OVERSAMPLING
     runs: list[tuple[Motion, Array]] = []
     for number, plan in enumerate(recipe.plans):
-        motion_seed = int(_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
+        motion_seed = int(make_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
         motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine)
-        rng = _stream(seed, machine.name, "temperature", str(number))
+        rng = make_stream(seed, machine.name, "temperature", str(number))
         runs.append((motion, _temperature(plan, len(machine.joints), motion.t, rng)))
     train = [run for run, plan in zip(runs, recipe.plans, strict=True) if plan.use == "train"]
     quiet = np.vstack([behave(setting, m, temp, [], body).tau for m, temp in train])
@@ -232,7 +160,7 @@ def generate_dataset(
     actives: list[Active] = []
     entries: list[dict[str, Any]] = []
     for number, plant in enumerate(planted):
-        rng = _stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
+        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
         made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
         amplitude, joint = _scale(made, plant.size, sigma, train, setting, body)
         actives.append(Active(made, amplitude))
@@ -241,7 +169,7 @@ def generate_dataset(
     thermal = any(plant.effect in THERMAL for plant in planted)
     with_temperature = recipe.temperatures
     if with_temperature is None:
-        with_temperature = thermal or bool(_stream(seed, machine.name, "channels").uniform() < 0.3)
+        with_temperature = thermal or bool(make_stream(seed, machine.name, "channels").uniform() < 0.3)
 
     name = Path(folder).name
     declared = [
@@ -250,7 +178,7 @@ def generate_dataset(
         if effect not in {LACKING[p.effect] for p in planted if p.effect in LACKING}
     ]
     _judge(entries, actives, train, setting, body, declared, sigma, recipe, bool(with_temperature))
-    signals = _write_folder(
+    signals = write_folder(
         Path(folder), machine, setting, recipe, behaviours, sigma, seed, declared, bool(with_temperature)
     )
     truth: dict[str, Any] = {
@@ -304,7 +232,7 @@ def _judge(
     for entry, active in zip(entries, actives, strict=True):
         alone = [behave(setting, m, temp, [active], body) for m, temp in train]
         every = slice(None, None, OVERSAMPLING)
-        torque = [_plant_torque(b)[every] for b in alone]
+        torque = [b.plant_torque[every] for b in alone]
         ratio = np.sqrt(np.mean(np.vstack(torque) ** 2, axis=0)) / sigma
         payload = machine.payload_mass > 0
         tracks = [
@@ -343,78 +271,3 @@ def _judge(
         entry["unabsorbed_size"] = best
         entry["rivals"] = rivals
         entry["separable"] = bool(not rivals and best >= max(UNABSORBED, 0.1 * float(ratio[main])))
-
-
-def _miss_inertials(urdf: str, error: float, rng: np.random.Generator) -> str:
-    """URDF text with every link's mass and inertia off by one factor a link (so they stay consistent)."""
-
-    def link(match: re.Match[str]) -> str:
-        factor = float(np.exp(error * rng.normal()))
-
-        def scaled(number: re.Match[str]) -> str:
-            return f'{number[1]}="{float(number[2]) * factor:.6g}"'
-
-        return re.sub(r'(value|i[xyz][xyz])="([^"]*)"', scaled, match[0])
-
-    return re.sub(r"<inertial>.*?</inertial>", link, urdf)
-
-
-def _write_folder(
-    folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
-    sigma: Array, seed: int, declared: list[str], with_temperature: bool,
-) -> dict[str, Array]:  # fmt: skip
-    joints, pos, tau_unit = machine.joints, machine.position_unit, machine.torque_unit
-    resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
-    sealed: dict[str, list[Array]] = {"run": [], "t": []}
-    listing: list[dict[str, Any]] = []
-    for number, (plan, b) in enumerate(zip(recipe.plans, behaviours, strict=True)):
-        rng = _stream(seed, machine.name, "noise", str(number))
-        t = b.t[::OVERSAMPLING]
-        at_q, at_tau = jitter_times(t, recipe.noise, recipe.rate, rng)
-        columns: dict[str, Array] = {"t": t}
-        units = {"t": "s"}
-        noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng)
-        q = np.column_stack([np.interp(at_q, b.t, b.q[:, j]) for j in range(len(joints))])
-        clean = np.column_stack([np.interp(at_tau, b.t, b.tau[:, j]) for j in range(len(joints))])
-        effect = _plant_torque(b)[::OVERSAMPLING]
-        q = quantise(q, resolution, rng)
-        sealed["run"].append(np.full(len(t), number, dtype=float))
-        sealed["t"].append(t)
-        for j, joint in enumerate(joints):
-            columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
-            units[f"q_{joint}"], units[f"tau_{joint}"] = pos, tau_unit
-            if with_temperature:
-                columns[f"temp_{joint}"] = np.round(b.temperature[::OVERSAMPLING, j], 1)
-                units[f"temp_{joint}"] = "degC"
-            for key, value in (("clean", clean), ("noise", noise), ("effect", effect)):
-                sealed.setdefault(f"{key}_{joint}", []).append(value[:, j])
-        file = f"runs/r{number + 1}.parquet"
-        write_table(folder / file, columns, units)
-        entry: dict[str, Any] = {"file": file, "use": plan.use}
-        if machine.payload_mass > 0:
-            entry["payload"] = {"mass": machine.payload_mass, "com": list(machine.payload_com)}
-        listing.append(entry)
-    robot: dict[str, Any] = {
-        "urdf": "robot.urdf",
-        "joints": list(joints),
-        "inertials": "approximate" if recipe.inertia_error else "trusted",
-        "gravity": list(machine.gravity),
-        "gear_ratio": list(machine.gear_ratio),
-    }
-    if "rotor_inertia" in declared:
-        robot["rotor_inertia"] = setting.rotor.tolist()
-    document = {
-        "name": folder.name,
-        "description": f"{len(joints)}-joint machine, recorded on {len(behaviours)} runs.",
-        "source": "generated",
-        "robot": robot,
-        "sample_rate": recipe.rate,
-        "units": {"q": pos, "tau": tau_unit},
-        "declared_effects": declared,
-        "runs": listing,
-    }
-    rng = _stream(seed, machine.name, "inertials")
-    urdf = _miss_inertials(machine.urdf, recipe.inertia_error, rng) if recipe.inertia_error else machine.urdf
-    write_text(folder / "robot.urdf", urdf)
-    write_text(folder / "dataset.yaml", yaml.safe_dump(document, sort_keys=False))
-    return {key: np.concatenate(parts) for key, parts in sealed.items()}

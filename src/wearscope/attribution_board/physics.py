@@ -68,6 +68,11 @@ class Behaviour:
     load: Array
     temperature: Array
 
+    @property
+    def plant_torque(self) -> Array:
+        """What the plants are worth in the record (N, n)."""
+        return self.tau - self.declared
+
 
 @dataclass(frozen=True)
 class Setting:

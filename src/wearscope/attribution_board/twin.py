@@ -15,9 +15,9 @@ import yaml
 from numpy.typing import NDArray
 
 from wearscope.attribution_board.disturbances import quantise
-from wearscope.attribution_board.generate import RunPlan
 from wearscope.attribution_board.machines import Machine
 from wearscope.attribution_board.motions import Motion, make_motion
+from wearscope.attribution_board.recipe import RunPlan
 from wearscope.errors import InputError
 from wearscope.tables import write_table, write_text
 

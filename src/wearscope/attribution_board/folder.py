@@ -1,0 +1,92 @@
+"""Writes a generated data set's folder; nothing that tells the truth goes into it."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from wearscope.attribution_board.disturbances import jitter_times, make_noise, quantise
+from wearscope.attribution_board.machines import Machine
+from wearscope.attribution_board.physics import Behaviour, Setting
+from wearscope.attribution_board.recipe import OVERSAMPLING, Recipe, make_stream
+from wearscope.tables import write_table, write_text
+
+Array = NDArray[np.float64]
+
+
+def _miss_inertials(urdf: str, error: float, rng: np.random.Generator) -> str:
+    """URDF text with every link's mass and inertia off by one factor a link (so they stay consistent)."""
+
+    def link(match: re.Match[str]) -> str:
+        factor = float(np.exp(error * rng.normal()))
+
+        def scaled(number: re.Match[str]) -> str:
+            return f'{number[1]}="{float(number[2]) * factor:.6g}"'
+
+        return re.sub(r'(value|i[xyz][xyz])="([^"]*)"', scaled, match[0])
+
+    return re.sub(r"<inertial>.*?</inertial>", link, urdf)
+
+
+def write_folder(
+    folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
+    sigma: Array, seed: int, declared: list[str], with_temperature: bool,
+) -> dict[str, Array]:  # fmt: skip
+    joints, pos, tau_unit = machine.joints, machine.position_unit, machine.torque_unit
+    resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
+    sealed: dict[str, list[Array]] = {"run": [], "t": []}
+    listing: list[dict[str, Any]] = []
+    for number, (plan, b) in enumerate(zip(recipe.plans, behaviours, strict=True)):
+        rng = make_stream(seed, machine.name, "noise", str(number))
+        t = b.t[::OVERSAMPLING]
+        at_q, at_tau = jitter_times(t, recipe.noise, recipe.rate, rng)
+        columns: dict[str, Array] = {"t": t}
+        units = {"t": "s"}
+        noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng)
+        q = np.column_stack([np.interp(at_q, b.t, b.q[:, j]) for j in range(len(joints))])
+        clean = np.column_stack([np.interp(at_tau, b.t, b.tau[:, j]) for j in range(len(joints))])
+        effect = b.plant_torque[::OVERSAMPLING]
+        q = quantise(q, resolution, rng)
+        sealed["run"].append(np.full(len(t), number, dtype=float))
+        sealed["t"].append(t)
+        for j, joint in enumerate(joints):
+            columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
+            units[f"q_{joint}"], units[f"tau_{joint}"] = pos, tau_unit
+            if with_temperature:
+                columns[f"temp_{joint}"] = np.round(b.temperature[::OVERSAMPLING, j], 1)
+                units[f"temp_{joint}"] = "degC"
+            for key, value in (("clean", clean), ("noise", noise), ("effect", effect)):
+                sealed.setdefault(f"{key}_{joint}", []).append(value[:, j])
+        file = f"runs/r{number + 1}.parquet"
+        write_table(folder / file, columns, units)
+        entry: dict[str, Any] = {"file": file, "use": plan.use}
+        if machine.payload_mass > 0:
+            entry["payload"] = {"mass": machine.payload_mass, "com": list(machine.payload_com)}
+        listing.append(entry)
+    robot: dict[str, Any] = {
+        "urdf": "robot.urdf",
+        "joints": list(joints),
+        "inertials": "approximate" if recipe.inertia_error else "trusted",
+        "gravity": list(machine.gravity),
+        "gear_ratio": list(machine.gear_ratio),
+    }
+    if "rotor_inertia" in declared:
+        robot["rotor_inertia"] = setting.rotor.tolist()
+    document = {
+        "name": folder.name,
+        "description": f"{len(joints)}-joint machine, recorded on {len(behaviours)} runs.",
+        "source": "generated",
+        "robot": robot,
+        "sample_rate": recipe.rate,
+        "units": {"q": pos, "tau": tau_unit},
+        "declared_effects": declared,
+        "runs": listing,
+    }
+    rng = make_stream(seed, machine.name, "inertials")
+    urdf = _miss_inertials(machine.urdf, recipe.inertia_error, rng) if recipe.inertia_error else machine.urdf
+    write_text(folder / "robot.urdf", urdf)
+    write_text(folder / "dataset.yaml", yaml.safe_dump(document, sort_keys=False))
+    return {key: np.concatenate(parts) for key, parts in sealed.items()}
