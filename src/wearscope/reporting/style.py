@@ -1,0 +1,71 @@
+"""One look for every figure, and figure files whose bytes depend on their content only."""
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+from matplotlib import style
+from matplotlib.figure import Figure
+
+from wearscope import tables
+
+#: Okabe and Ito (2008), colours that people with colour-blindness tell apart; yellow, too faint, left out.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+BEFORE, AFTER, NEUTRAL, WARNING = "#D55E00", "#0072B2", "#666666", "#B3261E"
+MISSING = "#e3e3e3"
+
+_SHEET = Path(__file__).with_name("wearscope.mplstyle")
+_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+@contextmanager
+def figure_style() -> Iterator[None]:
+    """Draw within the project's style, whatever the caller's settings are."""
+    with style.context(["default", str(_SHEET)], after_reset=True):
+        yield
+
+
+def colours(names: Sequence[str]) -> dict[str, str]:
+    """Colour by name, the same for the same list."""
+    return {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
+
+
+def markers(names: Sequence[str]) -> dict[str, str]:
+    """Marker by name, the same for the same list."""
+    return {name: MARKERS[k % len(MARKERS)] for k, name in enumerate(names)}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Empty figure of a size [inch] that no window system knows of."""
+    return Figure(figsize=(width, height))
+
+
+def figure_bytes(figure: Figure, kind: str = "svg", dpi: float | None = None) -> bytes:
+    """Figure as SVG or PNG; equal figures give equal bytes.
+
+    Parameters
+    ----------
+    figure : Figure
+    kind : {"svg", "png"}
+    dpi : float, optional
+        Dots an inch of a PNG, and of images within an SVG.
+    """
+    target = io.BytesIO()
+    metadata: Mapping[str, str | None] = _METADATA if kind == "svg" else {"Software": None}
+    with figure_style(), matplotlib.rc_context({"savefig.dpi": dpi or matplotlib.rcParams["savefig.dpi"]}):
+        figure.savefig(target, format=kind, metadata=dict(metadata))
+    return target.getvalue()
+
+
+def save_figure(figure: Figure, *paths: str | Path) -> None:
+    """Write a figure whole or not at all, as SVG or PNG by the name's ending."""
+    for path in paths:
+        content = figure_bytes(figure, Path(path).suffix.lstrip("."))
+
+        def write(name: str, content: bytes = content) -> None:
+            Path(name).write_bytes(content)
+
+        tables.write_whole(path, write)
