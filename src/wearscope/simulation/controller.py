@@ -12,7 +12,7 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
-from wearscope.simulation.step import Law
+from wearscope.simulation.arrays import Law
 
 #: Feedback where the model states none.
 DEFAULT_BANDWIDTH_HZ, DEFAULT_DAMPING = 5.0, 1.0

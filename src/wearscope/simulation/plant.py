@@ -4,7 +4,7 @@ import numpy as np
 
 from wearscope.effects.base import Plant, load_effect
 from wearscope.robots.model import RobotModel, check_effects
-from wearscope.simulation.step import Gears
+from wearscope.simulation.arrays import Gears
 
 #: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the
 #: lost motion, so that the deflection law can be inverted.

@@ -7,22 +7,14 @@ import numpy as np
 from wearscope.effects.base import Plant
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
+from wearscope.simulation.arrays import Gears, Law, Log, Motion, State, make_motion, make_state, make_work
 from wearscope.simulation.chain import build_chain, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.gear import deflection
 from wearscope.simulation.plant import build_gears
-from wearscope.simulation.step import (
-    Gears,
-    Law,
-    Log,
-    State,
-    advance_block,
-    make_motion,
-    make_state,
-    make_work,
-)
-from wearscope.simulation.terms import Motion, pack_terms
+from wearscope.simulation.step import advance_block
+from wearscope.simulation.terms import pack_terms
 from wearscope.simulation.world import World
 
 #: Steps between two readings of PyBullet's state.

@@ -11,13 +11,13 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
+from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import run_motion
 from wearscope.simulation.sensors import find_stride, record
-from wearscope.simulation.step import Law
 from wearscope.simulation.world import World, prove_world
 
 #: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.

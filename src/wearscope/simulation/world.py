@@ -176,6 +176,6 @@ def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> 
     if not worst <= SELF_TEST_TOLERANCE:
         raise SimulationError(
             f"self-test: the torque applied in PyBullet differs from inverse dynamics by {worst:.2g} of it, "
-            f"more than {SELF_TEST_TOLERANCE:g}; PyBullet adds damping, limits or inertias that the model has not."
+            f"more than {SELF_TEST_TOLERANCE:g}; PyBullet adds something that the model has not."
         )
     return worst
