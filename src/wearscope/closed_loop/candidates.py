@@ -87,8 +87,7 @@ def reduce_columns(effect: Effect, joint: int, shapes: np.ndarray, run: Prepared
     """Reduced regressors of all shapes for one run, (M, S*m) or (M, n, S*m)."""
     chunks = []
     for start in range(0, len(shapes), 64):
-        full = [effect.columns(run.signals, joint, shape) for shape in shapes[start : start + 64]]
-        chunks.append(run.reduce(np.concatenate(full, axis=-1)))
+        chunks.append(run.reduce(effect.stack(run.signals, joint, shapes[start : start + 64])))
     return np.concatenate(chunks, axis=-1)
 
 

@@ -159,24 +159,28 @@ _MATRIX = types.Array(types.float64, 2, "C")
 
 
 # The row as a first-class function: compiled once for all effects and kept, where a dispatcher argument would
-# compile anew in every process.
+# compile anew in every process. All shapes in one pass, since a sample's views cost more than a row.
 @njit(
     _MATRIX(
-        types.FunctionType(ROW), types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _VECTOR, types.int64,
+        types.FunctionType(ROW), types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _MATRIX, types.int64,
         types.int64,
     ),
     cache=True,
 )  # fmt: skip
-def _stack_rows(row, j, t, dt, sign, q, v, a, load, temperature, wear, shape, n_states, p):
-    out = np.empty((len(t), p))
-    state = np.zeros(max(n_states, 1))
-    next_state = np.zeros(max(n_states, 1))
+def _stack_rows(row, j, t, dt, sign, q, v, a, load, temperature, wear, shapes, n_states, p):
+    out = np.empty((len(t), len(shapes) * p))
+    state = np.zeros((len(shapes), max(n_states, 1)))
+    next_state = np.zeros((len(shapes), max(n_states, 1)))
     for i in range(len(t)):
-        row(
-            j, t[i], dt, sign[i], q[i], v[i], a[i], load[i], temperature[i], wear[i],
-            shape, state, next_state, out[i],
-        )  # fmt: skip
-        state[:] = next_state
+        signi, qi, vi, ai, loadi = sign[i], q[i], v[i], a[i], load[i]
+        temperaturei, weari = temperature[i], wear[i]
+        for s in range(len(shapes)):
+            row(
+                j, t[i], dt, signi, qi, vi, ai, loadi, temperaturei, weari,
+                shapes[s], state[s], next_state[s], out[i, s * p : (s + 1) * p],
+            )  # fmt: skip
+        if n_states > 0:
+            state[:] = next_state
     return out
 
 
@@ -276,12 +280,17 @@ class Effect:
         -------
         ndarray (N, p), or (N, n, p) where `spread`
         """
-        assert self.row is not None
+        return self.stack(signals, joint, shape[None, :])
+
+    def stack(self, signals: Signals, joint: int, shapes: np.ndarray) -> np.ndarray:
+        """Regressors of several shapes (S, k) side by side: (N, S*p), or (N, n, S*p) where `spread`."""
+        if self.row is None or type(self).columns is not Effect.columns:
+            return np.concatenate([self.columns(signals, joint, shape) for shape in shapes], axis=-1)
         take = lambda x: np.ascontiguousarray(x, dtype=float)  # noqa: E731
         return _stack_rows(
             self.row, joint, take(signals.t), signals.dt, take(signals.sign), take(signals.q),
             take(signals.v), take(signals.a), take(signals.load), take(signals.temperature),
-            take(signals.wear), take(shape), self.n_states, len(self.coefficients),
+            take(signals.wear), take(shapes), self.n_states, len(self.coefficients),
         )  # fmt: skip
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
