@@ -115,8 +115,9 @@ class SimulationSettings(Section):
 
     step: Annotated[float, Field(gt=0, le=0.01)] = 0.001
     """Integration step [s]."""
-    sample_rate: Annotated[float, Field(gt=0)] = 250.0
-    """Recorded samples per second [Hz]; the step must fit into it a whole number of times."""
+    sample_rate: Annotated[float, Field(gt=0)] | None = None
+    """Recorded samples per second [Hz]; that of the robot's sensors where left out. The step must fit into
+    the sample time a whole number of times."""
     nominal_runs: Annotated[int, Field(ge=1)] = 1
     """Wear-free runs that the detectors learn from, a robot and test-cycle; they differ in sensor noise."""
     chunk: Annotated[int, Field(ge=1)] = 23
@@ -124,10 +125,10 @@ class SimulationSettings(Section):
 
     @model_validator(mode="after")
     def _whole_samples(self) -> "SimulationSettings":
-        ratio = 1.0 / (self.step * self.sample_rate)
+        ratio = 1.0 / (self.step * self.sample_rate) if self.sample_rate else 1.0
         if abs(ratio - round(ratio)) > 1e-9 * ratio or round(ratio) < 1:
             raise ValueError(
-                f"sample_rate {self.sample_rate:g} Hz is no whole number of steps of {self.step:g} s; "
+                f"sample_rate {self.sample_rate or 0:g} Hz is no whole number of steps of {self.step:g} s; "
                 "choose a step that divides the sample time"
             )
         return self
@@ -280,6 +281,14 @@ class StudyConfig(Section):
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
         return min(self.audit.points, 1 + len(self.scope.factors) * (2 + 2 * len(self.axes)))
+
+    def factor_ranges(self) -> dict[str, list[Any]]:
+        """Kind and natural range by factor, validation included."""
+        ranges = {}
+        for name, factor in self.factors.items():
+            ends = [*factor.range, *(factor.validation or ())]
+            ranges[name] = [factor.kind, min(ends), max(ends)]
+        return ranges
 
     def factor_table(self) -> list[dict[str, Any]]:
         """Factors as the keyword arguments of `wearscope.designs.factors.Factor`, in the design's order."""

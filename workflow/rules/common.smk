@@ -94,6 +94,11 @@ def detector_files():
     return [plugin_file(detector.use, "detectors") for detector in STUDY.detectors.values()]
 
 
+def cycle_files():
+    """Files of the study's test-cycles."""
+    return [plugin_file(reference, "cycles") for reference in STUDY.cycles]
+
+
 def traces(robot, cycle, *sets):
     """Markers of the simulated chunks of some sets."""
     return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]

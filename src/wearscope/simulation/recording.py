@@ -41,6 +41,7 @@ def write_recording(
     joints: Sequence[str],
     position_units: Sequence[str] | None = None,
     torque_units: Sequence[str] | None = None,
+    fingerprint: str | None = None,
 ) -> None:
     """Write a run in long form: `t`, `joint`, `q`, `qd`, `tau`, joint after joint.
 
@@ -54,6 +55,8 @@ def write_recording(
     joints : sequence of str (n,)
     position_units, torque_units : sequence of str (n,), optional
         By joint, rad and N m by default; a column whose joints differ names each joint's.
+    fingerprint : str, optional
+        Of what the run was made from, kept in the file's metadata; see `read_fingerprint`.
     """
     count, n = recording.q.shape
     position_units = ["rad"] * n if position_units is None else list(position_units)
@@ -77,6 +80,8 @@ def write_recording(
             "tau": _join_units(joints, torque_units),
         },
     )
+    if fingerprint is not None:
+        table = table.replace_schema_metadata({"fingerprint": fingerprint})
     tables.write_whole(
         path,
         lambda name: pq.write_table(
@@ -88,6 +93,16 @@ def write_recording(
             row_group_size=count * n,
         ),
     )
+
+
+def read_fingerprint(path: str | Path) -> str | None:
+    """Fingerprint of a recording; None where there is no whole recording or it has none."""
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+    except (pa.ArrowInvalid, OSError):
+        return None
+    value = metadata.get(b"fingerprint")
+    return None if value is None else value.decode()
 
 
 def _join_units(joints: Sequence[str], units: Sequence[str]) -> str:

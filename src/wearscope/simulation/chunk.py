@@ -1,0 +1,167 @@
+"""A chunk of design points simulated into its partitions; points that are there already are kept."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wearscope.cycles.base import Cycle, Reference
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.recording import read_fingerprint, write_recording
+from wearscope.simulation.sensors import seed_of
+from wearscope.simulation.study import make_conditions, simulate_points
+from wearscope.simulation.traces import point_path
+
+#: Delay before each next move where no factor is about it [s], the middle of the paper's range.
+DEFAULT_DWELL = 0.05
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What all points of a study, robot and test-cycle share.
+
+    Attributes
+    ----------
+    robot, cycle : str
+        As tables and folders call them; parts of every seed.
+    kinds : mapping of str to str
+        Kind by factor, in the design's order.
+    seed : int
+        The study's root seed.
+    step : float
+        [s]
+    sample_rate : float or None
+        [Hz]; None for that of the robot's sensors.
+    """
+
+    robot: str
+    cycle: str
+    kinds: Mapping[str, str]
+    seed: int
+    step: float
+    sample_rate: float | None = None
+
+
+def natural_levels(row: Mapping[str, Any], kinds: Mapping[str, str]) -> dict[str, float]:
+    """Natural level by factor of a design row."""
+    return {name: float(row[f"{name}_natural"]) for name in kinds}
+
+
+def dwell_of(levels: Mapping[str, float], kinds: Mapping[str, str]) -> float:
+    """Delay before each next move [s] of natural levels, whose dwell is in ms."""
+    for name, kind in kinds.items():
+        if kind == "dwell":
+            return levels[name] / 1000.0
+    return DEFAULT_DWELL
+
+
+def fingerprint_point(common: str, plan: Plan, set_name: str, row: Mapping[str, Any]) -> str:
+    """Digest of everything that a point's recording depends on.
+
+    Parameters
+    ----------
+    common : str
+        Digest of the code and of the robot's files.
+    plan : Plan
+    set_name : str
+    row : mapping
+        Design row.
+    """
+    parts = {
+        "common": common,
+        "identity": [plan.robot, plan.cycle, set_name, int(row["point"])],
+        "levels": natural_levels(row, plan.kinds),
+        "kinds": dict(plan.kinds),
+        "settings": [plan.seed, plan.step, plan.sample_rate],
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def simulate_chunk(
+    folder: str | Path,
+    set_name: str,
+    rows: Sequence[Mapping[str, Any]],
+    model: RobotModel,
+    cycle: Cycle,
+    plan: Plan,
+    common: str,
+    report: Callable[[int], None] | None = None,
+) -> dict[int, str]:
+    """Simulate those of a chunk's points that are not there yet.
+
+    Each recording is written whole as soon as it is made, so that a chunk that was killed goes on where it
+    was. Its bytes depend on the point alone.
+
+    Parameters
+    ----------
+    folder : path-like
+        Traces of this robot and test-cycle.
+    set_name : str
+    rows : sequence of mapping
+        Design rows: `point` and the natural levels.
+    model : RobotModel
+    cycle : Cycle
+    plan : Plan
+    common : str
+        See `fingerprint_point`.
+    report : callable, optional
+        Called with the number of points done.
+
+    Returns
+    -------
+    dict
+        Fingerprint by point.
+
+    Raises
+    ------
+    InputError
+        Where a run fails, after the others have been written.
+    """
+    fingerprints = {int(row["point"]): fingerprint_point(common, plan, set_name, row) for row in rows}
+    paths = {point: point_path(folder, set_name, point) for point in fingerprints}
+    missing = [
+        row for row in rows if read_fingerprint(paths[int(row["point"])]) != fingerprints[int(row["point"])]
+    ]
+    failed: list[str] = []
+    done = len(rows) - len(missing)
+    inputs = _prepare_points(missing, set_name, model, cycle, plan)
+    for row, result in zip(missing, simulate_points(model, inputs, plan.sample_rate), strict=True):
+        point = int(row["point"])
+        if isinstance(result, SimulationError):
+            failed.append(f"point {point}: {result}")
+        else:
+            write_recording(
+                paths[point],
+                result,
+                model.joints,
+                model.position_units,
+                model.torque_units,
+                fingerprints[point],
+            )
+        done += 1
+        if report is not None:
+            report(done)
+    if failed:
+        raise InputError(
+            f"robot {plan.robot}, cycle {plan.cycle}, {set_name} {failed[0].rstrip('.')}"
+            + (f" (and {len(failed) - 1} more points)" if len(failed) > 1 else "")
+            + "; correct the robot, slow the test-cycle down, or narrow the factors' ranges."
+        )
+    return fingerprints
+
+
+def _prepare_points(
+    rows: Sequence[Mapping[str, Any]], set_name: str, model: RobotModel, cycle: Cycle, plan: Plan
+) -> Iterator[tuple]:
+    references: dict[float, Reference] = {}
+    for row in rows:
+        levels = natural_levels(row, plan.kinds)
+        dwell = dwell_of(levels, plan.kinds)
+        if dwell not in references:
+            references[dwell] = cycle.build(model, dwell, plan.step)
+        seed = seed_of(plan.seed, plan.robot, plan.cycle, set_name, int(row["point"]))
+        yield references[dwell], make_conditions(levels, plan.kinds), seed

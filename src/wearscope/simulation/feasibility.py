@@ -1,0 +1,117 @@
+"""Refuses a study that its robots cannot do, before anything is simulated."""
+
+from collections.abc import Mapping
+
+from wearscope.cycles.base import Cycle, check_reference
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel, check_effects
+from wearscope.simulation.chunk import DEFAULT_DWELL
+from wearscope.simulation.sensors import find_stride
+
+FRICTION_LAW = "friction_wear_temperature"
+_NOMINAL_TEMPERATURE = 50.0
+
+Ranges = Mapping[str, tuple[str, float, float]]
+
+
+def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: float | None = None) -> None:
+    """Refuse factor ranges that a robot's model does not cover.
+
+    Parameters
+    ----------
+    model : RobotModel
+    ranges : mapping of str to (kind, low, high)
+        Natural range by factor.
+    step : float
+        [s]
+    sample_rate : float, optional
+        [Hz]; that of the robot's sensors by default.
+
+    Raises
+    ------
+    InputError
+        Where a temperature is below the friction law's validity (its Stribeck speed eta3 + eta4 T would not
+        be positive), a wear level is negative, a wear factor has no joint, a mass error makes no mass, an
+        effect is wrong, or the sampling interval is no whole number of steps.
+    """
+    check_effects(model)
+    find_stride(step, model.sensors.sample_rate if sample_rate is None else sample_rate)
+    wear = [name for name, (kind, _, _) in ranges.items() if kind == "wear"]
+    if len(wear) > len(model.wear_joints):
+        raise InputError(
+            f"factors.{wear[-1]}: robot '{model.name}' has {len(model.wear_joints)} joints that wear for "
+            f"{len(wear)} factors of kind wear; list more under wear_axes of its model, or drop the factor."
+        )
+    for name, (kind, low, _) in ranges.items():
+        if kind == "wear" and low < 0:
+            raise InputError(f"factors.{name}: a wear of {low:g} is none; start the range at 0 or above.")
+        if kind == "dwell" and low < 0:
+            raise InputError(f"factors.{name}: a delay of {low:g} ms is none; start the range at 0 or above.")
+        if kind == "payload_mass_error" and low <= -100:
+            raise InputError(f"factors.{name}: {low:g} % leaves no mass; start the range above -100 %.")
+        if kind == "temperature":
+            _check_temperatures(model, name, low)
+
+
+def _check_temperatures(model: RobotModel, factor: str, low: float) -> None:
+    for entry in model.effects:
+        if entry.effect != FRICTION_LAW:
+            continue
+        eta3, eta4 = entry.parameters["eta3"], entry.parameters["eta4"]
+        if eta3 + eta4 * low <= 0:
+            valid = f"is positive above {-eta3 / eta4:.1f} degC only" if eta4 > 0 else "is not positive there"
+            raise InputError(
+                f"factors.{factor}: {low:g} degC is below the validity of the friction law (17) of joint "
+                f"'{entry.joint}' of robot '{model.name}', whose Stribeck speed eta3 + eta4 T {valid}; raise "
+                "the range."
+            )
+
+
+def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, step: float) -> float:
+    """Refuse a test-cycle that a robot cannot follow at the ends of the factor ranges.
+
+    Parameters
+    ----------
+    model : RobotModel
+    cycle : Cycle
+    label : str
+        What messages call the test-cycle.
+    ranges : mapping of str to (kind, low, high)
+    step : float
+        [s]
+
+    Returns
+    -------
+    float
+        Duration at the longest dwell [s].
+
+    Raises
+    ------
+    InputError
+        See `wearscope.cycles.base.check_reference`.
+    """
+    of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
+    dwells = sorted({value / 1000.0 for value in of_kind.get("dwell", ())} or {DEFAULT_DWELL})
+    # The robot carries declared / (1 + error).
+    error = max(abs(1.0 / (1.0 + value / 100.0) - 1.0) for value in of_kind.get("payload_mass_error", (0.0,)))
+    duration = 0.0
+    for dwell in dwells:
+        try:
+            reference = cycle.build(model, dwell, step)
+        except InputError:
+            raise
+        except Exception as problem:
+            raise InputError(
+                f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
+                f"{' '.join(str(problem).split())}; mend the test-cycle."
+            ) from problem
+        check_reference(
+            reference,
+            model,
+            label,
+            of_kind.get("temperature", (_NOMINAL_TEMPERATURE,)),
+            of_kind.get("wear", (0.0, 0.0))[1],
+            error,
+        )
+        duration = float(reference.t[-1])
+    return duration

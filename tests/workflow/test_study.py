@@ -1,0 +1,344 @@
+"""The whole workflow on the smallest study, in copies of the tree: bytes, incrementality, resumption, messages."""
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from wearscope import tables
+
+ROOT = Path(__file__).parents[2]
+TINY = "tests/workflow/tiny"
+CONTRACT = {
+    "test_quantities.parquet": "robot cycle axis fda set point f w3 w5 y",
+    "surrogates.parquet": "robot cycle axis fda model term theta theta_normalised stderr",
+    "validation.parquet": "robot cycle axis fda model fit",
+    "snr.parquet": "robot cycle axis fda snr snr_exact",
+    "scope.parquet": "robot cycle axis fda factor delta sigma p_d passes method",
+    "audit.parquet": "robot cycle axis fda point y_direct y_surrogate low high",
+    "design/identification.parquet": "point f w3 w5 f_natural w3_natural w5_natural",
+    "design/validation.parquet": "point f w3 w5 f_natural w3_natural w5_natural",
+    "design/nominal.parquet": "point f w3 w5 f_natural w3_natural w5_natural",
+}
+
+
+def copy_tree(target: Path) -> Path:
+    """Copy what a clone of the working tree would hold."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    for name in listed.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target / name)
+    return target
+
+
+def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
+    return [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", study, *arguments]
+
+
+def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
+    return subprocess.run(
+        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+def run_well(folder: Path, *arguments: str, **options) -> str:
+    done = run(folder, *arguments, **options)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
+    return done.stdout + done.stderr
+
+
+def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
+    """Rules with jobs to do, by a dry run."""
+    text = run_well(folder, "-n", *arguments, study=study)
+    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
+
+
+def digests(folder: Path) -> dict[str, bytes]:
+    results = folder / "results" / "tiny"
+    return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """A copy in which the study was run on one core."""
+    folder = copy_tree(tmp_path_factory.mktemp("one-core"))
+    run_well(folder)
+    return folder
+
+
+@pytest.fixture
+def changed(finished, tmp_path) -> Path:
+    """A copy of the finished study to change."""
+    folder = tmp_path / "changed"
+    shutil.copytree(finished, folder, symlinks=True)
+    return folder
+
+
+def test_results_have_the_contract_s_names_and_columns(finished):
+    results = finished / "results" / "tiny"
+    for name, columns in CONTRACT.items():
+        table = tables.read_table(results / name)
+        assert set(columns.split()) <= set(table.columns), name
+        assert len(table)
+    quantities = tables.read_table(results / "test_quantities.parquet")
+    assert len(quantities) == 2 * 2 * 15  # detectors x sets x points
+    assert set(quantities["robot"]) == {"medium"} and set(quantities["cycle"]) == {"short_moves"}
+    assert set(quantities["fda"]) == {"A", "own"} and set(quantities["axis"]) == {1}
+    assert (results / "report.html").stat().st_size > 10_000
+    figures = {path.suffix for path in (results / "figures").iterdir()}
+    assert figures == {".svg", ".png"}
+
+
+def test_traces_are_one_partition_a_point_with_units(finished):
+    traces = finished / "results" / "tiny" / "traces" / "medium" / "short_moves"
+    files = sorted((traces / "identification").glob("point=*/*.parquet"))
+    assert len(files) == 15
+    units = tables.read_units(files[0])
+    assert units["t"] == "s"
+    whole = pq.read_table(traces / "identification")
+    assert {"t", "joint", "q", "qd", "tau", "point"} <= set(whole.column_names)
+    assert whole.column("point").to_pandas().nunique() == 15
+
+
+def test_every_job_logged_and_was_timed(finished):
+    results = finished / "results" / "tiny"
+    logs = {path.relative_to(results / "logs").with_suffix("") for path in results.glob("logs/**/*.log")}
+    times = {
+        path.relative_to(results / "benchmarks").with_suffix("")
+        for path in results.glob("benchmarks/**/*.tsv")
+    }
+    assert logs == times and len(logs) > 10
+    assert all(path.read_text() for path in results.glob("logs/**/*.log"))
+
+
+def test_second_run_does_nothing_and_is_quick(finished):
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    text = run_well(finished)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert "Nothing to be done" in text
+    # Processor seconds, which other work on the machine does not lengthen much.
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 5.0
+
+
+def test_touched_files_and_other_files_rerun_nothing(changed):
+    later = time.time() + 10
+    for path in [*changed.glob("src/**/*.py"), *changed.glob("workflow/**/*"), *changed.glob("config/**/*")]:
+        if path.is_file():
+            os.utime(path, (later, later))
+    with open(changed / "README.md", "a", encoding="utf-8") as file:
+        file.write("\nMore to read.\n")
+    assert stale(changed) == set()
+
+
+AFTER_SNR = {"compute_snr", "draw_figures", "write_report", "report", "all"}
+AFTER_SCOPE = {
+    "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
+    "audit_surrogates", "draw_figures", "write_report", "report", "all",
+}  # fmt: skip
+AFTER_SURROGATES = AFTER_SNR | AFTER_SCOPE | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
+AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def add_line(path: Path) -> None:
+    with open(path, "a", encoding="utf-8") as file:
+        file.write("\n# An edit.\n")
+
+
+@pytest.mark.parametrize(
+    ("setting", "change", "expected"),
+    [
+        ("snr", {"runs": 2000}, AFTER_SNR),
+        ("scope", {"grid": [5, 4], "runs": 1000, "p_d": 0.95}, AFTER_SCOPE),
+        ("sensitivity", {"model": "full"}, {"compute_sensitivity", *AFTER_SNR} - {"compute_snr"}),
+        ("max_failed_share", 0.2, AFTER_TEST_QUANTITIES),
+        ("seed", 1, None),
+    ],
+)
+def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, change, expected):
+    config = yaml.safe_load((changed / TINY / "config.yaml").read_text())
+    config[setting] = change
+    (changed / TINY / "config.yaml").write_text(yaml.safe_dump(config))
+    rules = stale(changed)
+    if expected is None:
+        assert {"simulate_points", "compute_snr", "compute_scope"} <= rules
+    else:
+        assert rules <= expected and expected - {"report", "all"} <= rules | {"simulate_points"}
+
+
+@pytest.mark.parametrize(
+    ("file", "must", "must_not"),
+    [
+        (
+            "src/wearscope/evaluation/snr.py",
+            {"compute_snr", "write_report"},
+            {"simulate_points", "fit_surrogates"},
+        ),
+        (f"{TINY}/torque_change.py", {"compute_test_quantities"}, {"make_design"}),
+        (f"{TINY}/short_moves.py", {"check_study", "simulate_points"}, {"make_design"}),
+        (
+            "src/wearscope/surrogates/validation.py",
+            {"validate_surrogates"},
+            {"compute_snr", "fit_surrogates"},
+        ),
+        ("src/wearscope/closed_loop/dataset.py", set(), {"simulate_points", "compute_snr", "fit_surrogates"}),
+    ],
+)
+def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, must_not):
+    add_line(changed / file)
+    rules = stale(changed)
+    assert must <= rules
+    assert not must_not & rules
+
+
+def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
+    folder = copy_tree(tmp_path / "two-cores")
+    job = subprocess.Popen(
+        command("simulate", cores=2),
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    pattern = "results/tiny/traces/medium/short_moves/*/point=*/*.parquet"
+    end = time.monotonic() + 120
+    while len(list(folder.glob(pattern))) < 3 and job.poll() is None and time.monotonic() < end:
+        time.sleep(0.02)
+    os.killpg(job.pid, signal.SIGKILL)
+    job.wait()
+    halfway = {path: path.stat().st_mtime_ns for path in folder.glob(pattern)}
+    assert len(halfway) >= 3
+    run_well(folder, "simulate", cores=2)
+    assert all(path.stat().st_mtime_ns == moment for path, moment in halfway.items()), (
+        "a finished point was redone"
+    )
+    run_well(folder, cores=2)
+    ours, theirs = digests(folder), digests(finished)
+    assert ours.keys() == theirs.keys()
+    assert [name for name in ours if ours[name] != theirs[name]] == []
+
+
+def test_archive_holds_the_study(finished, tmp_path):
+    run_well(finished, "archive")
+    path = finished / "results" / "archive" / "tiny.tar"
+    module = [sys.executable, "-m", "wearscope.archive"]
+    environment = {**os.environ, "PYTHONPATH": str(finished / "src")}
+    subprocess.run([*module, "verify", str(path)], check=True, env=environment, capture_output=True)
+    subprocess.run(
+        [*module, "unpack", str(path), str(tmp_path / "out")],
+        check=True,
+        env=environment,
+        capture_output=True,
+    )
+    manifest = json.loads((tmp_path / "out" / "MANIFEST.json").read_text())
+    assert manifest["config"]["study"] == "tiny"
+    assert "src/wearscope/archive.py" in manifest["code"]["files"]
+    for name, content in digests(finished).items():
+        assert (tmp_path / "out" / name).read_bytes() == content
+
+
+def refuse(folder: Path, config: dict, *words: str, target: str = "check") -> str:
+    """The run ends before any simulation, with one sentence that holds the words."""
+    (folder / "bad.yaml").write_text(yaml.safe_dump(config))
+    done = run(folder, target, study="bad.yaml")
+    assert done.returncode == 1
+    lines = [line for line in done.stderr.splitlines() if all(word in line for word in words)]
+    assert lines, done.stderr[-3000:]
+    assert "Traceback" not in done.stderr
+    assert not list(folder.glob("results/bad/traces"))
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory) -> Path:
+    return copy_tree(tmp_path_factory.mktemp("bad-input"))
+
+
+@pytest.fixture
+def bad() -> dict:
+    config = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
+    config["study"] = "bad"
+    return config
+
+
+def test_unknown_key_is_told(clone, bad):
+    bad["snr"] = {"runz": 10}
+    refuse(clone, bad, "config: snr.runz is no known setting", "did you mean runs?")
+
+
+def test_unknown_robot_is_told(clone, bad):
+    bad["robots"] = ["huge"]
+    refuse(clone, bad, "robots", "huge", "medium")
+
+
+def test_temperature_below_the_friction_law_is_told(clone, bad):
+    bad["factors"]["w3"] = {**bad["factors"]["w3"], "range": [10, 70]}
+    refuse(clone, bad, "w3", "10", "axis_1")
+
+
+def test_infeasible_cycle_is_told(clone, bad):
+    text = (
+        (clone / TINY / "short_moves.py")
+        .read_text()
+        .replace("0.3 * np.ones(7)), 0.5", "0.3 * np.ones(7)), 1.0")
+    )
+    (clone / "too_fast.py").write_text(text)
+    bad["cycles"] = ["too_fast.py"]
+    refuse(clone, bad, "too_fast", "medium", "axis_3", "torque")
+
+
+def test_urdf_without_inertia_is_told(clone, bad):
+    shutil.copytree(clone / "config" / "robots" / "medium", clone / "light", dirs_exist_ok=True)
+    urdf = clone / "light" / "robot.urdf"
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), count=3, flags=re.DOTALL))
+    bad["robots"] = ["light"]
+    refuse(clone, bad, "robot.urdf", "inerti")
+
+
+def test_unestimable_design_is_told(clone, bad):
+    bad["design"] = {"kind": "full_factorial", "levels": 2}
+    refuse(clone, bad, "model 'full'", "aliased", target="design")
+
+
+def test_unknown_detector_is_told(clone, bad):
+    bad["detectors"] = {"A": "residual_enrgy"}
+    refuse(clone, bad, "residual_enrgy", "residual_energy")
+
+
+def test_refused_detector_option_is_told(clone, bad):
+    bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
+    refuse(clone, bad, "torque_change.py", "fail_abov")
+
+
+def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
+    config = yaml.safe_load((changed / TINY / "config.yaml").read_text())
+    config["detectors"]["own"] = {"use": f"{TINY}/torque_change.py", "options": {"fail_above": 0.0}}
+    (changed / TINY / "config.yaml").write_text(yaml.safe_dump(config))
+    before = sorted(changed.glob("results/tiny/traces/**/*.parquet"))
+    done = run(changed)
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "fda 'own', robot medium, cycle short_moves, axis 1: failed at" in done.stderr
+    assert "max_failed_share" in done.stderr
+    assert sorted(changed.glob("results/tiny/traces/**/*.parquet")) == before

@@ -1,0 +1,34 @@
+"""A chunk of the design points of one robot, test-cycle and set."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from job import count_progress, run_job
+from wearscope import tables
+from wearscope.cycles.base import load_cycle
+from wearscope.robots.model import load_model
+from wearscope.simulation.chunk import Plan, simulate_chunk
+
+with run_job(snakemake) as say:
+    params, w = snakemake.params, snakemake.wildcards
+    plan = Plan(w.robot, w.cycle, params.kinds, params.seed, params.step, params.sample_rate)
+    design = pq.read_table(snakemake.input.design).to_pylist()
+    first = int(w.chunk) * params.size
+    rows = design[first : first + params.size]
+    common = hashlib.sha256()
+    for file in [*snakemake.input.robot, *snakemake.input.code]:
+        common.update(Path(file).read_bytes())
+    fingerprints = simulate_chunk(
+        Path(snakemake.output[0]).parents[1],
+        w.set,
+        rows,
+        load_model(params.robot),
+        load_cycle(params.cycle),
+        plan,
+        common.hexdigest(),
+        count_progress(say, len(rows), "points"),
+    )
+    tables.write_text(snakemake.output[0], json.dumps(fingerprints, indent=1) + "\n")
