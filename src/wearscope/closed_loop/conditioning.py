@@ -8,6 +8,7 @@ predicts.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import signal
@@ -65,11 +66,16 @@ class Motion:
     rest_speed: np.ndarray
 
 
+@lru_cache(maxsize=32)
+def _sections(cutoff: float, rate: float) -> np.ndarray:
+    return signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+
+
 def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
     """Zero-phase Butterworth low-pass along the first axis; unchanged where the cut-off reaches Nyquist."""
     if cutoff >= 0.45 * rate:
         return x
-    sections = signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    sections = _sections(cutoff, rate)
     length = min(len(x) - 1, int(3 * rate / cutoff))
     columns = np.ascontiguousarray(x.T)
     return np.ascontiguousarray(signal.sosfiltfilt(sections, columns, axis=-1, padlen=length).T)
