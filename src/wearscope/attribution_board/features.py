@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 CUTOFF_HZ = 20.0
 KEPT_RATE_HZ = 50.0
+REST = 0.005
+"""Speed below which a joint is taken to rest, as a share of the top speed."""
 GRAIN = 0.002
 """Speed over which friction changes sign, as a share of the top speed."""
 
@@ -136,6 +138,12 @@ class Families:
 
     def _rows(self) -> int:
         return sum(len(smooth(track.t[:, None], self.rate)) for track in self.tracks)
+
+    def moving(self) -> NDArray[np.bool_]:
+        """Rows (N,) where the joint moves; at rest friction is undetermined and hides what else there is."""
+        thin = max(1, round(self.rate / KEPT_RATE_HZ))
+        speed = np.concatenate([np.abs(track.v[thin:-thin:thin, self.joint]) for track in self.tracks])
+        return speed > REST * self.top_speed
 
     def names(self) -> list[str]:
         """Candidate names that make sense on these tracks and are not declared."""

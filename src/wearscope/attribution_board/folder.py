@@ -35,6 +35,13 @@ def write_folder(
     folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
     sigma: Array, seed: int, declared: list[str], with_temperature: bool,
 ) -> dict[str, Array]:  # fmt: skip
+    """Write ``dataset.yaml``, ``robot.urdf`` and the runs; sensor errors are drawn here, by run.
+
+    Returns
+    -------
+    dict
+        Columns to be sealed: `run`, `t`, and by joint `clean_`, `noise_` and `effect_` torque.
+    """
     joints, pos, tau_unit = machine.joints, machine.position_unit, machine.torque_unit
     resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
     sealed: dict[str, list[Array]] = {"run": [], "t": []}

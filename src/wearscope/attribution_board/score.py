@@ -104,57 +104,60 @@ def score_parameter(entry: dict[str, Any], truth: dict[str, Any]) -> dict[str, f
     return out
 
 
-def _filter_of(raw: Array, shown: Array, at: NDArray[np.int64], reach: int = 75) -> Array | None:
-    """Symmetric linear filter (reach + 1 taps) that turns the raw torque into the shown one, or None."""
-    keep = (at >= reach) & (at < len(raw) - reach)
-    if keep.sum() < 4 * reach:
-        return None
-    at, shown = at[keep], shown[keep]
-    columns = [raw[at]] + [raw[at - k] + raw[at + k] for k in range(1, reach + 1)]
-    matrix = np.column_stack(columns)
-    taps, *_ = np.linalg.lstsq(matrix, shown, rcond=1e-12)
-    miss = np.sqrt(np.mean((shown - matrix @ taps) ** 2))
-    swing = np.std(shown)
-    return np.asarray(taps, dtype=np.float64) if miss < 1e-3 * swing else None
+FILTER_REACH = 1.0
+"""Half length [s] of the filters that can be read off a reader's measured torque."""
+
+
+def _lagged(raw: Array, at: NDArray[np.int64], reach: int) -> Array:
+    """Regressors of a symmetric filter: raw[at], then raw[at - k] + raw[at + k] for k up to `reach`."""
+    return np.column_stack([raw[at]] + [raw[at - k] + raw[at + k] for k in range(1, reach + 1)])
 
 
 def true_floor(residual: pd.DataFrame, truth: dict[str, Any], joint: str) -> dict[int, float]:
     """RMS of the true torque noise as the reader's filtering shows it, by test run (its number from 0).
 
-    The filter is read off from the measured torque that the reader reports, so that a reader who smooths
-    its signals is held to the noise that its smoothing leaves.
+    The reader's linear, zero-phase filter is read off from its measured torque on all runs, so that a reader
+    who smooths its signals is held to the noise that its smoothing leaves. Empty where no such filter
+    explains the reader's measured torque to a fifth of that noise.
 
     Parameters
     ----------
     residual : DataFrame
-        ``residual.parquet``: columns `t`, `run`, `joint`, `measured`.
+        ``residual.parquet``: columns `t`, `run`, `joint`, `measured`, and `counts` where not every row does.
     truth : dict
         With `signals`.
     joint : str
     """
-    signals = truth["signals"]
-    rate = truth["recipe"]["rate"]
-    out: dict[int, float] = {}
+    signals, rate = truth["signals"], truth["recipe"]["rate"]
+    reach = round(FILTER_REACH * rate)
+    runs, numbers = np.asarray(signals["run"]), residual["run"].astype(str)
+    left, right, floor_rows = [], [], {}
     for number, plan in enumerate(truth["recipe"]["plans"]):
-        if plan["use"] != "test":
-            continue
-        rows = np.asarray(signals["run"]) == number
+        rows = runs == number
         noise = np.asarray(signals[f"noise_{joint}"])[rows]
         raw = np.asarray(signals[f"clean_{joint}"])[rows] + noise
-        files = residual["run"].astype(str)
-        mine = residual[
-            (files.str.contains(f"r{number + 1}(?:\\.|$)", regex=True)) & (residual["joint"] == joint)
-        ]
+        named = numbers.str.contains(f"r{number + 1}(?:\\.|$)", regex=True)
+        mine = residual[named & (residual["joint"] == joint)]
         if mine.empty:
             continue
-        at = np.round((mine["t"].to_numpy() - float(np.asarray(signals["t"])[rows][0])) * rate).astype(int)
-        inside = (at >= 0) & (at < len(raw))
-        taps = _filter_of(raw, mine["measured"].to_numpy()[inside], at[inside])
-        if taps is None:
-            continue
-        kernel = np.concatenate([taps[:0:-1], taps])
-        out[number] = float(np.sqrt(np.mean(np.convolve(noise, kernel, mode="same")[at[inside]] ** 2)))
-    return out
+        start = float(np.asarray(signals["t"])[rows][0])
+        at = np.round((mine["t"].to_numpy() - start) * rate).astype(np.int64)
+        keep = (at >= reach) & (at < len(raw) - reach)
+        left.append(_lagged(raw, at[keep], reach))
+        right.append(mine["measured"].to_numpy()[keep])
+        if plan["use"] == "test":
+            counted = keep & mine["counts"].to_numpy() if "counts" in mine else keep
+            floor_rows[number] = _lagged(noise, at[counted], reach)
+    if not left:
+        return {}
+    matrix, shown = np.vstack(left), np.concatenate(right)
+    if len(shown) < 1.5 * matrix.shape[1]:
+        return {}
+    taps, *_ = np.linalg.lstsq(matrix, shown, rcond=1e-10)
+    free = 1 - matrix.shape[1] / len(shown)
+    miss = np.sqrt(np.mean((shown - matrix @ taps) ** 2) / free)
+    floors = {n: float(np.sqrt(np.mean((x @ taps) ** 2))) for n, x in floor_rows.items() if len(x)}
+    return floors if floors and miss < 0.2 * min(floors.values()) else {}
 
 
 def _raw_floor(truth: dict[str, Any], joint: str) -> dict[int, float]:
