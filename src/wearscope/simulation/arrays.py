@@ -78,7 +78,7 @@ class Work(NamedTuple):
     old_mode: np.ndarray
     motor: np.ndarray
     free: np.ndarray
-    gear: np.ndarray
+    links: np.ndarray
     stiff: np.ndarray
     need: np.ndarray
     low: np.ndarray

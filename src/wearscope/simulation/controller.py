@@ -7,7 +7,7 @@ integrator, no delay and no quantisation of its own.
 import numpy as np
 
 from wearscope.cycles.base import Reference
-from wearscope.effects.base import Plant, Signals, load_effect
+from wearscope.effects.base import ArmatureEffect, Plant, Signals, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel
@@ -75,7 +75,7 @@ def make_feedforward(
     for entry in model.effects:
         effect = load_effect(entry.effect)
         rubs = any(name.startswith(FRICTION_SIGNALS) for name in effect.depends_on)
-        if effect.row is None or effect.spread or "inertia" in effect.name or (rubs and not friction):
+        if effect.row is None or isinstance(effect, ArmatureEffect) or (rubs and not friction):
             continue
         joint = model.joints.index(entry.joint)
         torque[:, joint] += effect.torque(signals, joint, entry.parameters)

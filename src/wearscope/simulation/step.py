@@ -98,7 +98,7 @@ def _balance(law, gears, state, work, motion, w, k, dt):
         else:
             gear = links
             work.residual[j] = 0.0
-        work.gear[j] = gear
+        work.links[j] = links
         work.need[j] = motor - gear - gears.armature[j] * motion.acceleration[j]
     return missing
 
@@ -297,7 +297,7 @@ def advance_block(
             log.position[k, j] = motion.position[j]
             log.speed[k, j] = motion.speed[j]
             log.torque[k, j] = work.motor[j]
-            log.applied[k, j] = work.gear[j]
+            log.applied[k, j] = work.links[j]
         for i in range(len(terms.joint)):
             if terms.remembers[i]:
                 terms.state[i, :] = terms.next_state[i, :]

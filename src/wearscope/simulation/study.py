@@ -9,7 +9,7 @@ from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
-from wearscope.robots.model import RobotModel
+from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
@@ -182,6 +182,7 @@ class Simulator:
         _check_reference(reference, model)
         dt = find_step(reference.t)
         find_stride(dt, self.sample_rate)
+        check_temperature(model, conditions.temperature)
         wear = self.wear(conditions.wear)
         body = self.body(conditions.payload_mass_error)
         if dt not in self._proven:
