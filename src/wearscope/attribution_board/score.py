@@ -25,13 +25,14 @@ SHARED_PARAMETERS: dict[str, dict[str, tuple[str, ...]]] = {
     "rotor_inertia_error": {"inertia": ("inertia", "J", "rotor_inertia", "dJ")},
     "payload_error": {"mass": ("mass", "dm", "mass_error", "delta_mass")},
     "load_dependent_friction": {"coefficient": ("coefficient", "mu")},
-    "quadratic_viscous": {"slope": ("slope", "Fq")},
+    "quadratic_viscous": {"slope": ("slope", "curvature", "Fq")},
     "coulomb_asymmetry": {"half_difference": ("half_difference",)},
     "viscous_asymmetry": {"half_difference": ("half_difference",)},
     "coulomb": {"level": ("level", "Fc")},
     "viscous": {"slope": ("slope", "Fv")},
     "backlash": {"gap": ("gap",)},
-    "torque_ripple": {"order": ("order",)},
+    "torque_ripple": {"order": ("order", "wavenumber")},
+    "presliding_hysteresis": {"level": ("level",)},
 }
 """Planted parameter by effect, and the names under which a verdict may state the same quantity.
 

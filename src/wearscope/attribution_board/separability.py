@@ -4,9 +4,9 @@ Definition. The planted torque on the training runs, smoothed as in `features`, 
 stripped of what refitting the declared effects absorbs. Of what stays, the truth's own usual form leaves a
 share `own` of the variance, and a rival family leaves `rival`. Only families with no more columns than the
 truth's own count as rivals, since a larger family that contains the truth is not what a parsimonious reader
-would name. The margin is rival - own for the best rival; a planted effect is *separable* where every margin is
-at least `MARGIN`, where it is worth at least `MARGIN_NOISE` noise variances, and where the part that is not
-absorbed is at least `UNABSORBED` noise RMS and at least a tenth of the effect. Rest is left out because
+would name. The margin is rival - own for the best rival; a planted effect is *separable* where every margin
+is at least `MARGIN`, where it is worth at least `MARGIN_NOISE` noise variances, and where the part that is
+not absorbed is at least `UNABSORBED` noise RMS and at least a tenth of the effect. Rest is left out because
 friction is undetermined there: so an offset is not separable from a Coulomb asymmetry.
 """
 
@@ -82,7 +82,8 @@ def judge_separability(
     Returns
     -------
     dict
-        `unabsorbed` (RMS over all rows, smoothed), `absorbed_share`, `own`, `rivals` (name to margin, the too small ones).
+        `unabsorbed` (RMS over all rows, smoothed), `absorbed_share`, `own`, and `rivals` (name to margin,
+        the too small ones).
     """
     moving = families.moving()
     target = families.pool(torque)[moving]
