@@ -50,8 +50,8 @@ CASES = {
     "temperature_dependent_friction": ("turn", {"coulomb_slope": 0.8, "viscous_slope": 0.4}),
     "warm_up_drift": ("turn", {"coulomb_drift": 12.0, "viscous_drift": 8.0, "time_constant": 1.5}),
     "presliding_hysteresis": ("slide", {"level": 12.0, "displacement": 0.02}),
-    "backlash": ("lift", {"lost_motion": 4e-3, "mesh_torque": 60.0}),
-    "joint_elasticity": ("lift", {"compliance": 1e-5}),
+    "backlash": ("lift", {"lost_motion": 1e-2, "mesh_torque": 120.0}),
+    "joint_elasticity": ("lift", {"compliance": 4e-5}),
     "torque_ripple": ("slide", {"cosine": 6.0, "sine": -9.0, "wavenumber": 40.0}),
     "joint_spring": ("turn", {"stiffness": 60.0, "preload": 5.0}),
     "gravity_counterbalance": ("lift", {"sine1": 50.0, "cosine1": -90.0, "bias": 10.0}),
@@ -63,9 +63,9 @@ CASES = {
     "cross_coupling": ("slide", {"viscous": 6.0, "coulomb": 9.0, "inertia": 3.0, "other": 1}),
     "unknown": ("turn", {"height0": 5.0, "height3": -6.0, "height7": 7.0, "low": -0.6, "high": 0.6}),
 }  # fmt: skip
-# Relative RMS difference from the regressor. Discretisation leaves up to 1 %; deflections and lags are
+# Relative RMS difference from the regressor. Discretisation leaves 0.1 to 0.3 %; deflections and lags are
 # regressors to first order only.
-TOLERANCE = {"backlash": 0.1, "joint_elasticity": 0.05, "time_delay": 0.01}
+TOLERANCE = {"backlash": 0.1, "joint_elasticity": 0.08, "time_delay": 0.01}
 DEFLECTIONS = ("backlash", "joint_elasticity")
 
 
@@ -155,7 +155,6 @@ def test_simulated_torque_is_what_the_regressor_predicts(name):
     kept[-int(0.1 / dt) :] = False
     assert np.mean(kept) > 0.75
     off, size = off[kept], np.sqrt(np.mean(expected[kept, column] ** 2))
-    assert size > 0.5
+    assert size > 0.4
     error = np.sqrt(np.mean(off**2, axis=0))
-    print(name, error / size, size)
     assert np.all(error < TOLERANCE.get(name, 0.005) * size), (error, size)

@@ -1,0 +1,176 @@
+"""The compiled bodies, and PyBullet with them, against Pinocchio and MuJoCo."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wearscope.effects.base import Plant
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.model import load_model
+from wearscope.simulation.arrays import Law
+from wearscope.simulation.chain import build_chain, write_plant_urdf
+from wearscope.simulation.dynamics import make_scratch, mass_and_bias
+from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.run import run_motion
+from wearscope.simulation.world import World, prove_world
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+
+
+def bodies(arms) -> list[RigidBody]:
+    arm = arms.make_arm()
+    payload = Payload(3.0, (0.05, -0.1, 0.2), (0.02, 0.003, 0.0, 0.03, 0.0, 0.01))
+    shuffled = RigidBody(arm.urdf_text, ["side", "slide", "turn", "lift"], (0.5, 1.0, -9.0), payload)
+    models = [load_model(name, ROBOTS) for name in ("medium", "large")]
+    return [arm.rigid_body(payload), shuffled, *(m.rigid_body(m.declared_payload) for m in models)]
+
+
+def test_mass_matrix_and_bias_are_pinocchios(arms):
+    rng = np.random.default_rng(1)
+    for body in bodies(arms):
+        chain, scratch = build_chain(body), make_scratch(body.n)
+        for _ in range(5):
+            q, v = rng.normal(size=body.n), rng.normal(size=body.n)
+            mass_and_bias(chain, q, v, scratch)
+            mass, bias = body.mass_matrix(q), body.bias(q, v)
+            assert np.abs(scratch.mass_matrix - mass).max() < 1e-10 * np.abs(mass).max()
+            assert np.abs(scratch.bias - bias).max() < 1e-10 * np.abs(bias).max()
+
+
+def test_extra_payload_is_what_its_regressor_says(arms):
+    body, extra = arms.make_arm().rigid_body(), np.array([2.5, 0.3, -0.2, 0.4])
+    scratch = make_scratch(body.n)
+    rng = np.random.default_rng(2)
+    q, v, a = rng.normal(size=(3, body.n))
+    mass_and_bias(build_chain(body, extra), q, v, scratch)
+    added = scratch.mass_matrix @ a + scratch.bias - body.inverse_dynamics(q, v, a)
+    regressor = body.payload_regressor(q, v, a)[:, :4]
+    np.testing.assert_allclose(added, regressor @ extra, rtol=0, atol=1e-10 * np.abs(added).max())
+
+
+def test_forward_dynamics_in_pybullet_is_inverse_dynamics(arms):
+    with World() as world:
+        for body in bodies(arms):
+            assert prove_world(world, body, 1e-3) < 1e-9
+
+
+def test_self_test_finds_what_pybullet_hides(arms, monkeypatch):
+    body = arms.make_arm().rigid_body()
+    real = World.load
+
+    def damped(self, *arguments):
+        import pybullet as pb
+
+        real(self, *arguments)
+        pb.changeDynamics(self.body, 0, jointDamping=0.5, physicsClientId=self.client)
+
+    monkeypatch.setattr(World, "load", damped)
+    with World() as world, pytest.raises(SimulationError, match="differs from inverse dynamics"):
+        prove_world(world, body, 1e-3)
+
+
+def test_run_is_refused_where_pybullet_arrives_elsewhere(arms, monkeypatch):
+    model, reference = arms.make_arm(arms.rub()), arms.swing(0.2)
+    real = World.advance
+    monkeypatch.setattr(World, "advance", lambda self, torques: real(self, torques * 1.001))
+    with pytest.raises(SimulationError, match="PyBullet arrives at"):
+        simulate_open_loop(model, reference.q[0], np.zeros((50, 4)), 1e-3)
+
+
+def simulate_open_loop(model, q, torques, dt, plant=None):
+    """Apply motor torques as they are, from rest; returns the trace."""
+    if plant is None:
+        plant = Plant(model.n)
+        plant.armature = model.rotor_inertia
+    n, count = model.n, len(torques)
+    zero = np.zeros((count, n))
+    law = Law(torques, np.zeros((count + 1, n)), zero, np.zeros(n), np.zeros(n), np.full(n, np.inf))
+    body = model.rigid_body(model.declared_payload)
+    with World() as world:
+        return run_motion(world, body, plant, law, dt, 50.0, 0.0, (q, np.zeros(n)))
+
+
+DURATION, CHANGES = 0.32, 4
+
+
+def push(model, dt):
+    """Torque that changes a few times: the same whatever the step."""
+    levels = np.random.default_rng(3).normal(size=(CHANGES, model.n)) * np.array([30.0, 120.0, 60.0, 5.0])
+    return np.repeat(levels, round(DURATION / CHANGES / dt), axis=0)
+
+
+def aba_end(model, q, dt=1e-5):
+    """Where Pinocchio's articulated-body algorithm with armature arrives, by Runge-Kutta."""
+    body = model.rigid_body(model.declared_payload)
+    pinned = pin.buildModelFromXML(write_plant_urdf(body).replace('lower="1.0" upper="-1.0"', ""))
+    order = [pinned.joints[pinned.getJointId(name)].idx_v for name in model.joints]
+    pinned.armature = np.empty(model.n)
+    pinned.armature[order] = model.rotor_inertia
+    data = pinned.createData()
+    x, v = np.empty(model.n), np.zeros(model.n)
+    x[order] = q
+
+    def rate(x, v, tau):
+        return v, pin.aba(pinned, data, x, v, tau)
+
+    dt = 1e-3
+    for torque in push(model, dt):
+        tau = np.empty(model.n)
+        tau[order] = torque
+        k1 = rate(x, v, tau)
+        k2 = rate(x + 0.5 * dt * k1[0], v + 0.5 * dt * k1[1], tau)
+        k3 = rate(x + 0.5 * dt * k2[0], v + 0.5 * dt * k2[1], tau)
+        k4 = rate(x + dt * k3[0], v + dt * k3[1], tau)
+        x = x + dt / 6.0 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
+        v = v + dt / 6.0 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
+    return x[order], v[order]
+
+
+def mujoco_end(model, q, friction):
+    """Where MuJoCo arrives with joint armature and damping, by Runge-Kutta at 0.1 ms."""
+    body = model.rigid_body(model.declared_payload)
+    text = write_plant_urdf(body).replace('lower="1.0" upper="-1.0"', "").replace("<limit  ", "<limit ")
+    head, tail = text.split(">", 1)
+    text = f'{head}><mujoco><compiler fusestatic="false" balanceinertia="false"/></mujoco>{tail}'
+    spec = mujoco.MjModel.from_xml_string(text)
+    spec.opt.timestep, spec.opt.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
+    spec.opt.gravity[:] = body.gravity
+    data = mujoco.MjData(spec)
+    order = [spec.joint(name).dofadr[0] for name in model.joints]
+    spec.dof_armature[order] = model.rotor_inertia
+    spec.dof_damping[order] = friction
+    data.qpos[order] = q
+    for torque in push(model, spec.opt.timestep):
+        data.qfrc_applied[order] = torque
+        mujoco.mj_step(spec, data)
+    return data.qpos[order].copy(), data.qvel[order].copy()
+
+
+def errors_by_step(model, q, end, plant=None):
+    found = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        trace = simulate_open_loop(model, q, push(model, dt), dt, plant)
+        found.append(max(np.abs(trace.q[-1] - end[0]).max(), np.abs(trace.v[-1] - end[1]).max()))
+    return found
+
+
+def test_against_pinocchio_aba_with_armature(arms):
+    model, q = arms.make_arm(), np.array([0.1, 0.2, 0.1, 0.3])
+    errors = errors_by_step(model, q, aba_end(model, q))
+    assert errors[0] < 5e-3
+    # First order: half the step, half the error.
+    assert errors[1] < 0.55 * errors[0] and errors[2] < 0.55 * errors[1]
+
+
+def test_against_mujoco_with_armature_and_damping(arms):
+    slope = 25.0
+    model = arms.make_arm([(j, "viscous", {"slope": slope}) for j in arms.JOINTS])
+    from wearscope.simulation.plant import build_plant
+
+    q = np.array([0.1, 0.2, 0.1, 0.3])
+    errors = errors_by_step(model, q, mujoco_end(model, q, slope), build_plant(model))
+    assert errors[0] < 5e-3
+    assert errors[1] < 0.55 * errors[0] and errors[2] < 0.55 * errors[1]
