@@ -118,6 +118,13 @@ def test_parameters_are_compared_where_the_unit_agrees(stated, error, covered):
     assert row["covered"] == pytest.approx(covered, nan_ok=True)
 
 
+def test_equal_units_may_be_written_differently():
+    truth = make_truth(plant("rotor_inertia_error", parameters={"inertia": {"value": 2.0, "unit": "kg m^2"}}))
+    stated = {"value": 2.0, "ci95": [1.9, 2.1], "unit": "N m s^2/rad"}
+    (row,) = score_case(truth, say(named("rotor_inertia_error", inertia=stated)))
+    assert row["covered"] == 1.0
+
+
 def test_gap_is_closed_in_variance_towards_the_noise():
     (row,) = score_case(make_truth(plant()), say(named("stribeck"), before=4.0, after=2.0))
     assert row["gap_closure"] == pytest.approx(1.0)

@@ -1,6 +1,7 @@
 """Scores one verdict against the sealed truth: a row by planted effect (one row for a null)."""
 
 import json
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -76,11 +77,14 @@ def _grade(entry: dict[str, Any], truth: dict[str, Any]) -> str | None:
     return None
 
 
+_SAME_UNITS = ({"", "1", "-"}, {"kgm^2", "Nms^2/rad"}, {"kg", "Ns^2/m"})
+
+
 def _same_unit(a: str, b: str) -> bool:
     def plain(unit: str) -> str:
-        return unit.replace("*", "").replace("·", "").replace(" ", "").replace("²", "^2").strip()
+        return re.sub(r"[*·() ]", "", unit).replace("²", "^2")
 
-    return plain(a) == plain(b) or {plain(a), plain(b)} <= {"", "1", "-"}
+    return plain(a) == plain(b) or any({plain(a), plain(b)} <= same for same in _SAME_UNITS)
 
 
 def score_parameter(entry: dict[str, Any], truth: dict[str, Any]) -> dict[str, float]:
