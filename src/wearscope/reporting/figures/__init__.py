@@ -1,0 +1,1 @@
+"""One figure a module; each takes result tables and returns a matplotlib figure."""

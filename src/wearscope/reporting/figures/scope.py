@@ -1,0 +1,161 @@
+"""Fig. 4: group scope matrices of one factor, by both methods, and where the methods disagree."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from wearscope.reporting.labels import count_text, natural_step, split_groups, unit_text
+from wearscope.reporting.style import figure_style, new_figure
+
+if TYPE_CHECKING:
+    from wearscope.designs.factors import Factor
+
+MOST = 8
+METHOD_NAMES = {"exact": "closed form", "kde": "Monte Carlo, KDE"}
+Matrix = NDArray[np.float64]
+
+
+def draw_scope(
+    scope: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
+) -> Figure:
+    """Group scope matrices (Fig. 4): a column for each group, a row for each method, then their difference.
+
+    The solid line bounds where half the cells of a group pass; the dashed one, where half of them pass with
+    95 % confidence in the surrogate's coefficients.
+
+    Parameters
+    ----------
+    scope : DataFrame
+        From `wearscope.evaluation.scope.scope_table`.
+    factor : str
+        The nuisance that varies.
+    factors : sequence of Factor
+        To say what coded levels mean.
+    by : sequence of str
+        At most `MOST` groups are drawn, the title says so where there are more.
+    """
+    rows = scope[scope["factor"] == factor]
+    known = {one.name: one for one in factors}
+    groups = list(split_groups(rows, by))
+    shown = groups[:MOST]
+    methods = [method for method in METHOD_NAMES if (rows["method"] == method).any()]
+    compare = len(methods) == 2
+    with figure_style():
+        figure = new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * (len(methods) + compare))
+        axes = figure.subplots(len(methods) + compare, len(shown), squeeze=False, sharex=True, sharey=True)
+        cells = max(_cells(group) for _, group in shown)
+        norm = BoundaryNorm(np.arange(-0.5, cells + 1), 256) if cells < 12 else Normalize(0, cells)
+        for column, (name, group) in enumerate(shown):
+            for ax, method in zip(axes[:, column], methods, strict=False):
+                _draw_method(ax, group[group["method"] == method], norm)
+            axes[0, column].set_title(f"{name}  ({count_text(_cells(group), 'cell')})", fontsize=9, pad=28)
+            _add_natural(axes[0, column], known.get(factor), known.get("f"), column == len(shown) - 1)
+        figure.colorbar(
+            ScalarMappable(norm, colormaps["cividis"]), ax=axes[: len(methods)].ravel().tolist(),
+            label="cells that pass", aspect=30, pad=0.02,
+        )  # fmt: skip
+        if compare:
+            _draw_differences(figure, axes[-1], [group for _, group in shown])
+        names = [METHOD_NAMES[method] for method in methods] + ["KDE − closed form"] * compare
+        for ax, name in zip(axes[:, 0], names, strict=True):
+            ax.set_ylabel(f"{name}\nchange Δ of f [coded]")
+        for ax in axes[-1]:
+            ax.set_xlabel(f"σ of {factor} [coded]")
+        if len(groups) > len(shown):
+            figure.suptitle(f"First {len(shown)} of {len(groups)} groups")
+    return figure
+
+
+def _cells(rows: pd.DataFrame) -> int:
+    return len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
+
+
+def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, Matrix]:
+    """Number of passing cells on the grid.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        One method's rows.
+    passing : array of bool (N,)
+
+    Returns
+    -------
+    sigma (S,), delta (J,), count (J, S)
+    """
+    table = rows[["delta", "sigma"]].assign(count=np.asarray(passing, dtype=float))
+    wide = table.pivot_table(index="delta", columns="sigma", values="count", aggfunc="sum")
+    return wide.columns.to_numpy(float), wide.index.to_numpy(float), wide.to_numpy(float)
+
+
+def _extent(sigma: Matrix, delta: Matrix) -> tuple[float, float, float, float]:
+    ds, dd = (sigma[1] - sigma[0]) / 2, (delta[1] - delta[0]) / 2
+    return sigma[0] - ds, sigma[-1] + ds, delta[0] - dd, delta[-1] + dd
+
+
+def _draw_method(ax: Axes, rows: pd.DataFrame, norm: Normalize) -> None:
+    sigma, delta, count = count_matrix(rows, rows["passes"])
+    ax.imshow(
+        count, origin="lower", aspect="auto", extent=_extent(sigma, delta), cmap="cividis", norm=norm,
+        interpolation="none",
+    )  # fmt: skip
+    half = _cells(rows) / 2
+    _draw_edge(ax, sigma, delta, count, half, "solid")
+    if rows["confidence"].notna().any() if "confidence" in rows else False:
+        _draw_edge(ax, sigma, delta, count_matrix(rows, rows["confidence"] >= 0.95)[2], half, "dashed")
+
+
+def _draw_edge(ax: Axes, sigma: Matrix, delta: Matrix, count: Matrix, half: float, style: str) -> None:
+    level = half - 1e-9
+    if count.min() < level < count.max():
+        ax.contour(sigma, delta, count, levels=[level], colors="white", linewidths=2.6, linestyles=style)
+        ax.contour(sigma, delta, count, levels=[level], colors="black", linewidths=1.2, linestyles=style)
+
+
+def _add_natural(ax: Axes, factor: "Factor | None", fault: "Factor | None", last: bool) -> None:
+    """Scales in natural units: at the top for sigma, at the right of the last column for the change of f."""
+    if factor is not None:
+        step = natural_step(factor)
+        top = ax.secondary_xaxis("top", functions=(lambda x: x * step, lambda x: x / step))
+        top.set_xlabel(f"[{unit_text(factor.unit) or '-'}]", fontsize=8, labelpad=1)
+        top.tick_params(labelsize=7)
+        top.spines["top"].set_visible(True)
+    if fault is not None and last:
+        step_f = natural_step(fault)
+        right = ax.secondary_yaxis("right", functions=(lambda x: x * step_f, lambda x: x / step_f))
+        right.set_ylabel(f"change of f [{unit_text(fault.unit) or '-'}]", fontsize=8)
+        right.tick_params(labelsize=7)
+        right.spines["right"].set_visible(True)
+
+
+def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
+    """Number of cells by which the kernel density estimate passes more (or, negative, fewer) than it should."""
+    keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
+    found = []
+    for rows in groups:
+        halves = [rows[rows["method"] == method].sort_values(keys) for method in METHOD_NAMES]
+        passes = [half["passes"].to_numpy(dtype=float) for half in halves]
+        grid = count_matrix(halves[0], passes[1] - passes[0])
+        found.append((*grid, int(np.sum(passes[0] != passes[1])), len(passes[0])))
+    reach = max(1.0, *(float(np.abs(count).max()) for _, _, count, _, _ in found))
+    image = None
+    for ax, (sigma, delta, count, n, total) in zip(axes, found, strict=True):
+        image = ax.imshow(
+            count, origin="lower", aspect="auto", extent=_extent(sigma, delta), cmap="PuOr", vmin=-reach,
+            vmax=reach, interpolation="none",
+        )  # fmt: skip
+        ax.text(
+            0.03, 0.97, f"{n:,} of {total:,} verdicts\ndiffer ({100 * n / total:.2g} %)",
+            transform=ax.transAxes, va="top", fontsize=7.5,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
+        )  # fmt: skip
+    if image is not None:
+        figure.colorbar(image, ax=list(axes), label="cells", aspect=14, pad=0.02)

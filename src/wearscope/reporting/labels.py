@@ -1,0 +1,77 @@
+"""Words and symbols of tables as figures and pages say them."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+if TYPE_CHECKING:
+    from wearscope.designs.factors import Factor
+
+CELL = ("robot", "cycle", "axis", "fda")
+MODEL_NAMES = {"main": "main effects (2)", "simplified": "simplified (19)", "full": "full (3)"}
+_UNITS = {"degC": "°C", "1": "", "-": ""}
+
+
+def term_label(term: str) -> str:
+    """Regression term as printed: ``w1:w2`` is w1·w2, ``w3^2`` is w3²."""
+    return term.replace(":", "·").replace("^2", "²")
+
+
+def term_factors(term: str) -> list[str]:
+    """Factors in a regression term."""
+    return [] if term == "1" else [part.split("^")[0] for part in term.split(":")]
+
+
+def unit_text(unit: str) -> str:
+    """Unit as printed; empty for a pure number."""
+    return _UNITS.get(unit, unit)
+
+
+def natural_step(factor: "Factor") -> float:
+    """Natural units in one coded unit."""
+    return (factor.high - factor.low) / 4.0
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Text and unit in brackets, where there is one."""
+    return f"{text} [{unit_text(unit)}]" if unit_text(unit) else text
+
+
+def group_columns(table: pd.DataFrame) -> list[str]:
+    """Columns of a table of groups that form the groups."""
+    return [name for name in CELL if name in table.columns]
+
+
+def group_name(by: Sequence[str], key: Sequence[object]) -> str:
+    """Name of a group: its values, with the word where a number alone would not say; "all" without any."""
+    parts = [f"axis {value}" if name == "axis" else str(value) for name, value in zip(by, key, strict=True)]
+    return ", ".join(parts) or "all"
+
+
+def split_groups(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Groups of a table by name, sorted; one group called "all" where `by` is empty."""
+    if not by:
+        yield "all", table
+        return
+    for key, rows in table.groupby(list(by), sort=True, observed=True):
+        yield group_name(by, key if isinstance(key, tuple) else (key,)), rows
+
+
+def count_text(n: int, singular: str, plural: str = "") -> str:
+    """A number and its noun: 1 cell, 2 cells."""
+    return f"{n:,} {singular if n == 1 else plural or singular + 's'}"
+
+
+def join_words(words: Sequence[str], last: str = "and") -> str:
+    """``A``, ``A and B``, ``A, B and C``."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def finite(values: object) -> np.ndarray:
+    """Finite values as a float array."""
+    array = np.asarray(values, dtype=float)
+    return array[np.isfinite(array)]
