@@ -1,6 +1,6 @@
 """Fig. 4: group scope matrices of one factor, by both methods, and where the methods disagree."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,21 +123,23 @@ def _draw_edge(ax: Axes, sigma: Matrix, delta: Matrix, count: Matrix, half: floa
 def _add_natural(ax: Axes, factor: "Factor | None", fault: "Factor | None", last: bool) -> None:
     """Scales in natural units: at the top for sigma, at the right of the last column for the change of f."""
     if factor is not None:
-        step = natural_step(factor)
-        top = ax.secondary_xaxis("top", functions=(lambda x: x * step, lambda x: x / step))
+        top = ax.secondary_xaxis("top", functions=_scaling(natural_step(factor)))
         top.set_xlabel(f"[{unit_text(factor.unit) or '-'}]", fontsize=8, labelpad=1)
         top.tick_params(labelsize=7)
         top.spines["top"].set_visible(True)
     if fault is not None and last:
-        step_f = natural_step(fault)
-        right = ax.secondary_yaxis("right", functions=(lambda x: x * step_f, lambda x: x / step_f))
+        right = ax.secondary_yaxis("right", functions=_scaling(natural_step(fault)))
         right.set_ylabel(f"change of f [{unit_text(fault.unit) or '-'}]", fontsize=8)
         right.tick_params(labelsize=7)
         right.spines["right"].set_visible(True)
 
 
+def _scaling(step: float) -> tuple[Callable[[Matrix], Matrix], Callable[[Matrix], Matrix]]:
+    return lambda coded: np.multiply(coded, step), lambda natural: np.divide(natural, step)
+
+
 def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
-    """Number of cells by which the kernel density estimate passes more (or, negative, fewer) than it should."""
+    """Number of cells that pass by kernel density estimate and not exactly, less those the other way round."""
     keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
     found = []
     for rows in groups:
