@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from wearscope.reporting.labels import count_text, natural_step, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
@@ -134,12 +134,12 @@ def _add_natural(ax: Axes, factor: "Factor | None", fault: "Factor | None", last
         right.spines["right"].set_visible(True)
 
 
-def _scaling(step: float) -> tuple[Callable[[Matrix], Matrix], Callable[[Matrix], Matrix]]:
+def _scaling(step: float) -> tuple[Callable[[ArrayLike], ArrayLike], Callable[[ArrayLike], ArrayLike]]:
     return lambda coded: np.multiply(coded, step), lambda natural: np.divide(natural, step)
 
 
 def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
-    """Number of cells that pass by kernel density estimate and not exactly, less those the other way round."""
+    """Number of cells that pass by kernel density estimate and not exactly, less the reverse."""
     keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
     found = []
     for rows in groups:
