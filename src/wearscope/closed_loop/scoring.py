@@ -92,10 +92,12 @@ class Scorer:
         self.base = self.model.cross_validate(self.folds)
         self.joint_loss = self.model.cross_validate_joints(self.folds)
 
-    def score(self, family: Family) -> list[Scored]:
-        """Score every variant of a family."""
+    def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
+        """Score variants of a family, all of its effect's where none are given."""
         regressors = self.model.correlate(family.columns, family.joint, family.count)
-        return [self._score_subset(family, regressors.select(s), s) for s in family.effect.subsets()]
+        return [
+            self._score_subset(family, regressors.select(s), s) for s in subsets or family.effect.subsets()
+        ]
 
     def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:
         model = self.model
@@ -114,8 +116,7 @@ class Scorer:
         losses = cross_validate_family(model, regressors, self.folds)
         own = regressors.gram[:, best].sum(axis=0)
         isolability = float(np.sqrt(max(beta @ inner[best] @ beta, 0.0) / max(beta @ own @ beta, 1e-300)))
-        spread = family.effect.spread
-        scale = self.joint_loss.sum() if spread else self.joint_loss[family.joint]
+        scale = self._loss_at(family, best, subset, beta)
         gain = float(np.nansum(self.base - losses))
         scored = Scored(
             entry=family.entry(best, subset),
@@ -132,6 +133,16 @@ class Scorer:
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
         scored.reason = self._object(scored, own, blocks)
         return scored
+
+    def _loss_at(self, family: Family, shape: int, subset: np.ndarray, beta: np.ndarray) -> float:
+        """Held-out loss of the joints a candidate acts on, each by how strongly it does."""
+        if not family.effect.spread:
+            return float(self.joint_loss[family.joint])
+        power = np.zeros(self.model.prepared.n)
+        for x, w in zip(family.columns, self.model.weights, strict=True):
+            own = x.reshape(*x.shape[:2], -1, family.count)[:, :, shape][..., subset] @ beta
+            power += ((own * w) ** 2).sum(axis=0)
+        return float((power / max(power.max(), 1e-300)) @ self.joint_loss)
 
     def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
         """Whether the folds agree: t-test of the gain with the scores' scatter over folds as its error."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import optimize
 
-from wearscope.closed_loop.assessment import refit, update_prediction
+from wearscope.closed_loop.assessment import is_late, refit, update_prediction
 from wearscope.closed_loop.candidates import (
     Family,
     applies,
@@ -35,6 +35,10 @@ from wearscope.closed_loop.regression import (
 )
 from wearscope.closed_loop.scoring import Scored, Scorer, adjust_p_values, make_flips, separates
 from wearscope.effects.base import load_effect
+
+
+#: Effects that a joint can have several of.
+_REPEATABLE = frozenset({"torque_ripple", "cross_coupling", "unknown"})
 
 
 @dataclass(frozen=True)
@@ -193,11 +197,13 @@ class Tracer:
         update_prediction(model)
         scorer = Scorer(model, self.folds, self.flips)
         self.current = scorer.joint_loss
-        named = {(e.effect.name, e.joint) for e in model.entries}
+        named = {(e.effect.name, e.joint): e for e in model.entries}
         scored: list[Scored] = []
         for family in families:
             name = family.effect.name
-            if (name, family.joint) in named and name not in ("torque_ripple", "cross_coupling", "unknown"):
+            present = named.get((name, family.joint))
+            if present is not None and name not in _REPEATABLE:
+                scored += self.score_extensions(scorer, present)
                 continue
             if follows_torque(family):
                 family.columns = [
@@ -208,10 +214,24 @@ class Tracer:
         adjust_p_values(scored)
         return scored
 
+    def score_extensions(self, scorer: Scorer, present: Entry) -> list[Scored]:
+        """Score the further coefficients of richer variants of an effect that is in the model."""
+        further = [
+            np.setdiff1d(subset, present.subset)
+            for subset in present.effect.subsets()
+            if set(present.subset) < {int(i) for i in subset}
+        ]
+        if not further or is_late(present):
+            return []
+        shapes = np.array([present.shape])
+        columns = [
+            reduce_columns(present.effect, present.joint, shapes, run)
+            for run in self.prepared.runs_for("train")
+        ]
+        return scorer.score(Family(present.effect, present.joint, shapes, columns), further)
+
     def left(self, s: Scored) -> float:
-        """Held-out loss now over that of the declared model, at the joints the candidate acts on."""
-        if s.entry.effect.spread:
-            return float(self.current.sum() / self.declared.sum())
+        """Held-out loss now over that of the declared model, at the candidate's joint."""
         return float(self.current[s.entry.joint] / self.declared[s.entry.joint])
 
     def passes(self, s: Scored, least: float) -> bool:
@@ -356,13 +376,23 @@ class Tracer:
             step += 1
             if taken is None:
                 break
-            entry = self.refine(model, taken.entry)
-            found.append(Found(entry, [r.entry.effect.name for r in rivals], taken))
+            found = self.add(found, self.refine(model, taken.entry), rivals, taken)
+            entry = taken.entry
             self.progress(f"step {step}: {entry.label}, {100 * taken.cv_share:.0f} % of the held-out loss")
             model = self.fit([f.entry for f in found])
         found = self.revise(found)
         found, model = self.explain_rest(found, self.fit([f.entry for f in found]), step)
         return Trace(found, self.before, model, self.rows, self.folds)
+
+    def add(self, found: list[Found], entry: Entry, rivals: list[Scored], taken: Scored) -> list[Found]:
+        """Add an effect to those found, or further coefficients to one of them."""
+        for i, f in enumerate(found):
+            same = f.entry.effect is entry.effect and f.entry.joint == entry.joint
+            if same and entry.effect.name not in _REPEATABLE:
+                merged = tuple(sorted({*f.entry.subset, *entry.subset}))
+                richer = Entry(entry.effect, entry.joint, f.entry.shape, merged)
+                return [*found[:i], Found(richer, f.equivalent, f.scored), *found[i + 1 :]]
+        return [*found, Found(entry, [r.entry.effect.name for r in rivals], taken)]
 
     def revise(self, found: list[Found]) -> list[Found]:
         """Ask of each effect again, with all later ones in the model, whether it is needed and the best."""
@@ -382,7 +412,9 @@ class Tracer:
                 found = others
             else:
                 entry = self.refine(model, taken.entry)
-                if entry.effect is not f.entry.effect:
+                if entry.effect is f.entry.effect and entry.joint == f.entry.joint:
+                    entry = Entry(entry.effect, entry.joint, entry.shape, f.entry.subset)
+                else:
                     self.progress(f"{f.entry.label} is replaced by {entry.label}")
                 again = Found(entry, [r.entry.effect.name for r in rivals], taken)
                 found = [again if k is f else k for k in found]

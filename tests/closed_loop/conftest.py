@@ -1,0 +1,105 @@
+"""Data sets made by the effects themselves, on a small arm, with the truth at hand."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.effects.base import Signals, load_effect
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.urdf import normalise_urdf
+
+URDF = """<robot name="duo">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
+    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
+    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
+</robot>"""
+JOINTS = ["a", "b"]
+INERTIA = np.array([1.5, 0.6])
+COULOMB, VISCOUS = np.array([6.0, 3.0]), np.array([4.0, 2.0])
+NOISE = np.array([1.0, 0.5])
+PAYLOAD = Payload(3.0, (0.3, 0.0, 0.0))
+
+Record = Callable[..., Path]
+
+
+def draw_motion(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Band-limited motion of both joints with a dwell-free slow start."""
+    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
+    for j in range(2):
+        for k in range(1, 7):
+            w = 2 * np.pi * k / 9.0
+            size, phase = rng.normal(0.0, 0.5 / k), rng.uniform(0, 2 * np.pi)
+            q[:, j] += size * np.sin(w * t + phase)
+            v[:, j] += size * w * np.cos(w * t + phase)
+            a[:, j] -= size * w**2 * np.sin(w * t + phase)
+    return q, v, a
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Record:
+    """Write a data set with planted effects [(joint index, effect, values)] and return its folder."""
+
+    def make(
+        planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5, noise=1.0,
+        extra_torque=None, duration=12.0, rate=200.0,
+    ) -> Path:  # fmt: skip
+        folder = tmp_path / "duo"
+        (folder / "runs").mkdir(parents=True)
+        (folder / "robot.urdf").write_text(URDF)
+        body = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=PAYLOAD)
+        entries = []
+        for r in range(runs):
+            rng = np.random.default_rng([seed, r])
+            t = np.arange(int(duration * rate)) / rate
+            q, v, a = draw_motion(rng, t)
+            load = body.inverse_dynamics(q, v, a)
+            temperature = np.tile((25.0 + 8 * r + 3 * t / duration)[:, None], (1, 2))
+            signals = Signals(
+                t, q, v, a, np.sign(v), load, temperature, np.zeros_like(q), body, load + INERTIA * a
+            )
+            tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
+            signals.torque = tau.copy()
+            for joint, name, values in planted:
+                effect = load_effect(name)
+                added = effect.torque(signals, joint, values)
+                if effect.spread:
+                    tau = tau + added
+                else:
+                    tau[:, joint] += added
+            if extra_torque is not None:
+                tau = tau + extra_torque(t, q, v, a, rng)
+            tau = tau + noise * NOISE * rng.standard_normal(q.shape)
+            columns = {"t": t}
+            for j, joint in enumerate(JOINTS):
+                columns[f"q_{joint}"] = q[:, j] + 2e-6 * rng.standard_normal(len(t))
+                columns[f"tau_{joint}"] = tau[:, j]
+                columns[f"temp_{joint}"] = temperature[:, j]
+            pd.DataFrame(columns).to_parquet(folder / "runs" / f"r{r}.parquet")
+            entries.append(
+                {
+                    "file": f"runs/r{r}.parquet",
+                    "use": "train" if r < runs - 1 else "test",
+                    "payload": {"mass": PAYLOAD.mass, "com": list(PAYLOAD.com)},
+                }
+            )
+        fields = {
+            "name": "duo",
+            "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()},
+            "sample_rate": rate,
+            "declared_effects": list(declared),
+            "runs": entries,
+        }
+        (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+        return folder
+
+    return make
