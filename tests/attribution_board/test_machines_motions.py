@@ -41,6 +41,14 @@ def test_motion_repeats_with_its_seed_only():
     assert not np.allclose(first, other)
 
 
+def test_a_locked_joint_stays_and_the_others_move_as_they_did():
+    machine = MACHINES["arm3"]
+    free, locked = (make_motion(machine, "points", 1, 6.0, 250.0, x) for x in ((), ("elbow",)))
+    assert np.all(locked.q[:, 2] == machine.centre[2])
+    assert not locked.v[:, 2].any()
+    assert np.array_equal(free.q[:, :2], locked.q[:, :2])
+
+
 def test_a_sweep_has_constant_speed_and_reversals():
     motion = make_motion(MACHINES["stage"], "sweep", 2, 16.0, 500.0)
     v, a = motion.v[:, 0], motion.a[:, 0]

@@ -35,7 +35,7 @@ def test_recorded_torque_is_inverse_dynamics_plus_friction(run):
     a = np.gradient(v, 1 / 250.0, axis=0)
     rigid = body.torque(record["q"], v, a) + np.asarray(TWIN.rotor_inertia) * a
     moving = np.abs(v) > 0.05 * np.asarray(TWIN.speed)
-    warm = 0.35 + 0.65 * np.exp(-(record["temperature"] - 40.0) / 20.0)
+    warm = 0.7 + 0.3 * np.exp(-(record["temperature"] - 40.0) / 30.0)
     friction = np.asarray(TWIN.coulomb) * np.sign(v) + np.asarray(TWIN.viscous) * warm * v
     miss = np.where(moving, record["tau"] - rigid - friction, 0.0)
     assert np.all(np.sqrt(np.mean(miss**2, axis=0)) < 0.03 * np.sqrt(np.mean(record["tau"] ** 2, axis=0)))

@@ -130,7 +130,7 @@ def _flipped_sign(f: _Folder) -> None:
     f.edit(change, every=True)
 
 
-def _locked_joint(f: _Folder) -> None:
+def _stuck_encoder(f: _Folder) -> None:
     def change(table: pd.DataFrame) -> pd.DataFrame:
         table[f"q_{f.joint}"] = table[f"q_{f.joint}"].iloc[0]
         return table
@@ -299,7 +299,7 @@ _MISLEADING: dict[str, Callable[[_Folder], None]] = {
     "millimetres_for_metres": _factor("q", 1000.0),
     "motor_side_torque": _motor_side,
     "flipped_torque_sign": _flipped_sign,
-    "locked_joint": _locked_joint,
+    "stuck_encoder": _stuck_encoder,
     "standing_still": _standing_still,
     "saturated_torque": _saturated,
     "constant_torque": _constant_torque,

@@ -53,7 +53,7 @@ def _setting(machine: Machine, seed: int, planted: Sequence[Planted]) -> Setting
     }
     for name in lacking:
         values[name] = np.zeros(n)
-    grain = np.asarray(machine.speed) * rng.uniform(0.0005, 0.002, n)
+    grain = np.asarray(machine.speed) * rng.uniform(0.0002, 0.001, n)
     return Setting(machine, values["coulomb"], values["viscous"], values["rotor_inertia"], grain)
 
 
@@ -150,7 +150,7 @@ def generate_dataset(
     runs: list[tuple[Motion, Array]] = []
     for number, plan in enumerate(recipe.plans):
         motion_seed = int(make_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
-        motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine)
+        motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked)
         rng = make_stream(seed, machine.name, "temperature", str(number))
         runs.append((motion, _temperature(plan, len(machine.joints), motion.t, rng)))
     train = [run for run, plan in zip(runs, recipe.plans, strict=True) if plan.use == "train"]

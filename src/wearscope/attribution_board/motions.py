@@ -133,7 +133,9 @@ def move_between_points(machine: Machine, rng: np.random.Generator, t: Array) ->
 KINDS = {"fourier": excite_fourier, "sweep": sweep_joints, "points": move_between_points}
 
 
-def make_motion(machine: Machine, kind: str, seed: int, duration: float, rate: float) -> Motion:
+def make_motion(
+    machine: Machine, kind: str, seed: int, duration: float, rate: float, locked: tuple[str, ...] = ()
+) -> Motion:
     """Motion of a kind, the same for the same seed.
 
     Parameters
@@ -145,6 +147,12 @@ def make_motion(machine: Machine, kind: str, seed: int, duration: float, rate: f
         Entropy of the motion alone, so that two runs may repeat one trajectory.
     duration, rate : float
         Length [s] and grid [Hz].
+    locked : tuple of str
+        Joints that stay where they are.
     """
     t = np.arange(round(duration * rate)) / rate
-    return KINDS[kind](machine, np.random.default_rng(np.random.SeedSequence(seed)), t)
+    motion = KINDS[kind](machine, np.random.default_rng(np.random.SeedSequence(seed)), t)
+    for joint in locked:
+        j = machine.joints.index(joint)
+        motion.q[:, j], motion.v[:, j], motion.a[:, j] = machine.centre[j], 0.0, 0.0
+    return motion

@@ -56,15 +56,18 @@ class Recipe:
     inertia_error : float
         Standard deviation of the factor by which the folder's URDF misses every link's mass and inertia;
         where it is not 0, the data set says ``inertials: approximate``.
+    locked : tuple of str
+        Joints that never move.
     plans : tuple of RunPlan
     """
 
     noise: str = "plain"
-    noise_level: float = 0.005
+    noise_level: float = 0.01
     duration: float = 16.0
     rate: float = 250.0
     temperatures: bool | None = None
     inertia_error: float = 0.0
+    locked: tuple[str, ...] = ()
     plans: tuple[RunPlan, ...] = PLANS
 
 

@@ -1,7 +1,7 @@
 """A twin of the study's medium robot (Manutec r3), run forward under its own controller and recorded.
 
 It is written apart from `wearscope.effects` and `wearscope.simulation`: Pinocchio's forward dynamics with
-motor armature, a linearly implicit Euler step of 0.25 ms, an arctangent Coulomb law and a viscous law that
+motor armature, a linearly implicit Euler step of 0.25 ms, an algebraic Coulomb law and a viscous law that
 falls exponentially with temperature. One effect more acts on axis 2, which the data set does not declare.
 """
 
@@ -104,7 +104,7 @@ def _gas_spring(q: float) -> tuple[float, float]:
 def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
     """Coulomb level, and viscous slope at the joints' temperatures."""
     coulomb = np.asarray(machine.coulomb)
-    warm = 0.35 + 0.65 * np.exp(-(temperature - 40.0) / 20.0)
+    warm = 0.7 + 0.3 * np.exp(-(temperature - 40.0) / 30.0)
     return coulomb, np.asarray(machine.viscous) * warm
 
 
@@ -144,7 +144,7 @@ def simulate_run(
     bandwidth = 2 * np.pi * 6.0
     weight = np.diag(pin.crba(model, data, np.asarray(machine.centre))) + rotor
     stiff, damp = weight * bandwidth**2, weight * 2 * bandwidth
-    coulomb_width = 0.5 * 0.001 * np.asarray(machine.speed)
+    width = 2e-4 * np.asarray(machine.speed)
     q, v = motion.q[0].copy(), motion.v[0].copy()
     passed = ahead[0].copy()
     out = {key: np.empty((-(-count // every), n)) for key in ("q", "v", "tau", "secret", "temperature")}
@@ -160,8 +160,9 @@ def simulate_run(
             level[1] += gain * 0.045 * abs(passed[1])
         else:
             extra[1] = gain * _gas_spring(q[1])[0]
-        shape = 2 / np.pi * np.arctan(v / coulomb_width)
-        slope = 2 / np.pi * level / (coulomb_width * (1 + (v / coulomb_width) ** 2)) + viscous
+        reach = np.sqrt(v**2 + width**2)
+        shape = v / reach
+        slope = level * width**2 / reach**3 + viscous
         rub = level * shape + viscous * v + extra
         if i % every == 0:
             row = i // every
