@@ -30,6 +30,7 @@ except InputError as error:
 
 config = STUDY.model_dump(mode="json")
 R = f"results/{STUDY.study}"
+GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 ROBOTS = {label(reference): reference for reference in STUDY.robots}
 CYCLES = {label(reference): reference for reference in STUDY.cycles}

@@ -1,55 +1,75 @@
 rule check:
     input:
         f"{R}/design/checks.parquet",
-        f"{R}/check.json",
+        f"{R}/check/detectors.json",
+        expand("{R}/check/{robot}/{cycle}.json", R=R, robot=ROBOTS, cycle=CYCLES),
 
 
 rule simulate:
     input:
-        [
-            marker
-            for robot in ROBOTS
-            for cycle in CYCLES
-            for marker in traces(robot, cycle, *STUDY_SETS)
-        ],
+        [marker for robot in ROBOTS for cycle in CYCLES for marker in traces(robot, cycle, *STUDY_SETS)],
 
 
-rule check_study:
+# Checks come first by their priority, and hold the gate alone: nothing is simulated while one may still fail.
+# (An `ancient` input of all simulations would do it too, but hides from Snakemake that they are stale.)
+rule check_cycle:
     input:
-        robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=code(
-            "check_study",
-            *cycle_files(),
-            *detector_files(),
-            *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code(
+            "check_cycle",
+            plugin_file(CYCLES[w.cycle], "cycles"),
+            *robot_effects(ROBOTS[w.robot]),
         ),
     output:
-        f"{R}/check.json",
+        f"{R}/check/{{robot}}/{{cycle}}.json",
     log:
-        f"{R}/logs/check_study.log",
+        f"{R}/logs/check_cycle/{{robot}}/{{cycle}}.log",
     benchmark:
-        f"{R}/benchmarks/check_study.tsv"
+        f"{R}/benchmarks/check_cycle/{{robot}}/{{cycle}}.tsv"
+    priority: 100
     conda:
         ENV
+    resources:
+        gate=GATE,
     params:
-        robots=ROBOTS,
-        cycles=CYCLES,
+        robot=lambda w: ROBOTS[w.robot],
+        cycle=lambda w: CYCLES[w.cycle],
         axes=STUDY.axes,
-        detectors=config["detectors"],
         ranges=STUDY.factor_ranges(),
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
     message:
-        "Check robots, test-cycles, factor ranges and detectors before anything is simulated"
+        "Check that {wildcards.robot} can do {wildcards.cycle} at every level"
     script:
-        "../scripts/check_study.py"
+        "../scripts/check_cycle.py"
+
+
+rule check_detectors:
+    input:
+        code=code("check_detectors", *detector_files()),
+    output:
+        f"{R}/check/detectors.json",
+    log:
+        f"{R}/logs/check_detectors.log",
+    benchmark:
+        f"{R}/benchmarks/check_detectors.tsv"
+    priority: 100
+    conda:
+        ENV
+    resources:
+        gate=GATE,
+    params:
+        detectors=config["detectors"],
+    message:
+        "Check that every detector can be made"
+    script:
+        "../scripts/check_detectors.py"
 
 
 rule simulate_points:
     input:
         design=f"{R}/design/{{set}}.parquet",
-        # The check comes before any simulation, but making it again makes no simulation stale.
-        check=ancient(f"{R}/check.json"),
+        check=f"{R}/check/{{robot}}/{{cycle}}.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code(
             "simulate_points",
@@ -64,6 +84,8 @@ rule simulate_points:
         f"{R}/benchmarks/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.tsv"
     conda:
         ENV
+    resources:
+        gate=1,
     params:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],

@@ -1,0 +1,21 @@
+"""Refuses a robot, its factor ranges or a test-cycle that cannot be done, before anything is simulated."""
+
+import json
+
+from job import run_job
+
+from wearscope import tables
+from wearscope.cycles.base import load_cycle
+from wearscope.errors import InputError
+from wearscope.robots.model import load_model
+from wearscope.simulation.feasibility import check_cycle, check_robot
+
+with run_job(snakemake) as say:
+    params, w = snakemake.params, snakemake.wildcards
+    model = load_model(params.robot)
+    if max(params.axes) > model.n:
+        raise InputError(f"axes: robot '{w.robot}' has {model.n} axes; drop axis {max(params.axes)}.")
+    check_robot(model, params.ranges, params.step, params.sample_rate)
+    seconds = check_cycle(model, load_cycle(params.cycle), w.cycle, params.ranges, params.step)
+    say(f"feasible, {seconds:.1f} s")
+    tables.write_text(snakemake.output[0], json.dumps({"duration_s": round(seconds, 6)}) + "\n")
