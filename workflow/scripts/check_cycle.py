@@ -3,7 +3,6 @@
 import json
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.errors import InputError

@@ -3,7 +3,6 @@
 import json
 
 from job import run_job
-
 from wearscope import tables
 from wearscope.detectors.base import load_detector
 
