@@ -172,6 +172,22 @@ def choose_torque_cutoff(pairs: list[tuple[np.ndarray, np.ndarray]], rate: float
     return float(np.clip(np.median(edges), 4.0, highest))
 
 
+_CENTRAL = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0]) / 60.0
+
+
+def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
+    """Central difference of sixth order along the first axis, of second order at the ends.
+
+    The plain central difference loses (w h)^2/6 of a signal at w; after two of them the acceleration of a
+    stiff robot looks like that of one with elastic joints.
+    """
+    slope = np.gradient(x, 1.0 / rate, axis=0)
+    if len(x) >= 7:
+        inner = sum(c * x[6 - k : len(x) - k] for k, c in enumerate(_CENTRAL))
+        slope[3:-3] = inner * rate
+    return slope
+
+
 def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
     """Speed and acceleration of a run by the motion filter and central differences.
 
@@ -183,8 +199,8 @@ def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
         [Hz]
     """
     q = low_pass(run.q, cutoff, rate)
-    v = np.gradient(q, 1 / rate, axis=0) if run.qd is None else low_pass(run.qd, cutoff, rate)
-    a = np.gradient(v, 1 / rate, axis=0)
+    v = differentiate(q, rate) if run.qd is None else low_pass(run.qd, cutoff, rate)
+    a = differentiate(v, rate)
     density, _ = position_noise(run.q, rate)
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
     rest = np.maximum(_REST_NOISE * speed_noise, _REST_SHARE * np.abs(v).max(axis=0))

@@ -147,6 +147,17 @@ def _saturated(tau: np.ndarray, limits: list[float] | None) -> np.ndarray:
     return bad
 
 
+def _lasting(marked: np.ndarray, width: int) -> np.ndarray:
+    """Marked samples that are part of a stretch longer than `width` samples."""
+    lasting = np.zeros_like(marked)
+    for j in range(marked.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], marked[:, j].astype(int), [0]])))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            if stop - start > width:
+                lasting[start:stop, j] = True
+    return lasting
+
+
 def _spread_out(bad: np.ndarray, width: int) -> np.ndarray:
     """Mark `width` samples on either side of every marked sample."""
     kernel = np.ones(2 * width + 1)
@@ -174,10 +185,15 @@ def _predict_roughly(
 def _prepare_run(
     run: Run, motion: Motion, signals: Signals, known: np.ndarray, dataset: Dataset, band: Band
 ) -> PreparedRun:
-    bad = np.abs(motion.v) < motion.rest_speed
+    slow = np.abs(motion.v) < motion.rest_speed
+    # The filter carries friction at rest, which is not determined, into the rows beside a rest.
+    width = int(0.5 * band.rate / band.torque)
+    rest = _lasting(slow, width)
+    signals.sign[rest] = 0.0
+    bad = slow | _spread_out(rest, width)
     saturated = _saturated(motion.tau, dataset.fields.robot.torque_limit)
     if saturated.any():
-        bad |= _spread_out(saturated, int(0.5 * band.rate / band.torque))
+        bad |= _spread_out(saturated, width)
     prepared = PreparedRun(
         run.file,
         run.use,
