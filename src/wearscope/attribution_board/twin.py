@@ -1,8 +1,9 @@
 """A twin of the study's medium robot (Manutec r3), run forward under its own controller and recorded.
 
 It is written apart from `wearscope.effects` and `wearscope.simulation`: Pinocchio's forward dynamics with
-motor armature, a linearly implicit Euler step of 0.25 ms, an algebraic Coulomb law and a viscous law that
-falls exponentially with temperature. One effect more acts on axis 2, which the data set does not declare.
+motor armature, an implicit Euler step of 0.25 ms by Newton's method, an algebraic Coulomb law and a viscous
+law that falls exponentially with temperature. One effect more acts on axis 2, which the data set does not
+declare.
 """
 
 import json
@@ -108,6 +109,30 @@ def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
     return coulomb, np.asarray(machine.viscous) * warm
 
 
+def _step(
+    model: pin.Model, data: pin.Data, rotor: Array, q: Array, v: Array, drive: Array, law: tuple[Array, ...]
+) -> tuple[Array, Array]:
+    """Speed at the end of a step with friction taken there, and that friction, by Newton's method.
+
+    (M + J)(v+ - v)/dt + h + friction(v+) = drive, each iteration one forward dynamics with the friction's
+    slope as added armature. An iterate that would jump across zero speed stops there first, since the
+    friction law turns steep at zero.
+    """
+    level, viscous, width = law
+    guess = v
+    for _ in range(8):
+        reach = np.sqrt(guess**2 + width**2)
+        slope = level * width**2 / reach**3 + viscous
+        rub = level * guess / reach + viscous * guess
+        model.armature = rotor + STEP * slope
+        after = v + STEP * pin.aba(model, data, q, v, drive - rub - slope * (v - guess))
+        rub = rub + slope * (after - guess)
+        if np.all(np.abs(after - guess) < 0.1 * width + 0.01 * np.abs(guess)):
+            break
+        guess = np.where(after * guess < 0, 0.0, after)
+    return after, rub
+
+
 def simulate_run(
     machine: Machine, motion: Motion, start: float, secret: str, gain: float
 ) -> dict[str, Array]:
@@ -160,20 +185,15 @@ def simulate_run(
             level[1] += gain * 0.045 * abs(passed[1])
         else:
             extra[1] = gain * _gas_spring(q[1])[0]
-        reach = np.sqrt(v**2 + width**2)
-        shape = v / reach
-        slope = level * width**2 / reach**3 + viscous
-        rub = level * shape + viscous * v + extra
         if i % every == 0:
             row = i // every
             out["q"][row], out["v"][row], out["tau"][row] = q, v, command
-            out["secret"][row] = extra + (level - coulomb) * shape
+            out["secret"][row] = extra + (level - coulomb) * v / np.sqrt(v**2 + width**2)
             out["temperature"][row] = temperature
-        model.armature = rotor + STEP * slope
-        a = pin.aba(model, data, q, v, command - rub)
-        v = v + STEP * a
+        after, rub = _step(model, data, rotor, q, v, command - extra, (level, viscous, width))
+        passed = command - extra - rub - rotor * (after - v) / STEP
+        v = after
         q = q + STEP * v
-        passed = command - rub - rotor * a
     return {"t": motion.t[::every]} | out
 
 
