@@ -172,12 +172,15 @@ def simulate_run(
     width = 2e-4 * np.asarray(machine.speed)
     q, v = motion.q[0].copy(), motion.v[0].copy()
     passed = ahead[0].copy()
+    command = ahead[0].copy()
     out = {key: np.empty((-(-count // every), n)) for key in ("q", "v", "tau", "secret", "temperature")}
     temperature = np.full(n, start)
     for i in range(count):
         if i % every == 0:
             temperature = start + 5.0 * (1 - np.exp(-motion.t[i] / 25.0)) * np.linspace(1.0, 0.6, n)
             coulomb, viscous = _friction(machine, temperature)
+        # the torque held over a step belongs to its middle: the record takes the mean of its two neighbours
+        before = command
         command = ahead[i] + stiff * (motion.q[i] - q) + damp * (motion.v[i] - v)
         level = coulomb.copy()
         extra = np.zeros(n)
@@ -187,7 +190,7 @@ def simulate_run(
             extra[1] = gain * _gas_spring(q[1])[0]
         if i % every == 0:
             row = i // every
-            out["q"][row], out["v"][row], out["tau"][row] = q, v, command
+            out["q"][row], out["v"][row], out["tau"][row] = q, v, (before + command) / 2
             out["secret"][row] = extra + (level - coulomb) * v / np.sqrt(v**2 + width**2)
             out["temperature"][row] = temperature
         after, rub = _step(model, data, rotor, q, v, command - extra, (level, viscous, width))
