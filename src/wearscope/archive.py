@@ -13,12 +13,9 @@ import argparse
 import hashlib
 import io
 import json
-import platform
-import subprocess
 import sys
 import tarfile
 from collections.abc import Callable, Iterable, Mapping
-from importlib import metadata
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -27,10 +24,10 @@ import pandas as pd
 from wearscope import tables
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
+from wearscope.provenance import describe_provenance, digest_file
 
 MANIFEST = "MANIFEST.json"
 FORMAT = 1
-_BLOCK = 1 << 20
 
 
 def pack_study(
@@ -74,14 +71,12 @@ def pack_study(
     for name in names:
         if not (folder / name).is_file():
             raise InputError(f"{folder / name}: no such file; run the study to its end before packing it.")
-        members[name] = {"sha256": _digest_file(folder / name), "bytes": (folder / name).stat().st_size}
+        members[name] = {"sha256": digest_file(folder / name), "bytes": (folder / name).stat().st_size}
     manifest = {
         "format": FORMAT,
         "study": config.get("study"),
         "config": dict(config),
-        "code": _code_version(sources),
-        "python": platform.python_version(),
-        "packages": _package_versions(),
+        **describe_provenance(sources),
         "files": members,
     }
 
@@ -184,7 +179,7 @@ class _Content:
         self.manifest: dict[str, Any] = {}
         if self.path.is_dir():
             files = [file for file in sorted(self.path.rglob("*")) if file.is_file()]
-            self.digests = {file.relative_to(self.path).as_posix(): _digest_file(file) for file in files}
+            self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
             self.digests.pop(MANIFEST, None)
             if (self.path / MANIFEST).is_file():
                 self.manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
@@ -258,39 +253,6 @@ def _member(name: str, size: int) -> tarfile.TarInfo:
     member = tarfile.TarInfo(name)
     member.size, member.mode = size, 0o644
     return member
-
-
-def _digest_file(path: Path) -> str:
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def _code_version(sources: Iterable[str | Path]) -> dict[str, Any]:
-    """Version of the package, commit where git knows one, and the digest of every source file."""
-    files = {Path(source).as_posix(): _digest_file(Path(source)) for source in sources}
-    text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
-    return {
-        "wearscope": metadata.version("wearscope"),
-        "commit": _git("rev-parse", "HEAD"),
-        "changed": bool(_git("status", "--porcelain", "--untracked-files=no")),
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "files": files,
-    }
-
-
-def _git(*arguments: str) -> str | None:
-    try:
-        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return done.stdout.strip()
-
-
-def _package_versions() -> dict[str, str]:
-    return dict(sorted((one.metadata["Name"].lower(), one.version) for one in metadata.distributions()))
 
 
 def main(arguments: list[str] | None = None) -> int:

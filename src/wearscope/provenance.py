@@ -1,0 +1,75 @@
+"""With what a result was made: versions of the code, of Python and of every package."""
+
+import hashlib
+import platform
+import subprocess
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+_BLOCK = 1 << 20
+
+
+def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
+    """Versions of code and packages.
+
+    Parameters
+    ----------
+    sources : iterable of path-like
+        Source files.
+
+    Returns
+    -------
+    dict
+        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` (None where git
+        knows none), ``changed`` (whether tracked files differ from it), ``sha256`` (of all sources), ``files``
+        (digest by source).
+    """
+    files = {Path(source).as_posix(): digest_file(Path(source)) for source in sources}
+    text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
+    packages = {one.metadata["Name"].lower(): one.version for one in metadata.distributions()}
+    return {
+        "python": platform.python_version(),
+        "packages": dict(sorted(packages.items())),
+        "code": {
+            "wearscope": metadata.version("wearscope"),
+            "commit": _git("rev-parse", "HEAD"),
+            "changed": bool(_git("status", "--porcelain", "--untracked-files=no")),
+            "sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "files": files,
+        },
+    }
+
+
+def list_platform_files(root: str | Path = ".") -> list[Path]:
+    """Source files of the whole platform, as paths from the repository's root, sorted."""
+    root = Path(root)
+    patterns = (
+        "Snakefile",
+        "src/**/*.*",
+        "workflow/**/*.*",
+        "envs/*.*",
+        "profiles/**/*.yaml",
+        "pyproject.toml",
+    )
+    found = {file.relative_to(root) for pattern in patterns for file in root.glob(pattern) if file.is_file()}
+    left_out = {"__pycache__", "wearscope.egg-info"}
+    return sorted(file for file in found if not left_out & set(file.parts))
+
+
+def digest_file(path: Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _git(*arguments: str) -> str | None:
+    try:
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
