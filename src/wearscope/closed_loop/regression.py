@@ -52,11 +52,25 @@ class Block:
 
 @dataclass
 class Folds:
-    """Cross-validation: for each fold the blocks trained on and the blocks held out, (F, B) of bool."""
+    """Cross-validation and the parts that must agree.
+
+    Attributes
+    ----------
+    train, test : ndarray (F, B) of bool
+        For each fold the blocks trained on and the blocks held out.
+    by_run : bool
+        Whether whole runs are held out.
+    parts : ndarray (B,) of int
+        Part of each block: its run where there are three or more, else a contiguous part of it.
+    agree_by_run : bool
+        Whether parts are whole runs.
+    """
 
     train: np.ndarray
     test: np.ndarray
     by_run: bool
+    parts: np.ndarray
+    agree_by_run: bool
 
 
 def make_blocks(prepared: Prepared) -> list[Block]:
@@ -75,16 +89,20 @@ def make_blocks(prepared: Prepared) -> list[Block]:
 def make_folds(blocks: list[Block]) -> Folds:
     """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side."""
     run_of = np.array([block.run for block in blocks])
-    if run_of.max() > 0:
-        test = np.array([run_of == r for r in range(run_of.max() + 1)])
-        return Folds(~test, test, True)
-    count = min(5, len(blocks) // 2)
-    part = np.arange(len(blocks)) * count // len(blocks)
-    test = np.array([part == k for k in range(count)])
+    runs = run_of.max() + 1
+    share = {1: 5, 2: 4}.get(runs, 1)
+    parts = np.empty(len(blocks), dtype=int)
+    for r in range(runs):
+        own = np.flatnonzero(run_of == r)
+        parts[own] = share * r + np.arange(len(own)) * share // len(own)
+    if runs > 1:
+        test = np.array([run_of == r for r in range(runs)])
+        return Folds(~test, test, True, parts, runs > 2)
+    test = np.array([parts == k for k in range(share)])
     near = test.copy()
     near[:, 1:] |= test[:, :-1]
     near[:, :-1] |= test[:, 1:]
-    return Folds(~near, test, False)
+    return Folds(~near, test, False, parts, False)
 
 
 @dataclass

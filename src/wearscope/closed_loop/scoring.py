@@ -18,8 +18,11 @@ from wearscope.closed_loop.regression import (
 
 #: Share of a regressor that must stay after the current model is projected out.
 ISOLABLE = 1e-3
-#: Least number of blocks, effectively, that the information on a candidate must come from.
-_LEAST_BLOCKS = 4.0
+#: Least number of blocks, effectively, that the information on a candidate must come from: of a single run,
+#: and of several.
+_LEAST_BLOCKS = (4.0, 2.0)
+#: Student's t at which runs agree, however few.
+_ENOUGH = 7.5
 #: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
 _CANCELLATION = 12.0
 
@@ -42,7 +45,7 @@ class Scored:
     p_block : float
         Family-wise p-value of the best score over all candidates, by block sign flips.
     p_run : float
-        p-value of the score's consistency over the folds; NaN with fewer than three.
+        p-value of the score's consistency over runs (over parts of them where there are fewer than three).
     isolability : float
         Sine of the angle between the candidate and the current model.
     beta : ndarray (m,)
@@ -145,19 +148,19 @@ class Scorer:
         return float((power / max(power.max(), 1e-300)) @ self.joint_loss)
 
     def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
-        """Whether the folds agree: t-test of the gain with the scores' scatter over folds as its error."""
-        run = np.argmax(self.folds.test, axis=0)
-        count = len(self.folds.test)
-        if count < 3:
-            return np.nan
-        u = np.array([(scores[run == r] @ beta).sum() for r in range(count)])
+        """Whether runs agree: t-test of the gain with the scores' scatter over them as its error."""
+        part = self.folds.parts
+        count = part.max() + 1
+        u = np.array([(scores[part == r] @ beta).sum() for r in range(count)])
         error = np.sqrt((u**2).sum() * count / (count - 1))
-        return float(stats.t.sf(beta @ inner @ beta / max(error, 1e-300), count - 1))
+        t = beta @ inner @ beta / max(error, 1e-300)
+        # Three or four runs cannot give small p-values, however well they agree.
+        return 0.0 if self.folds.agree_by_run and t > _ENOUGH else float(stats.t.sf(t, count - 1))
 
     def _object(self, scored: Scored, own: np.ndarray, blocks: float) -> str:
         if scored.isolability < ISOLABLE:
             return "the declared model absorbs it on these runs"
-        if blocks < _LEAST_BLOCKS:
+        if blocks < _LEAST_BLOCKS[self.folds.by_run]:
             return f"all its evidence lies in {blocks:.1f} blocks of the runs"
         beta = scored.beta
         parts = np.sqrt(np.maximum(np.diag(own), 0)) * np.abs(beta)

@@ -63,9 +63,9 @@ class TraceOptions:
     """
 
     alpha: float = 0.005
-    alpha_run: float = 0.02
+    alpha_run: float = 0.0025
     alpha_part: float = 1e-4
-    minimum_gain: float = 0.03
+    minimum_gain: float = 0.06
     minimum_share: float = 0.02
     minimum_unknown: float = 0.06
     flips: int = 999
@@ -245,8 +245,8 @@ class Tracer:
             s.reason = "too little gained on held-out runs"
         elif s.entry.effect.name == "torque_ripple" and not self.folds.by_run:
             s.reason = "one run cannot show that its phase stays from run to run"
-        elif s.p_run > (o.alpha_run if self.folds.by_run else o.alpha_part):
-            s.reason = "runs do not agree" if self.folds.by_run else "parts of the run do not agree"
+        elif s.p_run > (o.alpha_run if self.folds.agree_by_run else o.alpha_part):
+            s.reason = "runs do not agree" if self.folds.agree_by_run else "parts of the run do not agree"
         return not s.reason
 
     def record(self, step: int, scored: list[Scored], taken: Scored | None) -> None:
