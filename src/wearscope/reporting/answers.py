@@ -1,0 +1,270 @@
+"""Q-1, Q-2 and Q-3 answered in words, and how far the answers can be trusted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from wearscope.reporting.figures.scope import count_matrix
+from wearscope.reporting.findings import SMALL
+from wearscope.reporting.labels import (
+    count_text,
+    group_columns,
+    group_name,
+    join_words,
+    natural_step,
+    split_groups,
+    term_label,
+    unit_text,
+)
+from wearscope.reporting.page import format_number
+from wearscope.reporting.study import Study
+
+HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How much variation of one factor a group of cells bears.
+
+    Attributes
+    ----------
+    group, factor : str
+    cells : int
+    share : float
+        Of all verdicts on the grid, those that pass.
+    delta : float
+        Change of the fault, coded.
+    sigma : float
+        Largest sigma up to which at least half the cells pass at that change; NaN where not even the smallest
+        is reached.
+    largest : bool
+        Whether that is the end of the grid.
+    """
+
+    group: str
+    factor: str
+    cells: int
+    share: float
+    delta: float
+    sigma: float
+    largest: bool
+
+
+def relevant_factors(study: Study) -> list[str]:
+    """Answer to Q-1: a sentence for each group on what outweighs wear, and one on what hardly matters."""
+    table = study.sensitivity
+    by = group_columns(table)
+    sentences = [_outweighing(name, rows) for name, rows in split_groups(table, by)]
+    main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
+    quiet = [
+        str(term)
+        for term, rows in main.groupby("term", sort=True)
+        if len(rows) and (rows["median_absolute"] < SMALL).all()
+    ]
+    if quiet:
+        sentences.append(
+            f"{join_words(quiet)} hardly matter{'s' if len(quiet) == 1 else ''} to any of them: the median "
+            f"coefficient is below {SMALL:g} of that of wear."
+        )
+    else:
+        sentences.append(f"No factor has a median coefficient below {SMALL:g} of that of wear everywhere.")
+    return sentences
+
+
+def _outweighing(name: str, rows: pd.DataFrame) -> str:
+    cells = int(rows["n"].max())
+    if cells == 0:
+        return f"{name}: unknown, wear has no direct effect on y in any cell."
+    strong = rows[(rows["share_relevant"] > HALF) & (rows["term"] != "f")]
+    if strong.empty:
+        return f"{name}: none; no term outweighs wear in more than half of the {count_text(cells, 'cell')}."
+    strong = strong.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
+    parts = []
+    for row in strong.head(4).itertuples():
+        doubt = "" if row.share_low > HALF else ", which the interval does not settle"
+        parts.append(
+            f"{term_label(str(row.term))} in {row.n_relevant} of {row.n} cells (95 %: "
+            f"{100 * row.share_low:.0f} to {100 * row.share_high:.0f} %{doubt})"
+        )
+    more = len(strong) - 4
+    tail = f", and {count_text(more, 'more term')}" if more > 0 else ""
+    return f"{name}: outweighed by {', '.join(parts)}{tail}."
+
+
+def best_detector(study: Study) -> list[str]:
+    """Answer to Q-2: the ranking with intervals, ties, and the cells without an SNR or with a falling y."""
+    table = study.ranking
+    by = group_columns(table)
+    rows = [(group_name(by, [row[name] for name in by]), row) for _, row in table.iterrows()]
+    known = [(name, row) for name, row in rows if np.isfinite(row["median"])]
+    if not known:
+        return ["Unknown: no group has a median SNR."]
+    best, row = known[0]
+    medians = ", ".join(
+        f"{name} {format_number(float(one['median']))} ({format_number(float(one['median_low']))} to "
+        f"{format_number(float(one['median_high']))})"
+        for name, one in known[:6]
+    )
+    left = f", and {len(known) - 6} more" if len(known) > 6 else ""
+    sentences = [f"{best} has the highest median SNR (95 % over cells): {medians}{left}."]
+    if row["median"] <= 0:
+        sentences.append("It is not positive: on the whole no detector sees the change of wear.")
+    tied = str(row["tied_with"]).replace("/", ", ")
+    if tied:
+        sentences.append(f"The choice of cells leaves open whether it beats {tied}.")
+    elif len(known) > 1:
+        sentences.append("It keeps the first place whatever cells are drawn, at 95 %.")
+    sentences += [
+        f"{name}: unknown, no cell has an SNR." for name, one in rows if not np.isfinite(one["median"])
+    ]
+    falling = int((study.snr["status"] == "decreasing").sum())
+    constant = int((study.snr["status"] == "constant").sum())
+    if falling:
+        sentences.append(f"In {count_text(falling, 'cell')} y falls with wear; their sign is not turned.")
+    if constant:
+        sentences.append(f"In {count_text(constant, 'cell')} y is always the same; they have no SNR.")
+    return sentences
+
+
+def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0, 4.0)) -> list[Tolerance]:
+    """Variation of a factor that half the cells of each group bear, at some changes of the fault."""
+    found = []
+    by = list(study.config["scope"]["group_by"])
+    for name, rows in split_groups(study.exact_scope(factor), by):
+        cells = len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
+        sigma, grid, count = count_matrix(rows, rows["passes"])
+        share = float(rows["passes"].mean())
+        for wanted in deltas:
+            k = int(np.argmin(np.abs(grid - wanted)))
+            passing = count[k] >= HALF * cells
+            reached = len(passing) if passing.all() else int(np.argmin(passing))
+            value = float(sigma[reached - 1]) if reached else np.nan
+            found.append(
+                Tolerance(name, factor, cells, share, float(grid[k]), value, reached == len(passing))
+            )
+    return found
+
+
+def tolerance_table(study: Study) -> pd.DataFrame:
+    """Tolerances of every group and factor as a table to read, in natural units too."""
+    records: list[dict[str, object]] = []
+    for factor in study.config["scope"]["factors"]:
+        unit = unit_text(study.factor(factor).unit)
+        step = natural_step(study.factor(factor))
+        for one in tolerances(study, factor):
+            column = f"σ that half the cells bear at Δ = {one.delta:.2g}"
+            if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, factor):
+                records.append(
+                    {"group": one.group, "factor": factor, "cells": one.cells}
+                    | {"verdicts that pass [%]": 100 * one.share}
+                )
+            if np.isnan(one.sigma):
+                text = "not reached"
+            else:
+                text = f"{format_number(one.sigma, 2)} ({format_number(one.sigma * step, 2)} {unit})".strip()
+                text = f"≥ {text}" if one.largest else text
+            records[-1][column] = text
+    return pd.DataFrame(records)
+
+
+def effective_scope(study: Study) -> list[str]:
+    """Answer to Q-3: a sentence for each factor that varies."""
+    sentences = []
+    p_f, p_d = study.config["scope"]["p_f"], study.config["scope"]["p_d"]
+    for factor in study.config["scope"]["factors"]:
+        found = tolerances(study, factor)
+        groups = {one.group: one.share for one in found}
+        ranked = sorted(groups, key=lambda name: -groups[name])
+        description = study.factor(factor).description
+        if all(share == 0 for share in groups.values()):
+            sentences.append(
+                f"Varying {description} ({factor}): none; nowhere on the grid does any cell reach "
+                f"P_d ≥ {p_d:g} at P_f ≤ {p_f:g}."
+            )
+            continue
+        listed = ", ".join(f"{name} {100 * groups[name]:.0f} %" for name in ranked[:6])
+        left = f", and {len(ranked) - 6} more" if len(ranked) > 6 else ""
+        sentences.append(
+            f"Varying {description} ({factor}): P_d ≥ {p_d:g} at P_f ≤ {p_f:g} is reached in these shares of "
+            f"the grid, {listed}{left}."
+        )
+        sentences.append(_largest_change(study, factor, ranked[0], found))
+    return sentences
+
+
+def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance]) -> str:
+    one = max((one for one in found if one.group == group), key=lambda one: one.delta)
+    fault, step = study.factor("f"), natural_step(study.factor(factor))
+    change = f"{format_number(one.delta * natural_step(fault), 2)} {unit_text(fault.unit)}".strip()
+    if np.isnan(one.sigma):
+        return (
+            f"Even {group}, with a change of wear f of {change}, does not reach it in half of its cells at "
+            "the smallest variation of the grid."
+        )
+    size = f"{format_number(one.sigma * step, 2)} {unit_text(study.factor(factor).unit)}".strip()
+    end = ", the end of the grid" if one.largest else ""
+    return f"With a change of wear f of {change}, half the cells of {group} bear σ up to {size}{end}."
+
+
+def audit_outcome(study: Study) -> list[str]:
+    """What direct simulation said about the surrogates, or that it was not asked."""
+    if study.audit is None or study.audit.empty:
+        return ["Not audited: the study has no direct simulation to hold the surrogates against."]
+    audit = study.audit
+    good = audit[~audit["failed"]]
+    text = (
+        f"Simulated directly at {count_text(audit['point'].nunique(), 'point')}, {_share(good['inside'])} "
+        "values lie within the surrogate's 95 % prediction interval"
+    )
+    far = good[good["extrapolated"]]
+    if len(far):
+        text += f"; where it extrapolates, {_share(far['inside'])}"
+    sentences = [text + "."]
+    failed = len(audit) - len(good)
+    if failed:
+        sentences.append(f"{count_text(failed, 'audited value')} failed and count for neither side.")
+    if study.audit_verdicts is not None and len(study.audit_verdicts):
+        agrees = study.audit_verdicts["agrees"]
+        sentences.append(
+            f"Scope verdicts checked the same way: {_share(agrees)} agree with direct simulation."
+        )
+    else:
+        sentences.append("No scope verdict could be checked directly.")
+    return sentences
+
+
+def _share(flags: pd.Series) -> str:
+    n = len(flags)
+    return f"{int(flags.sum())} of {n} ({100 * float(flags.mean()):.0f} %)" if n else "0 of 0"
+
+
+def failed_points(study: Study) -> str:
+    """How many points failed, and where most."""
+    if study.failures.empty:
+        return "No detector failed at any point."
+    worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
+    total = int(study.failures["failed"].sum())
+    return (
+        f"{count_text(total, 'test quantity', 'test quantities')} failed in "
+        f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {worst['fda']}, "
+        f"{worst['robot']}, {worst['cycle']}, axis {worst['axis']}, {worst['set']}: {worst['failed']} of "
+        f"{worst['points']} ({worst['first_reason']}). Failed points are left out, never counted as zero."
+    )
+
+
+def surrogate_quality(study: Study) -> str:
+    """How well the surrogate that is asked fits the validation runs."""
+    model = study.config["scope"]["model"]
+    rows = study.validation[study.validation["model"] == model]
+    fit = rows["fit"].to_numpy(dtype=float)
+    good = fit[np.isfinite(fit)]
+    if not good.size:
+        return f"The {model} model has no fit on the validation runs in any cell."
+    missing = f"; {count_text(fit.size - good.size, 'cell')} n/a" if fit.size > good.size else ""
+    low, middle = float(good.min()), float(np.median(good))
+    poor = int((good < 50).sum())
+    return (
+        f"The {model} model fits the validation runs to {format_number(middle)} % in the median, "
+        f"{format_number(low)} % at worst, below 50 % in {poor} of {count_text(good.size, 'cell')}{missing}."
+    )

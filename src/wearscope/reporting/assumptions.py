@@ -1,0 +1,99 @@
+"""What a study assumed, as sentences made from its configuration and tables."""
+
+from wearscope.reporting.findings import STAND_INS
+from wearscope.reporting.labels import join_words, unit_text
+from wearscope.reporting.page import format_number
+from wearscope.reporting.study import Study
+
+
+def list_assumptions(study: Study) -> list[tuple[str, str]]:
+    """Assumptions as pairs of what they are about and a sentence or two."""
+    return [
+        ("Detectors", _detectors(study)),
+        *[(f"Robot {robot}", "; ".join(texts)) for robot, texts in study.sources.items()],
+        ("Factors", _factors(study)),
+        ("Distribution p(w)", _distribution(study)),
+        ("Extrapolation to z⁰", _extrapolation(study)),
+        ("Monte Carlo and KDE", _density(study)),
+        (
+            "Intervals",
+            "95 %. Those of medians, ranks and differences are bootstraps over the cells, a robot, "
+            "test-cycle "
+            "and axis drawn for all detectors at once; shares have Wilson intervals; those of the surrogates "
+            "assume independent normal residuals.",
+        ),
+        (
+            "Reality",
+            "All is simulated. A surrogate stands for the simulator and the simulator for the robot; only "
+            "measured data say how well, see the closed loop.",
+        ),
+    ]
+
+
+def _detectors(study: Study) -> str:
+    listed = ", ".join(f"{name} is {one['use']}" for name, one in study.config["detectors"].items())
+    stand_ins = [
+        f"{name} for {letter}"
+        for letter, module in STAND_INS.items()
+        if (name := study.detector_of(module)) is not None
+    ]
+    text = f"{listed}."
+    if stand_ins:
+        text += f" The paper's FDAs are confidential: {join_words(stand_ins)} stand in for them."
+    knowing = study.detector_of("wear_temperature_fit")
+    if knowing is not None:
+        text += (
+            f" {knowing} is told the friction law that the simulator uses: it bounds what a friction model "
+            "can give."
+        )
+    return text
+
+
+def _factors(study: Study) -> str:
+    levels = "; ".join(
+        f"{one.name} {one.description}, {one.low:g} to {one.high:g} {unit_text(one.unit)}".strip()
+        for one in study.factors
+    )
+    return (
+        f"{levels}. Each is constant within a test-cycle; temperature is the same in every joint. With a "
+        "payload mass error the robot carries the declared mass over (1 + error) and the controller believes "
+        "in the declared one."
+    )
+
+
+def _distribution(study: Study) -> str:
+    snr, scope = study.config["snr"], study.config["scope"]
+    return (
+        f"Normal with mean 0 in coded units, the middle of each range. SNR: all nuisances at once, σ = "
+        f"{snr['sigma']:g}, f from {snr['f0']:g} to {snr['f0'] + snr['delta']:g}. Scope: one nuisance at a "
+        f"time, the others as in z⁰, f from {scope['f0']:g}. Tails beyond ±2 leave the ranges that were "
+        "simulated."
+    )
+
+
+def _extrapolation(study: Study) -> str:
+    rows = study.checks[study.checks["model"] == study.config["scope"]["model"]]
+    if rows.empty:
+        return "Not known: the design has no check for the model that is asked."
+    row = rows.iloc[0]
+    where = "outside the design region" if row["nominal_outside"] else "within the design region"
+    norm, region, variance, centre = (
+        format_number(float(row[name]))
+        for name in ("nominal_norm", "region_norm", "variance_nominal", "variance_centre")
+    )
+    return (
+        f"The scope starts from z⁰, at {norm} coded units from the centre, {where} (its corners: {region}). "
+        f"There the prediction variance is {variance} σ², against {centre} σ² at the centre; σ² is that of a "
+        "run. " + ("The audit says what that costs." if study.audit is not None else "It was not audited.")
+    )
+
+
+def _density(study: Study) -> str:
+    snr, scope = study.config["snr"], study.config["scope"]
+    return (
+        f"SNR: {snr['runs']:,} runs a cell and hypothesis, beside the exact value. Scope: {scope['runs']:,} "
+        "runs, all fault changes at one σ sharing those of H¹; Gaussian kernel, bandwidth by Silverman's "
+        "rule; the closed form needs neither. Where the two differ is shown. Verdicts in sentences and "
+        "tables are "
+        "those of the closed form."
+    )

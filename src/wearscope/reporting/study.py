@@ -1,0 +1,77 @@
+"""Everything that a study's report is made from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from wearscope.designs.factors import Factor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Tables of a finished study and what goes with them.
+
+    Attributes
+    ----------
+    config : mapping
+        The validated configuration.
+    factors : sequence of Factor
+    surrogates, validation, fits, sensitivity, snr, ranking, scope, failures, checks : DataFrame
+        As the stages write them.
+    audit, audit_summary, audit_verdicts : DataFrame or None
+        None where the audit is switched off.
+    loops : mapping of str to mapping
+        Content of ``verdict.json`` by data set; the demonstration's is called ``twin``.
+    planted : mapping or None
+        What was planted in the demonstration's twin.
+    figures : mapping of str to path
+        SVG or PNG file by name.
+    costs : DataFrame
+        ``stage``, ``jobs``, ``seconds``; empty where nothing was measured.
+    provenance : mapping
+        Package version, commit, digest of the sources, Python and package versions.
+    sources : mapping of str to sequence of str
+        Where each robot's numbers come from, by robot.
+    """
+
+    config: Mapping[str, Any]
+    factors: Sequence["Factor"]
+    surrogates: pd.DataFrame
+    validation: pd.DataFrame
+    fits: pd.DataFrame
+    sensitivity: pd.DataFrame
+    snr: pd.DataFrame
+    ranking: pd.DataFrame
+    scope: pd.DataFrame
+    failures: pd.DataFrame
+    checks: pd.DataFrame
+    audit: pd.DataFrame | None = None
+    audit_summary: pd.DataFrame | None = None
+    audit_verdicts: pd.DataFrame | None = None
+    loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    planted: Mapping[str, Any] | None = None
+    figures: Mapping[str, Path] = field(default_factory=dict)
+    costs: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["stage", "jobs", "seconds"]))
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def factor(self, name: str) -> "Factor":
+        """Factor by name."""
+        return next(one for one in self.factors if one.name == name)
+
+    def factors_of(self, kind: str) -> list[str]:
+        """Names of the nuisance factors of a kind."""
+        return [one.name for one in self.factors if one.kind == kind and one.role == "nuisance"]
+
+    def detector_of(self, module: str) -> str | None:
+        """Configured name of the first detector that uses a module, None where the study has none."""
+        return next((n for n, one in self.config["detectors"].items() if one["use"] == module), None)
+
+    def exact_scope(self, factor: str) -> pd.DataFrame:
+        """Scope rows of one factor by one method, the exact one where it is there."""
+        rows = self.scope[self.scope["factor"] == factor]
+        return rows[rows["method"] == ("exact" if (rows["method"] == "exact").any() else "kde")]
