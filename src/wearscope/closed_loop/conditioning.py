@@ -83,7 +83,7 @@ def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
 
 def resample(run: Run, rate: float) -> Run:
     """Run on a uniform time grid; runs that already are uniform come back as they are."""
-    uniform = run.t[0] + np.arange(int(round((run.t[-1] - run.t[0]) * rate)) + 1) / rate
+    uniform = run.t[0] + np.arange(round((run.t[-1] - run.t[0]) * rate) + 1) / rate
     uniform = uniform[uniform <= run.t[-1] + 1e-9]
     if len(uniform) == len(run.t) and np.abs(uniform - run.t).max() < 1e-3 / rate:
         return run
@@ -199,7 +199,10 @@ def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
         [Hz]
     """
     q = low_pass(run.q, cutoff, rate)
-    v = differentiate(q, rate) if run.qd is None else low_pass(run.qd, cutoff, rate)
+    v = differentiate(q, rate)
+    if run.qd is not None:
+        given = np.isfinite(run.qd).all(axis=0)
+        v[:, given] = low_pass(run.qd[:, given], cutoff, rate)
     a = differentiate(v, rate)
     density, _ = position_noise(run.q, rate)
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)

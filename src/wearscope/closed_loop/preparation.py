@@ -1,10 +1,11 @@
 """A data set made ready for regression: signals of one bandwidth, the known torque, rows that count."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from wearscope.closed_loop.cleaning import clean_run
 from wearscope.closed_loop.conditioning import (
     Band,
     Motion,
@@ -15,10 +16,12 @@ from wearscope.closed_loop.conditioning import (
     resample,
 )
 from wearscope.closed_loop.dataset import Dataset, Run
+from wearscope.closed_loop.masking import bridge_torque, find_clipped, predict_roughly, spread_out
 from wearscope.effects.base import Signals
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
-from wearscope.robots.urdf import normalise_urdf
+from wearscope.robots.urdf import TINY_MASS, normalise_tree
+from wearscope.robots.urdf_file import write_urdf
 
 #: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
 _EDGE_PERIODS = 1.0
@@ -34,7 +37,7 @@ class PreparedRun:
     signals : Signals
         At the full rate.
     tau : ndarray (N, n)
-        Measured torque as recorded.
+        Measured torque; samples that are no measurements are bridged and do not count.
     known : ndarray (N, n)
         Torque of the rigid body and of declared rotor inertias as the data set states them.
     band : Band
@@ -134,19 +137,6 @@ def make_signals(motion: Motion, body: RigidBody, inertia: np.ndarray) -> tuple[
     return signals, known
 
 
-def _saturated(tau: np.ndarray, limits: list[float] | None) -> np.ndarray:
-    """Samples at the torque limit, or on a plateau at the run's own extreme."""
-    bad = np.zeros(tau.shape, dtype=bool)
-    for j in range(tau.shape[1]):
-        if limits is not None:
-            bad[:, j] |= np.abs(tau[:, j]) >= 0.999 * limits[j]
-        for extreme in (tau[:, j].max(), tau[:, j].min()):
-            flat = tau[:, j] == extreme
-            if flat.sum() > max(5, 0.002 * len(tau)):
-                bad[:, j] |= flat
-    return bad
-
-
 def _lasting(marked: np.ndarray, width: int) -> np.ndarray:
     """Marked samples that are part of a stretch longer than `width` samples."""
     lasting = np.zeros_like(marked)
@@ -156,12 +146,6 @@ def _lasting(marked: np.ndarray, width: int) -> np.ndarray:
             if stop - start > width:
                 lasting[start:stop, j] = True
     return lasting
-
-
-def _spread_out(bad: np.ndarray, width: int) -> np.ndarray:
-    """Mark `width` samples on either side of every marked sample."""
-    kernel = np.ones(2 * width + 1)
-    return np.column_stack([np.convolve(b, kernel, mode="same") > 0.5 for b in bad.T.astype(float)])
 
 
 def _predict_roughly(
@@ -183,17 +167,16 @@ def _predict_roughly(
 
 
 def _prepare_run(
-    run: Run, motion: Motion, signals: Signals, known: np.ndarray, dataset: Dataset, band: Band
+    run: Run, motion: Motion, signals: Signals, known: np.ndarray, faulty: np.ndarray, band: Band
 ) -> PreparedRun:
     slow = np.abs(motion.v) < motion.rest_speed
     # The filter carries friction at rest, which is not determined, into the rows beside a rest.
     width = int(0.5 * band.rate / band.torque)
     rest = _lasting(slow, width)
     signals.sign[rest] = 0.0
-    bad = slow | _spread_out(rest, width)
-    saturated = _saturated(motion.tau, dataset.fields.robot.torque_limit)
-    if saturated.any():
-        bad |= _spread_out(saturated, width)
+    bad = slow | spread_out(rest, width)
+    if faulty.any():
+        bad |= spread_out(faulty, width)
     prepared = PreparedRun(
         run.file,
         run.use,
@@ -209,6 +192,14 @@ def _prepare_run(
     return prepared
 
 
+def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
+    """Normalised URDF and what was mended in it; refused where no moving link has a mass."""
+    tree, told = normalise_tree(source, dataset.joints, strict=False)
+    if all(tree.links[joint.child].mass <= TINY_MASS for joint in tree.joints):
+        raise InputError(f"{source}: no link that the joints move has a mass; give the URDF its <inertial>s.")
+    return write_urdf(tree), told
+
+
 def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared:
     """Make a data set ready for regression.
 
@@ -221,13 +212,21 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     Raises
     ------
     InputError
-        Where no training run moves.
+        Where no training run moves, a channel is broken beyond mending, or no moving link has a mass.
     """
     robot = dataset.fields.robot
-    urdf = normalise_urdf(urdf_source or dataset.urdf, dataset.joints, strict=False)
     rate = dataset.fields.sample_rate
-    uniform = [resample(run, rate) for run in dataset.runs]
     notes = list(dataset.notes)
+    urdf, told = _normalise(urdf_source or dataset.urdf, dataset)
+    notes += told
+    slides = [unit == "m" for unit in dataset.position_unit]
+    uniform, spoilt = [], {}
+    for recorded in dataset.runs:
+        where = str(dataset.folder / recorded.file)
+        cleaned = clean_run(resample(recorded, rate), dataset.joints, slides, where)
+        uniform.append(cleaned.run)
+        spoilt[recorded.file] = cleaned.faulty
+        notes += cleaned.notes
     reach = {run.file: np.ptp(run.q, axis=0) for run in uniform}
     largest = np.max([reach[run.file] for run in uniform if run.use == "train"], axis=0)
     still = [run.file for run in uniform if np.all(reach[run.file] < 1e-3 * np.maximum(largest.max(), 1e-9))]
@@ -258,6 +257,18 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
 
     motions, made = differentiate(edge)
     is_train = [run.use == "train" for run in uniform]
+    faulty = [spoilt[run.file] for run in uniform]
+    rough = predict_roughly(made, [run.tau for run in uniform], faulty, is_train)
+    for k, run in enumerate(uniform):
+        clipped = find_clipped(run.tau, rough[k], robot.torque_limit)
+        for j in np.flatnonzero(clipped.any(axis=0)):
+            notes.append(
+                f"{run.file}: tau_{dataset.joints[j]} is at a limit in {int(clipped[:, j].sum())} rows; "
+                "they do not count."
+            )
+        faulty[k] = faulty[k] | clipped
+        uniform[k] = replace(run, tau=bridge_torque(run.tau, rough[k], faulty[k]))
+        motions[k].tau = uniform[k].tau
     pairs = _predict_roughly(
         [m for m, use in zip(made, is_train, strict=True) if use],
         [m.tau for m, use in zip(motions, is_train, strict=True) if use],
@@ -274,8 +285,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     if robot.inertials == "approximate" and "rigid_body" not in dataset.fields.declared_effects:
         notes.append("inertials are approximate but rigid_body is not declared; they are not refitted.")
     runs = [
-        _prepare_run(run, motion, signals, known, dataset, band)
-        for run, motion, (signals, known) in zip(uniform, motions, made, strict=True)
+        _prepare_run(run, motion, signals, known, bad, band)
+        for run, motion, (signals, known), bad in zip(uniform, motions, made, faulty, strict=True)
     ]
     short = [run.file for run in runs if len(run.t) < 40]
     if short:

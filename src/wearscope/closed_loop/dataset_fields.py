@@ -1,0 +1,188 @@
+"""The fields of `dataset.yaml`, read and checked against each other."""
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from wearscope import plugins
+from wearscope.errors import InputError
+
+
+def _refuse_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("should be a number")
+    return value
+
+
+_Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+_PositionUnit = Literal["rad", "m"]
+_TorqueUnit = Literal["N m", "N"]
+
+
+class _Fields(BaseModel):
+    model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
+
+
+class PayloadFields(_Fields):
+    """`runs[].payload`."""
+
+    mass: _Number = Field(ge=0.0)
+    com: list[_Number] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
+
+
+class RunFields(_Fields):
+    """`runs[]`."""
+
+    file: str
+    use: Literal["train", "test"]
+    payload: PayloadFields | None = None
+
+
+class RobotFields(_Fields):
+    """`robot`."""
+
+    urdf: str
+    joints: list[str] = Field(min_length=1)
+    inertials: Literal["trusted", "approximate"] = "trusted"
+    gravity: list[_Number] = Field(default=[0.0, 0.0, -9.81], min_length=3, max_length=3)
+    torque_limit: list[_Number] | None = None
+    gear_ratio: list[_Number] | None = None
+    rotor_inertia: list[_Number] | None = None
+
+
+class UnitFields(_Fields):
+    """`units`: one for all joints, or a list by joint where a robot both turns and slides."""
+
+    q: _PositionUnit | list[_PositionUnit] = "rad"
+    tau: _TorqueUnit | list[_TorqueUnit] = "N m"
+
+
+class DatasetFields(_Fields):
+    """`dataset.yaml`."""
+
+    name: str = Field(min_length=1)
+    description: str = ""
+    source: str = ""
+    robot: RobotFields
+    sample_rate: _Number = Field(gt=0.0)
+    units: UnitFields | None = None
+    declared_effects: list[str]
+    runs: list[RunFields] = Field(min_length=1)
+
+
+def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
+    known = list(type(fields).model_fields)
+    for key in fields.model_extra or {}:
+        near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.75)
+        if near:
+            raise InputError(f"{where}: there is no field '{key}'; did you mean '{near[0]}'?")
+        notes.append(f"{where}: field '{key}' is not known and was not used.")
+
+
+def _explain(path: Path, content: dict, error: ValidationError) -> InputError:
+    """Sentence about the first field that is wrong; a misspelt name of it is looked for beside it."""
+    first = error.errors()[0]
+    parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
+    place = ""
+    beside: Any = content
+    for k, part in enumerate(parts):
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+        if isinstance(beside, dict) and part not in beside:
+            near = difflib.get_close_matches(str(part), [str(key) for key in beside], n=1, cutoff=0.7)
+            if near and k == len(parts) - 1:
+                where = f"{path}: {place.rpartition('.')[0]}".rstrip(": ")
+                return InputError(f"{where}: there is no field '{near[0]}'; did you mean '{part}'?")
+            break
+        try:
+            beside = beside[part]
+        except (KeyError, IndexError, TypeError):
+            break
+    told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
+    if first["type"] == "missing":
+        told = "is missing"
+    elif first["type"] not in ("too_short", "too_long"):
+        told += f", but is {str(first['input'])[:40]!r}"
+    return InputError(
+        f"{path}: field '{place}' {told[0].lower()}{told[1:]}; mend it as docs/measured-data.md says."
+    )
+
+
+def read_fields(path: Path, notes: list[str]) -> DatasetFields:
+    """Read `dataset.yaml`; fields that are not known are noted, misspelt ones refused.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: no such file, or not readable; a data set is a folder with a dataset.yaml in it."
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        line = " ".join(str(error).split())
+        raise InputError(f"{path}: not readable as YAML ({line}); mend that line.") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no fields; write them as 'field: value'.")
+    try:
+        fields = DatasetFields.model_validate(content)
+    except ValidationError as error:
+        raise _explain(path, content, error) from error
+    _refuse_typos(fields, str(path), notes)
+    _refuse_typos(fields.robot, f"{path}: robot", notes)
+    for i, run in enumerate(fields.runs):
+        _refuse_typos(run, f"{path}: runs[{i}]", notes)
+        if run.payload is not None:
+            _refuse_typos(run.payload, f"{path}: runs[{i}].payload", notes)
+    if fields.units is not None:
+        _refuse_typos(fields.units, f"{path}: units", notes)
+    return fields
+
+
+def check_fields(path: Path, fields: DatasetFields) -> None:
+    """Refuse fields that do not fit each other: list lengths, names, effects, uses.
+
+    Raises
+    ------
+    InputError
+    """
+    joints = fields.robot.joints
+    if len(set(joints)) < len(joints):
+        raise InputError(f"{path}: robot.joints names a joint twice; name each once.")
+    for name in ("torque_limit", "gear_ratio", "rotor_inertia"):
+        values = getattr(fields.robot, name)
+        if values is not None and len(values) != len(joints):
+            raise InputError(
+                f"{path}: robot.{name} has {len(values)} values for {len(joints)} joints; give one a joint."
+            )
+    if fields.robot.rotor_inertia is not None and min(fields.robot.rotor_inertia) < 0:
+        raise InputError(f"{path}: robot.rotor_inertia holds a negative value; give kg m^2 at the joint.")
+    if fields.robot.torque_limit is not None and min(fields.robot.torque_limit) <= 0:
+        raise InputError(f"{path}: robot.torque_limit must be positive; give the limit of each joint.")
+    if fields.robot.gear_ratio is not None and 0.0 in fields.robot.gear_ratio:
+        raise InputError(f"{path}: robot.gear_ratio holds a 0; give motor turns by joint turn.")
+    strength = float(np.linalg.norm(fields.robot.gravity))
+    if strength > 15.0:
+        raise InputError(
+            f"{path}: robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."
+        )
+    known = [name for name in plugins.list_names("effects", "EFFECT") if name != "unknown"]
+    for name in fields.declared_effects:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; choose from {', '.join(known)}."
+            raise InputError(f"{path}: declared_effects: there is no effect '{name}'{hint}")
+    if len(set(fields.declared_effects)) < len(fields.declared_effects):
+        raise InputError(f"{path}: declared_effects names an effect twice; name each once.")
+    files = [run.file for run in fields.runs]
+    for file in files:
+        if files.count(file) > 1:
+            raise InputError(f"{path}: runs names {file} more than once; a run is either train or test.")
+    for use in ("train", "test"):
+        if not any(run.use == use for run in fields.runs):
+            raise InputError(f"{path}: no run has 'use: {use}'; give at least one.")

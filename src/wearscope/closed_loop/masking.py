@@ -1,0 +1,119 @@
+"""Torque samples that are not measurements: clipped ones are found, gaps bridged lest filters smear.
+
+What a joint would have needed is told roughly by the declared model with friction and inertia fitted joint by
+joint; it serves only to find where a torque stays at a level that the motion must have exceeded, and to carry
+the common filter across the gap. Rows in a gap never count.
+"""
+
+import numpy as np
+
+from wearscope.effects.base import Signals
+
+#: Least share of a run's rows that must lie at a level before it is taken for a limit.
+_SHARE, _ROWS = 0.002, 5
+#: Share of a torque's span by which the rough prediction must exceed a limit.
+_BEYOND = 0.03
+
+
+def _columns(signals: Signals, known: np.ndarray, j: int) -> np.ndarray:
+    return np.column_stack(
+        [known[:, j], signals.a[:, j], signals.sign[:, j], signals.v[:, j], np.ones(len(known))]
+    )
+
+
+def predict_roughly(
+    made: list[tuple[Signals, np.ndarray]],
+    measured: list[np.ndarray],
+    faulty: list[np.ndarray],
+    train: list[bool],
+) -> list[np.ndarray]:
+    """Predicted torque (N, n) of every run, fitted on the middle 80 % of the training torques.
+
+    Parameters
+    ----------
+    made : list of (Signals, ndarray (N, n))
+        Signals and known torque of each run.
+    measured, faulty : list of ndarray (N, n)
+    train : list of bool
+        Which runs may be fitted on.
+    """
+    predicted = [np.zeros_like(tau) for tau in measured]
+    for j in range(measured[0].shape[1]):
+        x, y = [], []
+        for (signals, known), tau, bad, use in zip(made, measured, faulty, train, strict=True):
+            if use:
+                low, high = tau[:, j].min(), tau[:, j].max()
+                inner = (tau[:, j] > low + 0.1 * (high - low)) & (tau[:, j] < high - 0.1 * (high - low))
+                inner &= ~bad[:, j]
+                x.append(_columns(signals, known, j)[inner])
+                y.append(tau[inner, j])
+        theta = np.linalg.lstsq(np.vstack(x), np.concatenate(y), rcond=None)[0]
+        for out, (signals, known) in zip(predicted, made, strict=True):
+            out[:, j] = _columns(signals, known, j) @ theta
+    return predicted
+
+
+def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
+    """Samples (N,) at the run's own extreme, where many more are than at the levels next to it."""
+    values, counts = np.unique(tau, return_counts=True)
+    order = slice(None, None, -1) if top else slice(None)
+    values, counts = values[order], counts[order]
+    enough = counts[0] > max(_ROWS, _SHARE * len(tau)) and counts[0] > 3 * counts[1:4].mean(initial=0)
+    return tau == values[0] if enough else np.zeros(len(tau), dtype=bool)
+
+
+def _at_noisy_level(x: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """Samples (N,) near the largest level, where the torque stays there while the prediction goes beyond."""
+    none = np.zeros(len(x), dtype=bool)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / np.sqrt(6.0)
+    span = float(np.ptp(np.percentile(x, [0.5, 99.5])))
+    top = float(np.quantile(x, 0.998))
+    beyond = predicted > top + _BEYOND * span
+    if beyond.sum() < max(_ROWS, _SHARE * len(x)):
+        return none
+    level = float(np.median(x[beyond]))
+    spread = 1.4826 * float(np.median(np.abs(x[beyond] - level)))
+    width = max(4.0 * noise, 0.01 * span)
+    stays = spread < 0.5 * width and np.mean(np.abs(x[beyond] - level) < width) > 0.9
+    moves = float(np.std(predicted[beyond])) > max(5.0 * spread, 0.02 * span)
+    if not (stays and moves and top - level < width):
+        return none
+    return x > level - width
+
+
+def find_clipped(tau: np.ndarray, predicted: np.ndarray, limits: list[float] | None) -> np.ndarray:
+    """Samples (N, n) at a limit of the drive.
+
+    Parameters
+    ----------
+    tau, predicted : ndarray (N, n)
+        Measured torque, and what the motion needs roughly.
+    limits : list of float, optional
+        Torque limits that the data set states.
+    """
+    clipped = np.zeros(tau.shape, dtype=bool)
+    for j in range(tau.shape[1]):
+        if limits is not None:
+            clipped[:, j] |= np.abs(tau[:, j]) >= 0.999 * limits[j]
+        for sign in (1.0, -1.0):
+            clipped[:, j] |= _at_exact_level(tau[:, j], sign > 0)
+            clipped[:, j] |= _at_noisy_level(sign * tau[:, j], sign * predicted[:, j])
+    return clipped
+
+
+def bridge_torque(tau: np.ndarray, predicted: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Torque (N, n) with bad samples replaced by the prediction, shifted to meet the good ones beside."""
+    bridged = tau.copy()
+    rows = np.arange(len(tau))
+    for j in np.flatnonzero(bad.any(axis=0)):
+        good = ~bad[:, j]
+        if good.any():
+            off = np.interp(rows, rows[good], (tau - predicted)[good, j])
+            bridged[~good, j] = predicted[~good, j] + off[~good]
+    return bridged
+
+
+def spread_out(bad: np.ndarray, width: int) -> np.ndarray:
+    """Mark `width` samples on either side of every marked sample (N, n)."""
+    kernel = np.ones(2 * width + 1)
+    return np.column_stack([np.convolve(b, kernel, mode="same") > 0.5 for b in bad.T.astype(float)])
