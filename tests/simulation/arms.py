@@ -52,9 +52,7 @@ def swing(duration: float = 1.5, dt: float = 1e-3) -> Reference:
     t = np.arange(round(duration / dt)) * dt
     omega, phase = 2.0 * np.pi * np.array([0.55, 0.8, 0.7, 1.1]), np.array([0.3, 1.0, 2.0, 0.0])
     size, angle = np.array([0.6, 0.5, 0.2, 0.4]), t[:, None] * omega + phase
-    return Reference(
-        t, size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle)
-    )
+    return Reference(t, size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle))
 
 
 def stand(duration: float = 0.3, dt: float = 1e-3, q: tuple[float, ...] = (0.1, 0.2, 0.1, 0.3)) -> Reference:

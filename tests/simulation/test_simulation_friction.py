@@ -1,0 +1,201 @@
+"""What friction, limits and gears do in the step."""
+
+import numpy as np
+import pytest
+
+from wearscope.simulation.arrays import Law
+from wearscope.simulation.controller import find_step, make_feedforward, make_law
+from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.forward import simulate_forward, trace_forward
+from wearscope.simulation.gear import deflection, invert_deflection
+from wearscope.simulation.plant import build_plant
+from wearscope.simulation.run import run_motion
+from wearscope.simulation.terms import pack_terms
+from wearscope.simulation.world import World
+
+STRIBECK = {
+    "eta0": 10.0, "eta1": 6.0, "eta2": 0.0, "eta3": 0.05, "eta4": 0.0, "eta5": 8.0, "eta6": 0.0, "eta7": 0.2,
+    "eta8": 0.002, "eta9": 0.05,
+}  # fmt: skip
+
+
+def coast(model, q, v, steps=1500, dt=1e-3, wear=0.0, torque=None, gravity=True):
+    """Run without a controller; `torque` (n,) is applied throughout."""
+    n = model.n
+    if not gravity:
+        model = model.replace(gravity=[0.0, 0.0, 0.0])
+    zero = np.zeros((steps, n))
+    applied = zero if torque is None else np.tile(torque, (steps, 1))
+    law = Law(applied, np.zeros((steps + 1, n)), zero, np.zeros(n), np.zeros(n), np.full(n, 1e3))
+    body = model.rigid_body()
+    with World() as world:
+        return body, run_motion(world, body, build_plant(model), law, dt, 50.0, wear, (q, v))
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "stribeck", "presliding"])
+def test_friction_only_takes_energy_out(arms, kind):
+    effects = {
+        "coulomb": arms.rub(12.0, 2.0),
+        "stribeck": [(j, "friction_wear_temperature", STRIBECK) for j in arms.JOINTS],
+        "presliding": [
+            *arms.rub(12.0, 2.0),
+            *((j, "presliding_hysteresis", {"level": 12.0, "displacement": 0.01}) for j in arms.JOINTS),
+        ],
+    }[kind]
+    model = arms.make_arm(effects)
+    still = arms.make_arm()
+    v0 = np.array([1.0, -0.8, 0.6, 2.0])
+    body, trace = coast(model, np.zeros(4), v0, wear=20.0, gravity=False)
+    _, free = coast(still, np.zeros(4), v0, gravity=False)
+
+    def kinetic(trace):
+        return np.array(
+            [
+                0.5 * v @ (body.mass_matrix(q) + np.diag(model.rotor_inertia)) @ v
+                for q, v in zip(trace.q[:-1], trace.v[:-1], strict=True)
+            ]
+        )
+
+    energy, conserved = kinetic(trace), kinetic(free)
+    drift = np.abs(conserved / conserved[0] - 1.0).max()
+    assert drift < 2e-3  # of the integrator alone
+    assert np.all(np.diff(energy) <= 1e-4 * energy[0])
+    assert energy[-1] < 1e-3 * energy[0]
+
+
+def test_energy_balance_of_a_driven_arm(arms):
+    """Work of motors and gravity less friction's is the change of kinetic energy, up to the step."""
+    friction = 9.0
+    model = arms.make_arm(arms.rub(12.0, friction))
+    missing = []
+    for dt in (1e-3, 5e-4):
+        trace, _ = trace_forward(model, arms.swing(1.0, dt), longest_step=dt)
+        body = model.rigid_body()
+        q, v = trace.q, trace.v
+        middle = 0.5 * (v[1:] + v[:-1])
+        work = np.sum(trace.torque * v[1:]) * dt
+        heat = np.sum(12.0 * np.abs(v[1:]) + friction * v[1:] ** 2) * dt
+        gravity = np.sum([body.bias(x, np.zeros(4)) @ u for x, u in zip(q[:-1], middle, strict=True)]) * dt
+        inertia = np.diag(model.rotor_inertia)
+        kinetic = [0.5 * v[k] @ (body.mass_matrix(q[k]) + inertia) @ v[k] for k in (0, -1)]
+        missing.append(abs(work - heat - gravity - (kinetic[1] - kinetic[0])) / heat)
+    assert missing[0] < 0.02
+    assert missing[1] < 0.6 * missing[0]
+
+
+def test_joint_under_break_away_stays_exactly_still(arms):
+    model = arms.make_arm(arms.rub(12.0, 0.0))
+    q = np.array([0.1, 0.2, 0.1, 0.3])
+    for share in (0.999, -0.999):
+        _, trace = coast(model, q, np.zeros(4), 300, torque=None, gravity=False)
+        assert np.array_equal(trace.q, np.tile(q, (301, 1)))
+        held = np.full(4, share * 12.0)
+        _, trace = coast(model, q, np.zeros(4), 300, torque=held, gravity=False)
+        assert np.array_equal(trace.q, np.tile(q, (301, 1)))
+    _, trace = coast(model, q, np.zeros(4), 300, torque=np.full(4, 12.0 * 1.001), gravity=False)
+    assert np.all(trace.q[-1] > q)
+
+
+def test_break_away_level_counts_with_wear(arms):
+    model = arms.make_arm([(j, "friction_wear_temperature", STRIBECK) for j in arms.JOINTS])
+    q, torque = np.zeros(4), np.full(4, 18.0)
+    _, new = coast(model, q, np.zeros(4), 200, torque=torque, gravity=False)
+    _, worn = coast(model, q, np.zeros(4), 200, torque=torque, gravity=False, wear=50.0)
+    assert np.all(new.q[-1] > 0.0)  # 16 N m hold it
+    assert np.array_equal(worn.q[-1], q)  # 26 N m do
+
+
+def test_coasting_joint_stops_and_stays(arms):
+    model = arms.make_arm(arms.rub(12.0, 0.0))
+    _, trace = coast(model, np.zeros(4), np.array([0.3, 0.2, 0.2, 0.3]), 2000, gravity=False)
+    assert np.all(trace.v[-500:] == 0.0)
+
+
+def test_torque_limit_holds_and_is_reached(arms):
+    limit = [200.0, 260.0, 200.0, 200.0]
+    reference = arms.swing(1.0)
+    free = simulate_forward(arms.make_arm(arms.rub()), reference)
+    peak = np.abs(free.tau).max(axis=0)
+    assert peak[1] > 260.0
+    model = arms.make_arm(arms.rub(), drive={"rotor_inertia": [6.0, 8.0, 5.0, 1.0], "torque_limit": limit})
+    limited = simulate_forward(model, reference)
+    assert np.abs(limited.tau[:, 1]).max() == 260.0
+    assert np.all(np.abs(limited.tau) <= np.array(limit))
+
+
+def test_motor_too_weak_is_told(arms):
+    model = arms.make_arm(
+        arms.rub(), drive={"rotor_inertia": [6.0, 8.0, 5.0, 1.0], "torque_limit": [20.0, 20.0, 20.0, 20.0]}
+    )
+    with pytest.raises(SimulationError, match=r"joint 'lift' is .* off its reference at t = .*too weak"):
+        simulate_forward(model, arms.swing(1.5))
+
+
+def test_halving_the_step_changes_the_torque_little(arms):
+    model = arms.make_arm(arms.rub(12.0, 9.0))
+    runs = [
+        simulate_forward(model, arms.swing(1.5), longest_step=dt, sample_rate=500.0) for dt in (1e-3, 5e-4)
+    ]
+    off = np.sqrt(np.mean((runs[0].tau - runs[1].tau) ** 2, axis=0))
+    assert np.all(off < 0.01 * np.sqrt(np.mean(runs[1].tau ** 2, axis=0)))
+
+
+@pytest.mark.parametrize("lost_motion", [0.0, 1e-3])
+def test_gear_law_and_its_inverse(lost_motion):
+    for torque in (0.0, 1e-6, 0.3, 5.0, 300.0, -7.0, -4e3):
+        gap = deflection(torque, 1e-6, lost_motion, 8.0)
+        assert invert_deflection(gap, 1e-6, lost_motion, 8.0) == pytest.approx(torque, rel=1e-9, abs=1e-12)
+
+
+def test_static_load_bends_the_gear_by_its_compliance(arms):
+    compliance = 2e-5
+    model = arms.make_arm([*arms.rub(), ("lift", "joint_elasticity", {"compliance": compliance})])
+    reference = arms.stand()
+    trace, _ = trace_forward(model, reference)
+    link = trace.link_q[~np.isnan(trace.link_q[:, 1]), 1][-1]
+    load = model.rigid_body().bias(np.array([*reference.q[0, :1], link, *reference.q[0, 2:]]), np.zeros(4))[1]
+    assert abs(load) > 50.0
+    assert trace.q[-1, 1] - link == pytest.approx(compliance * load, rel=1e-6)
+    # The others stand without bending.
+    assert np.array_equal(trace.q[-1, [0, 2, 3]], reference.q[0, [0, 2, 3]])
+
+
+def test_backlash_lets_the_link_go_through_its_play(arms):
+    play = 4e-3
+    model = arms.make_arm([*arms.rub(), ("turn", "backlash", {"lost_motion": play, "mesh_torque": 5.0})])
+    reference = arms.swing(2.0)
+    trace, _ = trace_forward(model, reference)
+    read = ~np.isnan(trace.link_q[:, 0])
+    gap = trace.q[:-1][read, 0] - trace.link_q[read, 0]
+    assert np.ptp(gap) == pytest.approx(play, rel=0.05)
+    assert np.abs(gap).max() < 0.52 * play
+
+
+def test_coupled_terms_are_found(arms):
+    coupling = {"viscous": 6.0, "coulomb": 9.0, "inertia": 3.0, "other": 1.0}
+    _, terms = pack_terms(build_plant(arms.make_arm([*arms.rub(), ("slide", "cross_coupling", coupling)])))
+    assert terms.coupled.tolist() == [False, False, True, False]
+
+
+def test_feedforward_leaves_friction_out_unless_asked(arms):
+    spring = ("turn", "joint_spring", {"stiffness": 60.0, "preload": 5.0})
+    model, reference = arms.make_arm([*arms.rub(12.0, 9.0), spring]), arms.swing(0.5)
+    body, plant = model.rigid_body(), build_plant(model)
+    rigid = body.inverse_dynamics(reference.q, reference.v, reference.a) + plant.armature * reference.a
+    rigid[:, 0] += 60.0 * reference.q[:, 0] + 5.0
+    plain = make_feedforward(model, body, plant, reference)
+    np.testing.assert_allclose(plain, rigid, atol=1e-9)
+    rubbed = make_feedforward(model, body, plant, reference, friction=True)
+    np.testing.assert_allclose(rubbed - rigid, 12.0 * np.sign(reference.v) + 9.0 * reference.v, atol=1e-9)
+
+
+def test_gains_go_with_the_inertia_and_the_stated_bandwidth(arms):
+    model = arms.make_arm(controller={"bandwidth_hz": 4.0, "damping": 0.7})
+    reference = arms.stand()
+    body, plant = model.rigid_body(), build_plant(model)
+    law = make_law(model, reference, np.zeros_like(reference.q), body, plant.armature, model.torque_limit)
+    inertia = np.diag(body.mass_matrix(reference.q[0])) + model.rotor_inertia
+    omega = 2.0 * np.pi * 4.0
+    np.testing.assert_allclose(law.stiffness, omega**2 * inertia)
+    np.testing.assert_allclose(law.damping, 1.4 * omega * inertia)
+    assert find_step(reference.t) == 1e-3
