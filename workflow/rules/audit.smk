@@ -1,8 +1,9 @@
+AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_summary", "audit_verdicts")]
+
+
 rule audit:
     input:
-        f"{R}/audit.parquet",
-        f"{R}/audit_summary.parquet",
-        f"{R}/audit_verdicts.parquet",
+        AUDIT_TABLES,
 
 
 rule choose_audit_points:

@@ -1,5 +1,6 @@
 """Paths, the validated configuration, and the files that a rule's result depends on."""
 
+import glob
 import os
 import re
 import sys

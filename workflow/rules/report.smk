@@ -1,3 +1,147 @@
+SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
+SETUP_FIGURES = ["design", "recording", "friction"]
+FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
+if STUDY.audit.enabled:
+    FINDING_FIGURES.append("audit")
+CATEGORIES = {
+    "sensitivity": "Q-1: which factors matter",
+    "snr": "Q-2: which detector is best",
+    "snr_cells": "Q-2: which detector is best",
+    **dict.fromkeys(SCOPE_FIGURES, "Q-3: where it works"),
+    "fit": "Can the surrogates be trusted",
+    "audit": "Can the surrogates be trusted",
+    **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
+}
+
+
+# Style sheets and templates of figures and page, which no import shows.
+REPORT_FILES = sorted(
+    os.path.relpath(file)
+    for pattern in ("*.mplstyle", "templates/*")
+    for file in glob.glob(f"{SRC}/wearscope/reporting/{pattern}")
+)
+
+
+def figure_files(names):
+    """SVG files, with caption and category for `snakemake --report`, and PNG files of some figures."""
+    files = {}
+    for name in names:
+        caption = "scope" if name in SCOPE_FIGURES else name
+        files[f"{name}_svg"] = report(
+            f"{R}/figures/{name}.svg",
+            caption=f"../report/{caption}.rst",
+            category=CATEGORIES[name],
+            labels={"figure": name.replace("_", " ")},
+        )
+        files[f"{name}_png"] = f"{R}/figures/{name}.png"
+    return files
+
+
 rule report:
     input:
-        f"{R}/scope.parquet",
+        f"{R}/report.html",
+        f"{R}/findings.parquet",
+
+
+rule draw_setup:
+    input:
+        designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
+        traces=traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
+        robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
+        code=code(
+            "draw_setup",
+            *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
+        ),
+        style=REPORT_FILES,
+    output:
+        **figure_files(SETUP_FIGURES),
+    log:
+        f"{R}/logs/draw_setup.log",
+    benchmark:
+        f"{R}/benchmarks/draw_setup.tsv"
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        robots=ROBOTS,
+        cycle=next(iter(CYCLES)),
+        axis=STUDY.axes[0],
+        traces=f"{R}/traces/{next(iter(ROBOTS))}/{next(iter(CYCLES))}",
+    message:
+        "Draw what is simulated"
+    script:
+        "../scripts/draw_setup.py"
+
+
+rule draw_findings:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        snr=f"{R}/snr.parquet",
+        ranking=f"{R}/ranking.parquet",
+        scope=f"{R}/scope.parquet",
+        fits=f"{R}/fit_table.parquet",
+        audit=[f"{R}/audit.parquet"] if STUDY.audit.enabled else [],
+        code=code("draw_findings"),
+        style=REPORT_FILES,
+    output:
+        **figure_files(FINDING_FIGURES),
+    log:
+        f"{R}/logs/draw_findings.log",
+    benchmark:
+        f"{R}/benchmarks/draw_findings.tsv"
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        scope_factors=STUDY.scope.factors,
+        model=STUDY.sensitivity.model,
+        sensitivity_by=STUDY.sensitivity.group_by,
+        snr_by=STUDY.snr.group_by,
+        scope_by=STUDY.scope.group_by,
+    message:
+        "Draw the figures of the findings"
+    script:
+        "../scripts/draw_findings.py"
+
+
+rule write_report:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        validation=f"{R}/validation.parquet",
+        fits=f"{R}/fit_table.parquet",
+        sensitivity=f"{R}/sensitivity.parquet",
+        snr=f"{R}/snr.parquet",
+        ranking=f"{R}/ranking.parquet",
+        scope=f"{R}/scope.parquet",
+        failures=f"{R}/failures.parquet",
+        checks=f"{R}/design/checks.parquet",
+        audit=AUDIT_TABLES if STUDY.audit.enabled else [],
+        figures=[f"{R}/figures/{name}.svg" for name in SETUP_FIGURES + FINDING_FIGURES],
+        loop=DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else [],
+        truth=rules.record_demonstration.output.truth if STUDY.closed_loop.demonstration else [],
+        robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
+        code=code("write_report"),
+        style=REPORT_FILES,
+    output:
+        report=report(
+            f"{R}/report.html",
+            caption="../report/report.rst",
+            category="Report",
+            labels={"figure": "the whole report"},
+        ),
+        findings=f"{R}/findings.parquet",
+    log:
+        f"{R}/logs/write_report.log",
+    benchmark:
+        f"{R}/benchmarks/write_report.tsv"
+    conda:
+        ENV
+    params:
+        config={key: value for key, value in config.items() if key not in ("dataset", "attribution_board")},
+        factors=FACTORS,
+        robots=ROBOTS,
+        benchmarks=f"{R}/benchmarks",
+    message:
+        "Write the report"
+    script:
+        "../scripts/write_report.py"

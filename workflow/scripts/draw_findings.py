@@ -1,0 +1,31 @@
+"""The paper's Figs. 2, 3 and 4, and the figures that tell how far they can be trusted."""
+
+from job import run_job
+from wearscope import tables
+from wearscope.designs.factors import Factor
+from wearscope.reporting.figures.audit import draw_audit
+from wearscope.reporting.figures.fit import draw_fit
+from wearscope.reporting.figures.scope import draw_scope
+from wearscope.reporting.figures.sensitivity import draw_sensitivity
+from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
+from wearscope.reporting.style import save_figure
+
+with run_job(snakemake) as say:
+    params, given, out = snakemake.params, snakemake.input, snakemake.output
+    factors = [Factor(**one) for one in params.factors]
+    snr = tables.read_table(given.snr)
+    scope = tables.read_table(given.scope)
+
+    def save(name, figure):
+        save_figure(figure, out[f"{name}_svg"], out[f"{name}_png"])
+        say(f"{name} is drawn")
+
+    surrogates = tables.read_table(given.surrogates)
+    save("sensitivity", draw_sensitivity(surrogates, params.model, params.sensitivity_by))
+    save("snr", draw_snr(snr, tables.read_table(given.ranking), params.snr_by))
+    save("snr_cells", draw_snr_cells(snr))
+    for name in params.scope_factors:
+        save(f"scope_{name}", draw_scope(scope, name, factors, params.scope_by))
+    save("fit", draw_fit(tables.read_table(given.fits)))
+    for file in given.get("audit", []):
+        save("audit", draw_audit(tables.read_table(file)))

@@ -1,0 +1,48 @@
+"""The report: one self-contained page."""
+
+import json
+from pathlib import Path
+
+from job import run_job
+from wearscope import tables
+from wearscope.designs.factors import Factor
+from wearscope.provenance import describe_provenance, list_platform_files
+from wearscope.reporting.costs import read_costs
+from wearscope.reporting.findings import compare_with_paper, findings_table
+from wearscope.reporting.study import Study
+from wearscope.reporting.study_page import render_study
+from wearscope.robots.model import load_model
+
+TABLES = (
+    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures", "checks"
+)  # fmt: skip
+
+with run_job(snakemake):
+    given, params = snakemake.input, snakemake.params
+    audit = {Path(file).stem: tables.read_table(file) for file in given.get("audit", [])}
+    models = {robot: load_model(reference) for robot, reference in params.robots.items()}
+    made = describe_provenance(list_platform_files())
+    study = Study(
+        config=params.config,
+        factors=[Factor(**one) for one in params.factors],
+        **{name: tables.read_table(given[name]) for name in TABLES},
+        **audit,
+        loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},
+        planted=json.loads(Path(given.truth).read_text()) if given.get("truth") else None,
+        figures={Path(file).stem: Path(file) for file in given.figures},
+        costs=read_costs(params.benchmarks),
+        provenance={
+            "wearscope": made["code"]["wearscope"],
+            "commit": made["code"]["commit"],
+            "sources (SHA-256)": made["code"]["sha256"],
+            "Python": made["python"],
+            "packages": made["packages"],
+        },
+        sources={
+            robot: list(dict.fromkeys([model.source, *(entry.source for entry in model.effects)]))
+            for robot, model in models.items()
+        },
+    )
+    findings = compare_with_paper(study)
+    tables.write_table(snakemake.output.findings, findings_table(findings))
+    tables.write_text(snakemake.output.report, render_study(study, findings))
