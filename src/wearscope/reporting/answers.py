@@ -179,15 +179,15 @@ def effective_scope(study: Study) -> list[str]:
         description = study.factor(factor).description
         if all(share == 0 for share in groups.values()):
             sentences.append(
-                f"Varying {description} ({factor}): none; nowhere on the grid does any cell reach "
-                f"P_d ≥ {p_d:g} at P_f ≤ {p_f:g}."
+                f"Varying {description} ({factor}): none; nowhere on the grid does any cell detect "
+                f"{100 * p_d:g} % of faults at {100 * p_f:g} % false alarms."
             )
             continue
         listed = ", ".join(f"{name} {100 * groups[name]:.0f} %" for name in ranked[:6])
         left = f", and {len(ranked) - 6} more" if len(ranked) > 6 else ""
         sentences.append(
-            f"Varying {description} ({factor}): P_d ≥ {p_d:g} at P_f ≤ {p_f:g} is reached in these shares of "
-            f"the grid, {listed}{left}."
+            f"Varying {description} ({factor}): {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
+            f"alarms on these shares of the grid, {listed}{left}."
         )
         sentences.append(_largest_change(study, factor, ranked[0], found))
     return sentences
@@ -213,30 +213,33 @@ def audit_outcome(study: Study) -> list[str]:
         return ["Not audited: the study has no direct simulation to hold the surrogates against."]
     audit = study.audit
     good = audit[~audit["failed"]]
+    points = count_text(audit["point"].nunique(), "point")
     text = (
-        f"Simulated directly at {count_text(audit['point'].nunique(), 'point')}, {_share(good['inside'])} "
-        "values lie within the surrogate's 95 % prediction interval"
+        f"Simulated directly at {points}, {_share(good['inside'], 'value')} lie within the surrogate's 95 % "
+        "prediction interval"
     )
     far = good[good["extrapolated"]]
-    if len(far):
-        text += f"; where it extrapolates, {_share(far['inside'])}"
+    if len(far) == len(good):
+        text += "; it extrapolates at all of them"
+    elif len(far):
+        text += f"; where it extrapolates, {_share(far['inside'], 'value')}"
     sentences = [text + "."]
     failed = len(audit) - len(good)
     if failed:
-        sentences.append(f"{count_text(failed, 'audited value')} failed and count for neither side.")
+        sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}.")
     if study.audit_verdicts is not None and len(study.audit_verdicts):
         agrees = study.audit_verdicts["agrees"]
-        sentences.append(
-            f"Scope verdicts checked the same way: {_share(agrees)} agree with direct simulation."
-        )
+        sentences.append(f"Of the scope verdicts, {_share(agrees, 'verdict')} checked in that way agree.")
     else:
         sentences.append("No scope verdict could be checked directly.")
     return sentences
 
 
-def _share(flags: pd.Series) -> str:
+def _share(flags: pd.Series, noun: str) -> str:
+    """``3 of 4 values (75 %)``."""
     n = len(flags)
-    return f"{int(flags.sum())} of {n} ({100 * float(flags.mean()):.0f} %)" if n else "0 of 0"
+    percent = f" ({100 * float(flags.mean()):.0f} %)" if n else ""
+    return f"{int(flags.sum())} of {count_text(n, noun)}{percent}"
 
 
 def failed_points(study: Study) -> str:

@@ -114,6 +114,11 @@ def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind:
     return Markup("<figure>{}{}</figure>").format(image, text)
 
 
+def unbreak(text: str) -> str:
+    """Text whose numbers stay on the line of their unit, and signs on that of their number."""
+    return re.sub(r"(?<=[\d>]) (?=%|°C)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])", "\N{NO-BREAK SPACE}", text)
+
+
 def badge(text: str, kind: str = "neutral") -> Markup:
     """Short coloured label; `kind` is good, bad, unsure or neutral."""
     return Markup('<span class="badge {}">{}</span>').format(kind, text)

@@ -10,7 +10,14 @@ from wearscope.reporting import answers
 from wearscope.reporting.assumptions import list_assumptions
 from wearscope.reporting.costs import PAPER
 from wearscope.reporting.findings import Finding, count_verdicts
-from wearscope.reporting.labels import MODEL_NAMES, count_text, group_columns, join_words, term_label
+from wearscope.reporting.labels import (
+    MODEL_NAMES,
+    count_text,
+    group_columns,
+    group_name,
+    join_words,
+    term_label,
+)
 from wearscope.reporting.loop import draw_loop, joint_table, verdict_sentences
 from wearscope.reporting.page import (
     Section,
@@ -20,6 +27,7 @@ from wearscope.reporting.page import (
     render_page,
     render_table,
     render_template,
+    unbreak,
 )
 from wearscope.reporting.study import Study
 
@@ -40,7 +48,7 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     """
     sections = [
         Section("Summary", _summary(study, findings), "summary"),
-        Section("Beside the paper", _beside(findings), "paper"),
+        Section("Beside the paper", _beside(study, findings), "paper"),
         Section("Q-1: which factors matter?", _relevance(study), "q1"),
         Section("Q-2: which detector is best?", _comparison(study), "q2"),
         Section("Q-3: where does it work?", _scope(study), "q3"),
@@ -62,11 +70,11 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
 
 
 def _paragraphs(sentences: Iterable[str]) -> Markup:
-    return Markup("").join(Markup("<p>{}</p>").format(one) for one in sentences)
+    return Markup("").join(Markup("<p>{}</p>").format(unbreak(one)) for one in sentences)
 
 
 def _bullets(sentences: Iterable[str]) -> Markup:
-    items = Markup("").join(Markup("<li>{}</li>").format(one) for one in sentences)
+    items = Markup("").join(Markup("<li>{}</li>").format(unbreak(one)) for one in sentences)
     return Markup("<ul>{}</ul>").format(items)
 
 
@@ -95,6 +103,7 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
             "Fits, audit, assumptions",
         ),
     ]
+    cards = [(title, list(map(unbreak, said)), link, more) for title, said, link, more in cards]
     alarms = [] if study.failures.empty else [answers.failed_points(study)]
     return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
 
@@ -137,13 +146,16 @@ def _loops(study: Study) -> Markup:
     return Markup("").join(parts)
 
 
-def _beside(findings: Sequence[Finding]) -> Markup:
+def _beside(study: Study, findings: Sequence[Finding]) -> Markup:
     table = pd.DataFrame(
         {
             "": [one.question for one in findings],
             "the paper": [one.paper for one in findings],
             "this study": [one.here for one in findings],
-            "verdict": [badge(one.verdict, VERDICT_KINDS[one.verdict]) for one in findings],
+            # As objects: a column of strings would forget that these are HTML.
+            "verdict": pd.Series(
+                [badge(one.verdict, VERDICT_KINDS[one.verdict]) for one in findings], dtype=object
+            ),
         }
     )
     note = (
@@ -155,21 +167,52 @@ def _beside(findings: Sequence[Finding]) -> Markup:
         "but some "
         "interval leaves it open. θ̃ is a coefficient over that of wear (8)."
     )
-    return Markup('<p class="note">{}</p>{}').format(note, render_table(table))
+    return Markup('<p class="note">{}</p>{}{}').format(note, render_table(table), _speed(study))
+
+
+def _speed(study: Study) -> Markup:
+    """The paper's costs beside this study's."""
+    config = study.config
+    points = 2 * int(study.checks["points"].iloc[0]) + config["simulation"]["nominal_runs"]
+    runs = len(config["robots"]) * len(config["cycles"]) * points
+    if study.audit is not None:
+        runs += len(study.audit[["robot", "cycle", "point"]].drop_duplicates())
+    seconds = dict(zip(study.costs["stage"], study.costs["seconds"], strict=True))
+    what = {
+        "simulate_points": ("540 simulations", count_text(runs, "simulation")),
+        "compute_snr": ("SNR of 108 cells", f"SNR of {count_text(len(study.snr), 'cell')}"),
+        "compute_scope": (
+            "scope of 108 cells",
+            f"scope of {count_text(len(study.snr), 'cell')}, both methods",
+        ),
+    }
+    table = pd.DataFrame(
+        {
+            "the paper": [paper for paper, _ in what.values()],
+            "took [s]": [PAPER[stage] for stage in what],
+            "this study": [here for _, here in what.values()],
+            "jobs took [s]": [float(seconds.get(stage, float("nan"))) for stage in what],
+        }
+    )
+    return render_table(table, "Costs, each on its own computer; n/a: no timing lies beside the results.")
 
 
 def _relevance(study: Study) -> Markup:
     table = study.sensitivity
     by = group_columns(table)
-    main = table[~table["term"].str.contains(r"[:^]", regex=True)]
-    shown = main[[*by, "term", "n", "n_nan", "median", "q1", "q3", "median_absolute"]].copy()
-    shown["term"] = shown["term"].map(term_label)
-    shown["outweighs wear in [% of cells] (95 %)"] = [
-        f"{format_number(100 * row.share_relevant)} ({format_number(100 * row.share_low)} to "
-        f"{format_number(100 * row.share_high)})"
-        for row in main.itertuples()
-    ]
-    shown = shown.rename(columns={"n": "cells", "n_nan": "cells n/a", "median_absolute": "median |θ̃|"})
+    main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
+    shown = main.assign(
+        term=main["term"].map(term_label),
+        text=[
+            f"{format_number(row.median_absolute)}; {row.n_relevant} of {row.n}"
+            + (f", {row.n_nan} n/a" if row.n_nan else "")
+            for row in main.itertuples()
+        ],
+    )
+    shown = shown.assign(
+        group=[group_name(by, key) for key in shown[by].itertuples(index=False)] if by else "all"
+    )
+    wide = shown.pivot(index="group", columns="term", values="text").reset_index()
     model = study.config["sensitivity"]["model"]
     caption = (
         f"Fig. 2: normalised coefficients (8) of the {MODEL_NAMES[model]} model. Dotted circle: median; box: "
@@ -177,13 +220,17 @@ def _relevance(study: Study) -> Markup:
         "than wear. "
         "The scale turns logarithmic beyond ±1 where values reach far."
     )
+    note = (
+        "Direct effects: median |θ̃|; cells in which it outweighs wear. Interactions and squares: "
+        "sensitivity.parquet."
+    )
     sentences = answers.relevant_factors(study)
     return Markup("{}{}{}").format(
         _bullets(sentences),
         _figure(
             study, "sensitivity", "Box plots of the normalised coefficients. " + " ".join(sentences), caption
         ),
-        render_table(shown, "Direct effects; interactions and squares are in sensitivity.parquet."),
+        render_table(wide, note),
     )
 
 
@@ -289,7 +336,8 @@ def _simulated(study: Study) -> Markup:
         (
             "friction",
             "Friction torque against speed at several temperatures and wear levels.",
-            "The friction law (17) of the wearing joints. Wear adds friction at low speed and in proportion to "
+            "The friction law (17) of the wearing joints. Wear adds friction at low speed and in "
+            "proportion to "
             "speed; temperature changes both.",
         ),
     ]
@@ -311,11 +359,7 @@ def _costs(study: Study) -> Markup:
     shown = costs.sort_values("seconds", ascending=False, kind="stable").rename(
         columns={"seconds": "seconds, all jobs", "memory": "largest job [MiB]"}
     )
-    shown["the paper [s]"] = [PAPER.get(stage, float("nan")) for stage in shown["stage"]]
-    note = (
-        "Seconds of the jobs of the last run of each stage, added up; the paper's are for 540 simulations, "
-        "1.08e7 and 9.72e9 surrogate runs on its own computer."
-    )
+    note = "Seconds of the jobs of the last run of each stage, added up; two jobs run at once on two cores."
     return Markup('<p class="note">{}</p>{}').format(note, render_table(shown))
 
 

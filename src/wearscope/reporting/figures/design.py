@@ -31,7 +31,8 @@ def draw_design(designs: Mapping[str, pd.DataFrame], factors: Sequence["Factor"]
     wear = [factor.name for factor in factors if factor.kind == "wear"]
     labels = [
         with_unit(
-            f"{one.name}  {_description(one, wear)}, {one.low:g} to {one.high:g}".replace("-", "−"), one.unit
+            f"{one.name}  {_description(one, wear)}, " + f"{one.low:g} to {one.high:g}".replace("-", "−"),
+            one.unit,
         )
         for one in factors
     ]
