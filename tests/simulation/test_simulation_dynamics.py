@@ -10,12 +10,14 @@ import pytest
 from wearscope.effects.base import Plant
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
+from wearscope.simulation import step
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.chain import build_chain, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.run import run_motion
 from wearscope.simulation.world import World, prove_world
+from wearscope.sources import find_sources
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 
@@ -174,3 +176,20 @@ def test_against_mujoco_with_armature_and_damping(arms):
     errors = errors_by_step(model, q, mujoco_end(model, q, slope), build_plant(model))
     assert errors[0] < 5e-3
     assert errors[1] < 0.55 * errors[0] and errors[2] < 0.55 * errors[1]
+
+
+def test_compiled_step_is_looked_up_by_all_its_sources(monkeypatch, tmp_path):
+    """Numba's cache knows only the file of the cached function; a change elsewhere must not be missed."""
+    modules = {
+        Path(name).stem for name in find_sources(step.__file__) if Path(name).parent.name == "simulation"
+    }
+    # It imports no name of `arrays`, but is compiled for what stands there.
+    assert (modules | {"arrays"}) - {"__init__", "errors"} == set(step.SOURCES)
+    before = step._stamp_sources()
+    for name in step.SOURCES:
+        (tmp_path / f"{name}.py").write_text(Path(step.__file__).with_name(f"{name}.py").read_text())
+    monkeypatch.setattr(step, "__file__", str(tmp_path / "step.py"))
+    assert step._stamp_sources() == before
+    with open(tmp_path / "gear.py", "a") as file:
+        file.write("# changed")
+    assert step._stamp_sources() != before

@@ -17,6 +17,10 @@ Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set; Anitescu and 
 14(3), for taking it at the step's end.
 """
 
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 from numba import njit
 
@@ -24,6 +28,8 @@ from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.gear import deflection_slope, invert_deflection
 from wearscope.simulation.terms import evaluate_terms
 
+#: Modules of this room that the compiled step is made of.
+SOURCES = ("arrays", "chain", "dynamics", "gear", "step", "terms")
 MAX_ITERATIONS = 80
 #: After these iterations only the joint that is furthest beyond break-away is released at a time.
 PATIENCE = 25
@@ -32,7 +38,7 @@ PATIENCE = 25
 SAFETY, TRUST = 5.0, 30.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _solve(a, b):
     """Solve a x = b in place, without pivoting; False where a pivot vanishes or is negative."""
     n = len(b)
@@ -53,13 +59,13 @@ def _solve(a, b):
     return True
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _set_speed(motion, state, j, speed, dt):
     motion.speed[j] = speed
     motion.acceleration[j] = (speed - state.y[j]) / dt
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _learn_slopes(terms, state, work, motion):
     """Take the slopes of the effects' torques from the last two iterates."""
     mode, y = state.mode, motion.speed
@@ -70,7 +76,7 @@ def _learn_slopes(terms, state, work, motion):
         work.old_speed[j], work.old_torque[j], work.old_mode[j] = y[j], work.high[j], mode[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _balance(law, gears, state, work, motion, w, k, dt):
     """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
     n = len(state.mode)
@@ -103,7 +109,7 @@ def _balance(law, gears, state, work, motion, w, k, dt):
     return missing
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _release(gears, state, work, motion, single):
     """Release motors at rest that need more than friction can give; say whether any was."""
     worst, beyond = -1, 0.0
@@ -124,14 +130,14 @@ def _release(gears, state, work, motion, single):
     return any_released
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _let_go(state, work, motion, j):
     state.mode[j] = 1 if work.need[j] > work.high[j] else -1
     motion.sign[j] = state.mode[j]
     state.slope[j] = np.nan
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _correct(gears, terms, state, work, motion, w, dt):
     """One Newton step of speeds; motors whose direction would turn come to rest.
 
@@ -194,7 +200,7 @@ def _correct(gears, terms, state, work, motion, w, dt):
     return turned
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _begin(state, work, motion, gears, w, dt):
     """First iterate: the acceleration of the step before goes on."""
     n = len(state.mode)
@@ -215,7 +221,7 @@ def _begin(state, work, motion, gears, w, dt):
         work.old_mode[j] = 0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear, may_trust):
     """Iterate until the torques balance; False where they do not.
 
@@ -255,34 +261,12 @@ def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, tempe
     return False
 
 
-@njit(cache=True, error_model="numpy")
-def advance_block(
+@njit(error_model="numpy")
+def _advance(
     rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
     temperature, wear, t0, dt, first, last,
 ):  # fmt: skip
-    """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
-
-    Parameters
-    ----------
-    rows, terms : typed.List, Terms
-    law : Law
-    gears : Gears
-    plant, bodies : Chain
-        The robot as it is, and as PyBullet holds it; they differ where `ghost` is set.
-    state : State
-    work, motion, w, v : Work, Motion, Scratch, Scratch
-    log : Log
-        Rows `first` to `last` are written.
-    temperature, wear : ndarray (1 or N, n)
-        [deg C], [-].
-    t0, dt : float
-        Start and step [s].
-
-    Returns
-    -------
-    int
-        -1, or the step that has no solution.
-    """
+    """See `advance_block`."""
     n = len(state.q)
     # Memory and coupling are taken from the last evaluation.
     may_trust = not (terms.remembers.any() or terms.coupled.any())
@@ -318,3 +302,55 @@ def advance_block(
             state.y[j] = motion.speed[j]
             state.q[j] += dt * work.x[j]
     return -1
+
+
+def _stamp_sources() -> int:
+    """Digest of the sources that the compiled step is made of.
+
+    Numba looks for changes in a cached function's own file only. The digest, as a variable of the function,
+    is part of what its cache is looked up by; functions of this file that use others' are not cached.
+    """
+    files = [Path(__file__).with_name(f"{name}.py") for name in SOURCES]
+    return int(hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12], 16)
+
+
+def _compile_advance(stamp: int) -> Callable:
+    @njit(cache=True, error_model="numpy")
+    def advance_block(
+        rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
+        temperature, wear, t0, dt, first, last,
+    ):  # fmt: skip
+        """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
+
+        Parameters
+        ----------
+        rows, terms : typed.List, Terms
+        law : Law
+        gears : Gears
+        plant, bodies : Chain
+            The robot as it is, and as PyBullet holds it; they differ where `ghost` is set.
+        state : State
+        work, motion, w, v : Work, Motion, Scratch, Scratch
+        log : Log
+            Rows `first` to `last` are written.
+        temperature, wear : ndarray (1 or N, n)
+            [deg C], [-].
+        t0, dt : float
+            Start and step [s].
+
+        Returns
+        -------
+        int
+            -1, or the step that has no solution.
+        """
+        if stamp < 0:
+            return first
+        return _advance(
+            rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
+            temperature, wear, t0, dt, first, last,
+        )  # fmt: skip
+
+    return advance_block
+
+
+advance_block = _compile_advance(_stamp_sources())
