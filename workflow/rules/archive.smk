@@ -16,7 +16,6 @@ rule pack_archive:
     conda:
         ENV
     params:
-        folder=R,
         config=config,
     message:
         "Pack the study into {output}"

@@ -45,7 +45,6 @@ use rule compute_test_quantities as compute_audit_quantities with:
     benchmark:
         f"{R}/benchmarks/compute_audit_quantities/{{robot}}/{{cycle}}.tsv"
     params:
-        traces=f"{R}/traces/{{robot}}/{{cycle}}",
         sets=["audit"],
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,

@@ -108,7 +108,7 @@ rule run_board:
         f"{BOARD}/run_board.tsv"
     conda:
         ENV
-    threads: workflow.cores
+    threads: 64  # all there are
     params:
         size=STUDY.attribution_board.size,
         nulls=STUDY.attribution_board.nulls,

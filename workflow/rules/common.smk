@@ -46,6 +46,29 @@ POINTS = {
 STUDY_SETS = ["identification", "validation", "nominal"]
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
+SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
+SETUP_FIGURES = ["design", "recording", "friction"]
+FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
+if STUDY.audit.enabled:
+    FINDING_FIGURES.append("audit")
+CATEGORIES = {
+    "sensitivity": "Q-1: which factors matter",
+    "snr": "Q-2: which detector is best",
+    "snr_cells": "Q-2: which detector is best",
+    **dict.fromkeys(SCOPE_FIGURES, "Q-3: where it works"),
+    "fit": "Can the surrogates be trusted",
+    "audit": "Can the surrogates be trusted",
+    **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
+}
+
+
+# Style sheets and templates of figures and page, which no import shows.
+REPORT_FILES = sorted(
+    os.path.relpath(file)
+    for pattern in ("*.mplstyle", "templates/*")
+    for file in glob.glob(f"{SRC}/wearscope/reporting/{pattern}")
+)
+
 
 wildcard_constraints:
     robot="|".join(map(re.escape, ROBOTS)),
@@ -154,3 +177,18 @@ def dataset_files(path):
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
     paths = [os.path.join(folder, name) for name in names if isinstance(name, str)]
     return [path for path in paths if os.path.isfile(path)]
+
+
+def figure_files(names):
+    """SVG files, with caption and category for `snakemake --report`, and PNG files of some figures."""
+    files = {}
+    for name in names:
+        caption = "scope" if name in SCOPE_FIGURES else name
+        files[f"{name}_svg"] = report(
+            f"{R}/figures/{name}.svg",
+            caption=f"../report/{caption}.rst",
+            category=CATEGORIES[name],
+            labels={"figure": name.replace("_", " ")},
+        )
+        files[f"{name}_png"] = f"{R}/figures/{name}.png"
+    return files

@@ -1,42 +1,3 @@
-SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
-SETUP_FIGURES = ["design", "recording", "friction"]
-FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
-if STUDY.audit.enabled:
-    FINDING_FIGURES.append("audit")
-CATEGORIES = {
-    "sensitivity": "Q-1: which factors matter",
-    "snr": "Q-2: which detector is best",
-    "snr_cells": "Q-2: which detector is best",
-    **dict.fromkeys(SCOPE_FIGURES, "Q-3: where it works"),
-    "fit": "Can the surrogates be trusted",
-    "audit": "Can the surrogates be trusted",
-    **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
-}
-
-
-# Style sheets and templates of figures and page, which no import shows.
-REPORT_FILES = sorted(
-    os.path.relpath(file)
-    for pattern in ("*.mplstyle", "templates/*")
-    for file in glob.glob(f"{SRC}/wearscope/reporting/{pattern}")
-)
-
-
-def figure_files(names):
-    """SVG files, with caption and category for `snakemake --report`, and PNG files of some figures."""
-    files = {}
-    for name in names:
-        caption = "scope" if name in SCOPE_FIGURES else name
-        files[f"{name}_svg"] = report(
-            f"{R}/figures/{name}.svg",
-            caption=f"../report/{caption}.rst",
-            category=CATEGORIES[name],
-            labels={"figure": name.replace("_", " ")},
-        )
-        files[f"{name}_png"] = f"{R}/figures/{name}.png"
-    return files
-
-
 rule report:
     input:
         f"{R}/report.html",
@@ -66,7 +27,6 @@ rule draw_setup:
         robots=ROBOTS,
         cycle=next(iter(CYCLES)),
         axis=STUDY.axes[0],
-        traces=f"{R}/traces/{next(iter(ROBOTS))}/{next(iter(CYCLES))}",
     message:
         "Draw what is simulated"
     script:

@@ -21,7 +21,6 @@ rule compute_test_quantities:
     conda:
         ENV
     params:
-        traces=f"{R}/traces/{{robot}}/{{cycle}}",
         sets=["identification", "validation"],
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,

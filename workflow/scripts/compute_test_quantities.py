@@ -1,5 +1,7 @@
 """Test quantities of one robot and test-cycle."""
 
+from pathlib import Path
+
 from job import count_progress, run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor
@@ -10,12 +12,13 @@ from wearscope.simulation.traces import read_points
 
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
+    traces = Path(snakemake.input.traces[0]).parents[1]
     model = load_model(params.reference)
     designs = {name: tables.read_table(snakemake.input[name]) for name in params.sets}
     nominal = tables.read_table(snakemake.input.nominal)
 
     def read_batches(name, table):
-        for point, one in read_points(params.traces, name, table["point"], model):
+        for point, one in read_points(traces, name, table["point"], model):
             yield name, point, Batch(one.t, one.q, one.qd, one.tau)
 
     table = compute_test_quantities(

@@ -33,8 +33,9 @@ with run_job(snakemake):
 
     robot, model = next(iter(models.items()))
     joint = model.joints.index(model.wear_joints[params.axis - 1])
+    traces = Path(snakemake.input.traces[0]).parents[1]
     pair = choose_pair(designs["identification"], factors)
-    less, more = (one for _, one in read_points(params.traces, "identification", pair, model))
+    less, more = (one for _, one in read_points(traces, "identification", pair, model))
     coded = designs["identification"].set_index("point")["f_natural"]
     figure = draw_recording(
         less,

@@ -7,7 +7,7 @@ from wearscope.archive import pack_study
 from wearscope.provenance import list_platform_files
 
 with run_job(snakemake) as say:
-    folder = Path(snakemake.params.folder)
+    folder = Path(snakemake.input.study[0]).parent
     # This job's own log and timing are still being written.
     own = {Path(snakemake.log[0]), folder / "benchmarks" / "pack_archive.tsv"}
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file not in own]
