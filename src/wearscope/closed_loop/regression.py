@@ -362,23 +362,33 @@ def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -
     return losses
 
 
-def block_scores(model: Regression, family: Regressors, fit: Partial) -> np.ndarray:
-    """Scores of a family block by block, of the residual that is left when the family is fitted too.
+def block_scores(model: Regression, family: Regressors, beta: np.ndarray | None = None) -> np.ndarray:
+    """Scores of a family block by block: its regressors, the model projected out, times the residual.
+
+    Parameters
+    ----------
+    model : Regression
+    family : Regressors
+    beta : ndarray (s, m), optional
+        Where given, the residual is that left when the family is fitted too, and scores sum to zero; else that
+        of the model alone.
 
     Returns
     -------
     ndarray (B, s, m)
-        Sum over a block of the regressors, after the model is projected out, times that residual; they sum
-        to zero.
     """
-    beta = fit.beta
-    scores = family.score - np.einsum("bsij,sj->bsi", family.gram, beta)
-    if not model.p:
+    s, m, p = family.cross.shape[1:]
+    scores = family.score.copy()
+    if beta is not None:
+        scores -= np.einsum("bsij,sj->bsi", family.gram, beta)
+    if not p:
         return scores
     a = model.gram.sum(axis=0) + model.prior
-    s, m, p = family.cross.shape[1:]
-    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T)
-    theta = model.solve()[:, None] - np.einsum("psm,sm->ps", onto.reshape(p, s, m), beta)
-    scores -= np.einsum("bsmp,ps->bsm", family.cross, theta)
-    own = model.score[:, :, None] - model.gram @ theta - np.einsum("bsmp,sm->bps", family.cross, beta)
-    return scores - np.einsum("bps,psm->bsm", own, onto.reshape(p, s, m))
+    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
+    theta = np.repeat(model.solve()[:, None], s, axis=1)
+    own = model.score[:, :, None]
+    if beta is not None:
+        theta = theta - np.einsum("psm,sm->ps", onto, beta)
+        own = own - np.einsum("bsmp,sm->bps", family.cross, beta)
+    own = own - model.gram @ theta
+    return scores - np.einsum("bsmp,ps->bsm", family.cross, theta) - np.einsum("bps,psm->bsm", own, onto)

@@ -34,8 +34,8 @@ class Scored:
     Attributes
     ----------
     entry : Entry
-    gain : float
-        Reduction of the loss on the blocks it is fitted on.
+    odds : float
+        Loss it removes over the loss that is left, on the blocks it is fitted on.
     cv_gain : float
         Reduction of the held-out loss.
     cv_share : float
@@ -51,12 +51,14 @@ class Scored:
     beta : ndarray (m,)
     reason : str
         Why it cannot be taken; empty where it can.
+    extends : bool
+        Whether it adds coefficients to an effect that is in the model.
     flips : ndarray (F,)
-        Score under block sign flips.
+        Odds when the residual's blocks change sign at random.
     """
 
     entry: Entry
-    gain: float
+    odds: float
     cv_gain: float
     cv_share: float
     cv_loss: np.ndarray
@@ -66,6 +68,7 @@ class Scored:
     flips: np.ndarray
     p_block: float = np.nan
     reason: str = ""
+    extends: bool = False
 
     @property
     def size(self) -> int:
@@ -89,11 +92,16 @@ class Scorer:
     folds: Folds
     flips: np.ndarray
     joint_loss: np.ndarray = field(init=False)
+    sample_loss: np.ndarray = field(init=False)
     base: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.base = self.model.cross_validate(self.folds)
         self.joint_loss = self.model.cross_validate_joints(self.folds)
+        residuals = self.model.residuals(self.model.solve())
+        self.sample_loss = np.zeros(self.model.prepared.n)
+        for r, w in zip(residuals, self.model.weights, strict=True):
+            self.sample_loss += ((r * w) ** 2).sum(axis=0)
 
     def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
         """Score variants of a family, all of its effect's where none are given."""
@@ -105,7 +113,7 @@ class Scorer:
     def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:
         model = self.model
         fit = partial_fit(model, regressors)
-        scores = block_scores(model, regressors, fit)
+        scores = block_scores(model, regressors)
         inner = fit.inner
         best = int(np.argmax(fit.gain))
         beta = fit.beta[best]
@@ -119,33 +127,38 @@ class Scorer:
         losses = cross_validate_family(model, regressors, self.folds)
         own = regressors.gram[:, best].sum(axis=0)
         isolability = float(np.sqrt(max(beta @ inner[best] @ beta, 0.0) / max(beta @ own @ beta, 1e-300)))
-        scale = self._loss_at(family, best, subset, beta)
+        scale = self._loss_at(family, best, subset, beta, self.joint_loss)
+        sample = self._loss_at(family, best, subset, beta, self.sample_loss)
         gain = float(np.nansum(self.base - losses))
         scored = Scored(
             entry=family.entry(best, subset),
-            gain=float(fit.gain[best]),
+            odds=_odds(fit.gain[best], sample),
             cv_gain=gain,
             cv_share=gain / max(float(scale), 1e-300),
             cv_loss=losses,
-            p_run=self._test_runs(scores[:, best], inner[best], beta),
+            p_run=self._test_runs(
+                block_scores(model, regressors.at(best), beta[None])[:, 0], inner[best], beta
+            ),
             isolability=isolability,
             beta=beta,
-            flips=flips,
+            flips=_odds(flips, sample),
         )
         information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
         scored.reason = self._object(scored, own, blocks)
         return scored
 
-    def _loss_at(self, family: Family, shape: int, subset: np.ndarray, beta: np.ndarray) -> float:
-        """Held-out loss of the joints a candidate acts on, each by how strongly it does."""
+    def _loss_at(
+        self, family: Family, shape: int, subset: np.ndarray, beta: np.ndarray, loss: np.ndarray
+    ) -> float:
+        """Loss of the joints a candidate acts on, each by how strongly it does."""
         if not family.effect.spread:
-            return float(self.joint_loss[family.joint])
+            return float(loss[family.joint])
         power = np.zeros(self.model.prepared.n)
         for x, w in zip(family.columns, self.model.weights, strict=True):
             own = x.reshape(*x.shape[:2], -1, family.count)[:, :, shape][..., subset] @ beta
             power += ((own * w) ** 2).sum(axis=0)
-        return float((power / max(power.max(), 1e-300)) @ self.joint_loss)
+        return float((power / max(power.max(), 1e-300)) @ loss)
 
     def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
         """Whether runs agree: t-test of the gain with the scores' scatter over them as its error."""
@@ -174,6 +187,11 @@ class Scorer:
         return ""
 
 
+def _odds(gain: np.ndarray, loss: float) -> np.ndarray:
+    """Loss removed over loss left."""
+    return np.asarray(gain) / np.maximum(loss - np.asarray(gain), 1e-9 * max(loss, 1e-300))
+
+
 def make_flips(count: int, blocks: int, seed: int) -> np.ndarray:
     """Random signs (count, blocks)."""
     return np.random.default_rng(np.random.SeedSequence([seed, blocks])).choice([-1.0, 1.0], (count, blocks))
@@ -192,16 +210,16 @@ def adjust_p_values(scored: list[Scored]) -> None:
     for i, s in enumerate(scored):
         mean, variance = s.flips.mean(), max(s.flips.var(), 1e-300)
         shape, scale = mean**2 / variance, variance / max(mean, 1e-300)
-        observed[i] = stats.gamma.logsf(s.gain, shape, scale=scale)
+        observed[i] = stats.gamma.logsf(s.odds, shape, scale=scale)
         lowest = np.minimum(lowest, stats.gamma.logsf(s.flips, shape, scale=scale))
     ordered = np.sort(lowest)
     for s, value in zip(scored, observed, strict=True):
         s.p_block = float((1 + np.searchsorted(ordered, value, side="right")) / (len(ordered) + 1))
 
 
-def separates(better: np.ndarray, worse: np.ndarray, quantile: float = 2.0) -> bool:
-    """Whether held-out losses by block tell two candidates apart, outside the noise of their difference."""
+def separates(better: np.ndarray, worse: np.ndarray, least: float) -> bool:
+    """Whether held-out losses by block tell two candidates apart: by `least` at least, outside the noise."""
     difference = worse - better
     difference = difference[np.isfinite(difference)]
     error = np.sqrt(len(difference) * max(difference.var(ddof=1), 1e-300))
-    return bool(difference.sum() > quantile * error)
+    return bool(difference.sum() > max(2.0 * error, least))

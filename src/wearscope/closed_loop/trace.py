@@ -37,6 +37,8 @@ from wearscope.closed_loop.scoring import Scored, Scorer, adjust_p_values, make_
 from wearscope.effects.base import load_effect
 
 
+#: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
+_MATERIAL = 0.02
 #: Effects that a joint can have several of.
 _REPEATABLE = frozenset({"torque_ripple", "cross_coupling", "unknown"})
 
@@ -228,7 +230,10 @@ class Tracer:
             reduce_columns(present.effect, present.joint, shapes, run)
             for run in self.prepared.runs_for("train")
         ]
-        return scorer.score(Family(present.effect, present.joint, shapes, columns), further)
+        scored = scorer.score(Family(present.effect, present.joint, shapes, columns), further)
+        for s in scored:
+            s.extends = True
+        return scored
 
     def left(self, s: Scored) -> float:
         """Held-out loss now over that of the declared model, at the candidate's joint."""
@@ -241,7 +246,9 @@ class Tracer:
             return False
         if s.p_block > o.alpha:
             s.reason = "not significant once all candidates are counted"
-        elif s.cv_share < least or s.cv_share * self.left(s) < o.minimum_share:
+        elif s.cv_share < least or (
+            s.cv_share * self.left(s) < o.minimum_share and not (s.extends and self.folds.agree_by_run)
+        ):
             s.reason = "too little gained on held-out runs"
         elif s.entry.effect.name == "torque_ripple" and not self.folds.by_run:
             s.reason = "one run cannot show that its phase stays from run to run"
@@ -302,7 +309,7 @@ class Tracer:
         o = self.options
         if best.entry.effect is other.entry.effect:
             return other.cv_gain < 0.9 * best.cv_gain
-        if separates(best.cv_loss, other.cv_loss):
+        if separates(best.cv_loss, other.cv_loss, _MATERIAL * best.cv_gain):
             return True
         beside = self.fit([*model.entries[len(self.before.entries) :], other.entry])
         scorer = Scorer(beside, self.folds, self.flips)
@@ -451,7 +458,7 @@ class Tracer:
             others = [k for k in kept if k is not f]
             without = self.fit([k.entry for k in others] + [unknown.entry])
             a, b = with_it.cross_validate(self.folds), without.cross_validate(self.folds)
-            if not separates(a, b) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
+            if not separates(a, b, 0.0) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
                 kept = others
         return kept
 

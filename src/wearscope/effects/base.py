@@ -87,6 +87,8 @@ class Signals:
         The dynamics that gave `load`, for effects that perturb it.
     torque : ndarray (N, n) or None
         Torque predicted by the model without the effect, for errors of the measurement itself.
+    transmitted : ndarray (N, n) or None
+        Torque through the gear, where it is known better than by `load`.
     bandwidth : float
         Frequency [Hz] above which the signals are not used.
     """
@@ -101,6 +103,7 @@ class Signals:
     wear: np.ndarray
     rigid_body: Any = None
     torque: np.ndarray | None = None
+    transmitted: np.ndarray | None = None
     bandwidth: float = np.inf
 
     @property
@@ -130,8 +133,9 @@ class Plant:
         Joint torques, evaluated at the end-of-step speed.
     armature : ndarray (n,)
         Inertia on the motor side of the transmission, reflected to the joint.
-    payload : ndarray (4,)
-        Additional mass [kg] and first moment [kg m] in the frame of the last joint's link.
+    payload : ndarray (10,)
+        Additional inertial parameters of the last joint's link, in its frame: mass [kg], first moments [kg m],
+        inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
     compliance : ndarray (n,)
         Deflection of the transmission per torque; 0 is rigid.
     lost_motion : ndarray (n,)
@@ -147,7 +151,7 @@ class Plant:
 
     def __post_init__(self) -> None:
         self.armature = np.zeros(self.n)
-        self.payload = np.zeros(4)
+        self.payload = np.zeros(10)
         self.compliance = np.zeros(self.n)
         self.lost_motion = np.zeros(self.n)
         self.mesh_torque = np.ones(self.n)
@@ -330,8 +334,8 @@ class PayloadEffect(Effect):
     """Mass at the last link beyond the declared payload; regressors are those of the rigid body."""
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors of mass and first moments at every joint, (N, n, 4)."""
-        return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)[:, :, :4]
+        """Regressors of the inertial parameters at every joint, (N, n, 10)."""
+        return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Add to the payload."""
@@ -358,7 +362,8 @@ class TransmissionEffect(Effect):
         """Regressor at every joint, (N, n, 1)."""
         body, dt = signals.rigid_body, signals.dt
         delta = np.zeros_like(signals.q)
-        delta[:, joint] = self.bend(signals.load[:, joint], shape)
+        through = signals.load if signals.transmitted is None else signals.transmitted
+        delta[:, joint] = self.bend(through[:, joint], shape)
         speed = differentiate(delta, dt)
         acceleration = differentiate(speed, dt)
         step = 1e-4 / max(np.abs(acceleration).max(), 1e-12)

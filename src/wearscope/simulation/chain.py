@@ -56,7 +56,7 @@ def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[s
     Parameters
     ----------
     body : RigidBody
-    extra_payload : ndarray (4,), optional
+    extra_payload : ndarray (10,), optional
         Mass [kg] and first moment [kg m] to add to the last link; the tensor about the frame's origin stays
         as it is, which is what the regressor of `payload_error` says.
 
@@ -69,7 +69,7 @@ def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[s
     if body.payload is not None:
         parameters[-1] += body.payload.parameters
     if extra_payload is not None:
-        parameters[-1, :4] += extra_payload
+        parameters[-1] += extra_payload
     for name, row in zip(body.names, parameters, strict=True):
         if not row[0] > 0.0:
             raise InputError(
@@ -86,7 +86,7 @@ def build_chain(body: RigidBody, extra_payload: Array | None = None) -> Chain:
     ----------
     body : RigidBody
         With its payload.
-    extra_payload : ndarray (4,), optional
+    extra_payload : ndarray (10,), optional
         As for `list_inertias`.
 
     Raises
