@@ -35,7 +35,7 @@ MAX_ITERATIONS = 80
 PATIENCE = 25
 #: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
 #: convergence still holds; that is looked at after this many steps at the latest.
-SAFETY, TRUST = 5.0, 30.0
+SAFETY, TRUST = 3.0, 50.0
 
 
 @njit(error_model="numpy", forceinline=True)

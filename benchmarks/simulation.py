@@ -1,0 +1,110 @@
+"""What the simulation costs, and what a smaller step buys.
+
+    .venv/bin/python benchmarks/simulation.py                    all of it, about a minute
+    .venv/bin/python benchmarks/simulation.py --robot large --cycle point_to_point
+
+Everything is timed in turns in one process, and the fastest turn counts: other load then spoils both sides
+of a ratio alike or neither.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from wearscope.cycles.base import Reference, load_cycle
+from wearscope.robots.model import RobotModel, load_model
+from wearscope.simulation.study import Conditions, Simulator
+
+ROBOTS = Path(__file__).parents[1] / "config" / "robots"
+WORN = Conditions(wear=(20.0, 20.0, 20.0), temperature=45.0, payload_mass_error=0.05)
+
+
+def time_in_turns(tasks: dict[str, Callable[[], None]], turns: int) -> dict[str, float]:
+    """Seconds of the fastest turn of each task."""
+    best = dict.fromkeys(tasks, np.inf)
+    for _ in range(turns):
+        for name, task in tasks.items():
+            start = time.perf_counter()
+            task()
+            best[name] = min(best[name], time.perf_counter() - start)
+    return best
+
+
+def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[str, float]:
+    """Microseconds a step: all of a run, the same without effects, and PyBullet's step alone."""
+    smooth = model.replace(effects=[])
+    steps = len(reference.t)
+    with Simulator(model) as full, Simulator(smooth) as without:
+        full.run(reference, WORN, 1)
+        without.run(reference, WORN, 1)
+        seconds = time_in_turns(
+            {
+                "run": lambda: full.run(reference, WORN, 1),
+                "run_without_effects": lambda: without.run(reference, WORN, 1),
+                "bare_step": lambda: full.world.step_bare(steps),
+            },
+            turns,
+        )
+    micro = {f"{name}_us": 1e6 * value / steps for name, value in seconds.items()}
+    return {
+        **micro,
+        "run_over_bare_step": seconds["run"] / seconds["bare_step"],
+        "effects_add": seconds["run"] / seconds["run_without_effects"] - 1.0,
+        "robot_seconds_per_second": reference.t[-1] / seconds["run"],
+    }
+
+
+def measure_precision(model: RobotModel, cycle: str, steps: list[float], seconds: float) -> list[dict]:
+    """Torque error, relative RMS by joint, against half the smallest step, and the time a run takes."""
+    recordings, costs = {}, {}
+    for step in [*steps, 0.5 * min(steps)]:
+        reference = load_cycle(cycle).build(model, 0.05, step)
+        kept = round(seconds / step) + 1
+        reference = Reference(*(x[:kept] for x in (reference.t, reference.q, reference.v, reference.a)))
+        with Simulator(model, sample_rate=125.0) as simulator:
+            simulator.run(reference, WORN, None)
+            start = time.perf_counter()
+            recordings[step] = simulator.run(reference, WORN, None)
+            costs[step] = time.perf_counter() - start
+    exact = recordings.pop(0.5 * min(steps)).tau
+    table = []
+    for step, recording in recordings.items():
+        count = min(len(exact), len(recording.tau))
+        off = np.sqrt(np.mean((recording.tau[:count] - exact[:count]) ** 2, axis=0))
+        share = off / np.sqrt(np.mean(exact[:count] ** 2, axis=0))
+        table.append(
+            {
+                "step_ms": 1e3 * step,
+                "torque_error_percent_mean": 100.0 * float(np.mean(share)),
+                "torque_error_percent_worst_joint": 100.0 * float(np.max(share)),
+                "seconds_per_robot_second": costs[step] / seconds,
+            }
+        )
+    return table
+
+
+def main() -> None:
+    """Print the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--robot", action="append", help="medium and large by default")
+    parser.add_argument("--cycle", default="point_to_point")
+    parser.add_argument("--step", type=float, default=1e-3, help="[s]")
+    parser.add_argument("--turns", type=int, default=20)
+    options = parser.parse_args()
+    figures = {}
+    for name in options.robot or ["medium", "large"]:
+        model = load_model(name, ROBOTS)
+        reference = load_cycle(options.cycle).build(model, 0.05, options.step)
+        figures[name] = {
+            "speed": measure_speed(model, reference, options.turns),
+            "precision": measure_precision(model, options.cycle, [4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4], 6.0),
+        }
+    print(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()
