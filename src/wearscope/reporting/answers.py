@@ -229,7 +229,7 @@ def audit_outcome(study: Study) -> list[str]:
         sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}.")
     if study.audit_verdicts is not None and len(study.audit_verdicts):
         agrees = study.audit_verdicts["agrees"]
-        sentences.append(f"Of the scope verdicts, {_share(agrees, 'verdict')} checked in that way agree.")
+        sentences.append(f"{_share(agrees, 'scope verdict')} checked in that way agree.")
     else:
         sentences.append("No scope verdict could be checked directly.")
     return sentences

@@ -147,7 +147,7 @@ def format_number(value: Any, digits: int = 3) -> str:
         text = f"{number:.{digits}g}"
     else:
         text = f"{number:.{digits - 1}e}"
-    return text.replace("-", "−") if text.startswith("-") else text
+    return text.replace("-", "−")
 
 
 def render_table(table: pd.DataFrame, caption: str = "", digits: int = 3) -> Markup:

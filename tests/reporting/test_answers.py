@@ -1,0 +1,161 @@
+import numpy as np
+import pandas as pd
+
+from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.snr import rank_by_median
+from wearscope.reporting.answers import (
+    audit_outcome,
+    best_detector,
+    effective_scope,
+    failed_points,
+    relevant_factors,
+    surrogate_quality,
+    tolerance_table,
+    tolerances,
+)
+
+
+def sensitivity(study, term, size):
+    """The sensitivity table with one term's direct coefficient of every cell set."""
+    table = study.surrogates.copy()
+    rows = (table["term"] == term) & table["theta_normalised"].notna()
+    table.loc[rows, "theta_normalised"] = size
+    return sensitivity_table(table)
+
+
+def test_what_outweighs_wear_is_named_and_none_is_an_answer(study, change):
+    loud = relevant_factors(change(sensitivity=sensitivity(study, "w4", -3.0)))
+    assert loud[0].startswith("A: outweighed by w4 in 8 of 8 cells (95 %: 68 to 100 %)")
+    quiet = relevant_factors(change(sensitivity=sensitivity(study, "w4", 0.0)))
+    assert quiet[0] == "A: none; no term outweighs wear in more than half of the 8 cells."
+    assert "w4" in quiet[-1] and "hardly matter" in quiet[-1]
+    assert "w4" not in loud[-1]
+
+
+def test_an_unsettled_share_is_called_so(study, change):
+    table = sensitivity(study, "w4", 3.0)
+    rows = (table["term"] == "w4") & (table["fda"] == "A")
+    table.loc[rows, ["n_relevant", "share_relevant", "share_low", "share_high"]] = 5, 0.625, 0.3, 0.86
+    assert "which the interval does not settle" in relevant_factors(change(sensitivity=table))[0]
+
+
+def test_a_detector_without_any_effect_of_wear_is_unknown(study, change):
+    table = study.surrogates.copy()
+    table.loc[table["fda"] == "B", "theta_normalised"] = np.nan
+    said = relevant_factors(change(sensitivity=sensitivity_table(table)))
+    assert said[1] == "B: unknown, wear has no direct effect on y in any cell."
+
+
+def ranked(study, levels, spread=0.01):
+    snr = study.snr.copy()
+    snr["snr_exact"] = snr["fda"].map(levels) + spread * np.sin(np.arange(len(snr)) * 7.0)
+    return rank_by_median(snr, draws=200)
+
+
+def test_the_best_detector_follows_the_ranking(study, change):
+    clear = best_detector(change(ranking=ranked(study, {"A": 1.0, "B": 9.0, "C": 3.0})))
+    assert clear[0].startswith("B has the highest median SNR") and "keeps the first place" in clear[1]
+    tied = best_detector(change(ranking=ranked(study, {"A": 3.0, "B": 1.0, "C": 3.0}, spread=5.0)))
+    assert tied[1].startswith("The choice of cells leaves open whether it beats")
+    useless = best_detector(change(ranking=ranked(study, {"A": -1.0, "B": -9.0, "C": -3.0})))
+    assert "no detector sees the change" in useless[1]
+
+
+def test_odd_cells_are_counted(study):
+    said = best_detector(study)
+    assert "In 1 cell y falls with wear; their sign is not turned." in said
+    assert "In 1 cell y is always the same; they have no SNR." in said
+
+
+def test_no_snr_at_all_is_unknown(study, change):
+    snr = study.snr.assign(snr_exact=np.nan)
+    assert best_detector(change(ranking=rank_by_median(snr, draws=50))) == [
+        "Unknown: no group has a median SNR."
+    ]
+
+
+def with_limit(study, limit):
+    """Scope in which a cell passes up to a sigma that grows with the change of wear."""
+    scope = study.scope.copy()
+    scope["passes"] = scope["sigma"] <= limit * scope["delta"]
+    return scope
+
+
+def test_tolerances_are_read_off_the_grid(study, change):
+    found = tolerances(change(scope=with_limit(study, 0.2)), "w3", (1.0, 2.0, 4.0))
+    mine = [one for one in found if one.group == "A"]
+    assert np.isclose([one.sigma for one in mine], [0.1, 0.4, 0.7]).all()
+    assert not any(one.largest for one in mine)
+    rows = with_limit(study, 0.2).query("fda == 'A' and factor == 'w3' and method == 'exact'")
+    assert mine[0].share == rows["passes"].mean() and mine[0].cells == 8
+
+
+def test_scope_in_natural_units_its_end_and_nothing_reached(study, change):
+    table = tolerance_table(change(scope=with_limit(study, 0.09))).set_index(["group", "factor"])
+    assert table.loc[("A", "w3")].iloc[-3:].to_list() == ["not reached", "0.1 (1 °C)", "0.1 (1 °C)"]
+    wide = tolerance_table(change(scope=with_limit(study, 1.0))).set_index(["group", "factor"])
+    assert wide.loc[("A", "w5")].iloc[-1] == "≥ 1 (5 %)"
+    nothing = effective_scope(change(scope=study.scope.assign(passes=False)))
+    assert nothing[0].startswith("Varying temperature (w3): none;") and len(nothing) == 2
+
+
+def test_scope_sentences_rank_the_detectors(study, change):
+    scope = study.scope.copy()
+    scope["passes"] = (scope["fda"] == "B") | ((scope["fda"] == "A") & (scope["delta"] > 2))
+    said = effective_scope(change(scope=scope))
+    assert "B 100 %, A 40 %, C 0 %" in said[0]
+    assert (
+        said[1]
+        == "With a change of wear f of 50, half the cells of B bear σ up to 10 °C, the end of the grid."
+    )
+
+
+def test_a_best_detector_that_reaches_nothing_says_so(study, change):
+    scope = study.scope.copy()
+    scope["passes"] = (scope["fda"] == "B") & (scope["robot"] == "large") & (scope["axis"] == 1)
+    assert effective_scope(change(scope=scope))[1].startswith(
+        "Even B, with a change of wear f of 50, does not"
+    )
+
+
+def test_audit_counts_what_was_held_and_leaves_failed_out(study, change):
+    audit = study.audit
+    good = audit[~audit["failed"]]
+    said = audit_outcome(study)
+    assert f"{int(good['inside'].sum())} of {len(good)} values" in said[0]
+    assert len(good) == len(audit) - 1 and "Failed and left out: 1 audited value." in said
+    verdicts = study.audit_verdicts
+    assert said[-1].startswith(f"{int(verdicts['agrees'].sum())} of {len(verdicts)} scope verdicts")
+    assert audit_outcome(change(audit=None))[0].startswith("Not audited")
+    assert audit_outcome(change(audit_verdicts=verdicts.iloc[:0]))[-1].startswith("No scope verdict")
+
+
+def test_failed_points_are_told_with_their_reason(study, change):
+    said = failed_points(study)
+    assert said.startswith("1 test quantity failed in 1 cell and set; most in C, large, b, axis 2")
+    assert "division by <zero>" in said
+    assert failed_points(change(failures=study.failures.iloc[:0])) == "No detector failed at any point."
+
+
+def test_poor_fits_are_counted(study, change):
+    validation = study.validation.copy()
+    full = validation.index[validation["model"] == "full"]
+    validation.loc[full, "fit"] = 90.0
+    validation.loc[full[:3], "fit"] = [10.0, -20.0, np.nan]
+    said = surrogate_quality(change(validation=validation))
+    assert "90 % in the median, −20 % at worst, below 50 % in 2 of 23 cells; 1 cell n/a" in said
+    gone = change(validation=validation.assign(fit=np.nan))
+    assert "no fit" in surrogate_quality(gone)
+
+
+def test_answers_for_other_groups(study, change):
+    by = ["robot", "axis"]
+    config = dict(study.config, scope={**study.config["scope"], "group_by": by})
+    other = change(
+        config=config,
+        sensitivity=sensitivity_table(study.surrogates, by=by),
+        ranking=rank_by_median(study.snr, by=by, draws=50),
+    )
+    assert relevant_factors(other)[0].startswith("large, axis 1: ")
+    assert ", axis " in best_detector(other)[0] and "large, axis 1" in effective_scope(other)[0]
+    assert isinstance(tolerance_table(other), pd.DataFrame)

@@ -1,0 +1,157 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.designs.kinds import make_design
+from wearscope.reporting.figures.audit import draw_audit
+from wearscope.reporting.figures.boxes import use_symlog
+from wearscope.reporting.figures.design import draw_design
+from wearscope.reporting.figures.fit import draw_fit
+from wearscope.reporting.figures.friction import draw_friction
+from wearscope.reporting.figures.recording import choose_pair, draw_recording
+from wearscope.reporting.figures.scope import count_matrix, draw_scope
+from wearscope.reporting.figures.sensitivity import draw_sensitivity
+from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
+from wearscope.reporting.style import figure_bytes, figure_style, new_figure
+from wearscope.simulation.recording import Recording
+from wearscope.surrogates.planted import PAPER_OPTIONS
+
+
+def titles(figure):
+    return [ax.get_title(loc="left") for ax in figure.axes]
+
+
+def words(figure):
+    return [text.get_text() for ax in figure.axes for text in ax.texts]
+
+
+def test_sensitivity_has_a_panel_a_detector_and_says_what_is_odd(study):
+    figure = draw_sensitivity(study.surrogates)
+    shown = [title for title in titles(figure) if title]
+    assert shown[0] == "A  (8 cells)"
+    assert shown[1] == "B  (8 cells; y falls with wear in 1)"
+    assert shown[2] == "C  (8 cells; no direct effect of wear, hence no box, in 1)"
+    ticks = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
+    assert len(ticks) == 21 and ticks[:2] == ["f", "w1"] and "w3·w5" in ticks and "w5²" in ticks
+    assert figure_bytes(figure, "png").startswith(b"\x89PNG")
+
+
+def test_sensitivity_of_many_groups_says_that_some_are_left_out(study):
+    figure = draw_sensitivity(study.surrogates, by=("robot", "cycle", "axis", "fda"))
+    assert figure.get_suptitle() == "First 12 of 24 groups"
+    assert len([title for title in titles(figure) if title]) == 12
+
+
+def test_sensitivity_of_one_group_of_all(study):
+    assert titles(draw_sensitivity(study.surrogates, by=()))[0].startswith("all  (24 cells")
+
+
+def test_far_values_get_a_logarithmic_scale():
+    with figure_style():
+        ax = new_figure(2, 2).subplots()
+    assert not use_symlog(ax, "y", [1.0, -15.0, np.nan])
+    assert use_symlog(ax, "y", [1.0, -150.0, np.inf]) and ax.get_yscale() == "symlog"
+
+
+def test_snr_counts_missing_cells_and_ranks(study):
+    figure = draw_snr(study.snr, study.ranking)
+    labels = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert labels == ["A\n8 cells", "B\n8 cells", "C\n8 cells\n1 n/a"]
+    order = [label.get_text() for label in figure.axes[1].get_yticklabels()]
+    assert order == list(study.ranking["fda"])
+    legend = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert "y falls with wear" in legend
+
+
+def test_missing_cells_are_hatched_and_named(study):
+    figure = draw_snr_cells(study.snr)
+    assert words(figure).count("n/a") == 1
+    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 1
+    missing = study.fits.copy()
+    missing.loc[0, "axis_1"] = np.nan
+    assert words(draw_fit(missing)).count("n/a") == 1 + int(study.fits["axis_1"].isna().sum())
+
+
+def test_absent_cells_of_the_fit_table_are_shown_as_missing(study):
+    part = study.fits.drop(study.fits[(study.fits["robot"] == "large") & (study.fits["fda"] == "A")].index)
+    figure = draw_fit(part)
+    assert "large" in titles(figure) and words(figure).count("n/a") >= 2 * 2 * 2
+
+
+def test_scope_counts_are_those_of_the_table(study):
+    rows = study.exact_scope("w3")
+    sigma, delta, count = count_matrix(rows, rows["passes"])
+    assert count.shape == (5, 4) and count.sum() == rows["passes"].sum()
+    one = rows[(rows["delta"] == delta[3]) & (rows["sigma"] == sigma[1])]
+    assert count[3, 1] == one["passes"].sum()
+
+
+def test_scope_marks_where_the_methods_differ(study):
+    rows = study.scope[study.scope["factor"] == "w3"]
+    keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
+    halves = [rows[rows["method"] == method].sort_values(keys)["passes"] for method in ("exact", "kde")]
+    differ = int((halves[0].to_numpy() != halves[1].to_numpy()).sum())
+    figure = draw_scope(study.scope, "w3", study.factors)
+    notes = [text for text in words(figure) if "verdicts" in text]
+    assert len(notes) == 3
+    assert sum(int(note.split(" of ")[0].replace(",", "")) for note in notes) == differ
+    labels = [ax.get_ylabel() for ax in figure.axes]
+    assert any("KDE − closed form" in label for label in labels)
+
+
+def test_scope_without_a_second_method_has_no_difference(study):
+    only = study.scope[study.scope["method"] == "exact"]
+    figure = draw_scope(only, "w5", study.factors, by=())
+    assert not [text for text in words(figure) if "differ" in text]
+
+
+def test_audit_counts_and_crosses_failed_values(study):
+    figure = draw_audit(study.audit)
+    shown = [title for title in titles(figure) if title]
+    assert any("1 failed, crossed at the foot" in title for title in shown)
+    crosses = [line for ax in figure.axes for line in ax.lines if line.get_marker() == "x"]
+    assert len(crosses) == int(study.audit["failed"].sum()) == 1
+    ticks = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
+    assert ticks[0] == "z⁰" and any("w5" in tick for tick in ticks)
+
+
+def test_design_shows_every_run(study):
+    design = make_design("central_composite", study.factors, PAPER_OPTIONS)
+    figure = draw_design({"identification": design, "nominal": design.head(1)}, study.factors)
+    assert titles(figure)[:2] == ["identification  (45 runs)", "nominal  (1 run)"]
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels[1] == "w1  wear of axis 2, 0 to 50" and labels[5].endswith("−10 to 10 [%]")
+
+
+def test_the_pair_of_recordings_differs_in_wear_only(study):
+    design = make_design("central_composite", study.factors, PAPER_OPTIONS)
+    low, high = choose_pair(design, study.factors)
+    rows = design.set_index("point").loc[[low, high], [factor.name for factor in study.factors]]
+    assert rows["f"].to_list() == [-2, 2] and (rows.drop(columns="f").nunique() == 1).all()
+
+
+def test_recordings_of_unequal_length_are_drawn():
+    t = np.arange(50) / 100.0
+    run = Recording(t, np.sin(t)[:, None], np.cos(t)[:, None], t[:, None])
+    longer = Recording(np.arange(60) / 100.0, *(np.ones((60, 1)) for _ in range(3)))
+    figure = draw_recording(run, longer, 0, "robot, cycle", ("f = 0", "f = 50"))
+    difference = figure.axes[3].lines[0].get_ydata()
+    assert len(difference) == 50 and difference == pytest.approx(1.0 - t)
+    assert figure.axes[2].get_ylabel() == "motor torque [N m]"
+
+
+def test_friction_curves_have_a_panel_a_joint():
+    one = {"speed": [0.1, 0.2], "torque": [5.0, 4.0], "speed_unit": "rad/s", "torque_unit": "N m"}
+    curves = pd.concat(
+        [
+            pd.DataFrame({"robot": robot, "joint": joint, "temperature": warmth, "wear": wear, **one})
+            for robot, joint in (("medium", "axis_1"), ("medium", "axis_2"), ("large", "axis_1"))
+            for warmth in (30.0, 70.0)
+            for wear in (0.0, 50.0)
+        ]
+    )
+    figure = draw_friction(curves)
+    assert [title for title in titles(figure) if title] == [
+        "medium, axis_1", "medium, axis_2", "large, axis_1"
+    ]  # fmt: skip
+    assert len(figure.axes[1].lines) == 4

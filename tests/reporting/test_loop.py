@@ -1,0 +1,68 @@
+import copy
+
+import numpy as np
+import pytest
+
+from wearscope.reporting.loop import draw_loop, joint_table, verdict_sentences
+
+VERDICT = {
+    "dataset": "twin",
+    "verdict": [
+        {
+            "joint": "axis_2", "effect": "gravity_counterbalance", "equivalent": ["joint_spring"],
+            "depends_on": ["q_axis_2"], "parameters": {}, "error_reduction": 0.93,
+        }
+    ],
+    "joints": {
+        "axis_1": {"unit": "N m", "rms_before": 12.0, "rms_after": 11.8, "noise_floor": 9.0},
+        "axis_2": {"unit": "N m", "rms_before": 140.0, "rms_after": 35.0, "noise_floor": None},
+    },
+}  # fmt: skip
+
+
+def planted(effect="gravity_counterbalance", joint="axis_2"):
+    return {"planted": [{"effect": effect, "accepted": [effect], "joint": joint}]}
+
+
+def test_the_effect_is_named_with_what_it_removes():
+    said = verdict_sentences(VERDICT, planted())
+    assert said[0].startswith("gravity_counterbalance on axis_2, depending on q_axis_2, removes 93 %")
+    assert "cannot tell it from joint_spring" in said[0]
+    assert said[1] == "Planted was gravity_counterbalance on axis_2, which it found."
+
+
+@pytest.mark.parametrize("truth", [planted("viscous"), planted(joint="axis_1")])
+def test_a_wrong_name_or_joint_is_told(truth):
+    assert verdict_sentences(VERDICT, truth)[1].endswith("which it did not find.")
+
+
+def test_an_equivalent_effect_counts_as_found():
+    assert verdict_sentences(VERDICT, planted("joint_spring"))[1].endswith("which it found.")
+
+
+def test_none_and_unknown_are_answers():
+    none = {**VERDICT, "verdict": []}
+    assert verdict_sentences(none) == ["None: the declared model suffices, no effect was added."]
+    assert verdict_sentences(none, planted())[1].endswith("which it did not find.")
+    assert verdict_sentences(none, {"planted": []})[1] == "Nothing was planted: so it should be."
+    assert verdict_sentences(VERDICT, {"planted": []})[1] == "Nothing was planted: a false alarm."
+    unknown = copy.deepcopy(VERDICT)
+    unknown["verdict"][0] |= {"effect": "unknown", "equivalent": []}
+    assert verdict_sentences(unknown)[0].startswith("Unknown on axis_2: structure that no named effect")
+
+
+def test_more_than_was_planted_is_told():
+    twice = copy.deepcopy(VERDICT)
+    twice["verdict"].append({**twice["verdict"][0], "effect": "viscous", "joint": "axis_1"})
+    assert verdict_sentences(twice, planted())[-1].endswith("It named 1 more than was planted.")
+
+
+def test_errors_by_joint_and_a_missing_floor():
+    table = joint_table(VERDICT)
+    assert table["change [%]"].to_list() == pytest.approx([-100 * 0.2 / 12, -75.0])
+    assert np.isnan(table["noise floor"].iloc[1])
+    figure = draw_loop(VERDICT)
+    heights = [patch.get_height() for patch in figure.axes[0].patches]
+    assert heights == [12.0, 140.0, 11.8, 35.0]
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert ticks == ["axis_1", "axis_2\n(no noise floor)"]

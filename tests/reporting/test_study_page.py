@@ -1,0 +1,129 @@
+import base64
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.reporting.costs import read_costs
+from wearscope.reporting.figures.snr import draw_snr_cells
+from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.study_page import render_study
+from wearscope.reporting.style import save_figure
+
+
+def render(study):
+    return render_study(study, compare_with_paper(study))
+
+
+VERDICT = {
+    "verdict": [],
+    "joints": {"a<1>": {"unit": "N m", "rms_before": 2.0, "rms_after": None, "noise_floor": None}},
+}
+
+
+@pytest.fixture
+def with_figure(study, change, tmp_path):
+    path = tmp_path / "snr_cells.svg"
+    save_figure(draw_snr_cells(study.snr), path)
+    return change(figures={"snr_cells": path}, loops={"twin": VERDICT}, planted={"planted": []})
+
+
+def test_the_page_stands_alone_and_answers(with_figure, request):
+    page = render(with_figure)
+    images = page.count("<img ")
+    assert images == page.count('alt="') == 2 and 'alt=""' not in page
+    for text in ("src=", "href="):
+        for start in page.split(text)[1:]:
+            assert start.startswith(('"data:', '"#'))
+    assert "<script" not in page and "@import" not in page
+    for question in (
+        "Q-1: which factors matter?",
+        "Q-2: which detector is best?",
+        "Q-3: where does it work?",
+    ):
+        assert page.count(question) >= 3
+    assert base64.b64encode(with_figure.figures["snr_cells"].read_bytes()).decode() in page
+
+
+def test_the_loop_is_on_the_first_page_and_missing_numbers_are_said(with_figure):
+    page = render(with_figure)
+    first = page[: page.index('<section id="paper"')]
+    assert "None: the declared model suffices" in first and "so it should be" in first
+    assert "a&lt;1&gt;" in first and "a<1>" not in page
+    assert first.count("n/a") >= 2
+
+
+def test_failed_points_are_shown_first_and_in_full(study, change):
+    page = render(study)
+    first = page[: page.index('<section id="paper"')]
+    assert 'class="alarm"' in first and "1 test quantity failed" in first
+    assert page.count("division by &lt;zero&gt;") == 3
+    clean = render(change(failures=study.failures.iloc[:0]))
+    assert 'class="alarm"' not in clean and "No detector failed at any point." in clean
+
+
+def test_what_was_not_done_is_said(study, change):
+    page = render(change(audit=None, audit_summary=None, audit_verdicts=None))
+    assert "Not audited" in page and "It was not audited." in page
+    assert "no loop was closed" in page and "was not drawn for this study" in page
+    assert "no timings lie beside the results" in page
+
+
+def test_assumptions_name_the_extrapolation_and_the_stand_ins(study, change):
+    page = render(change(sources={"medium": ["Manutec r3", "wear assumed"]}))
+    assert "3.27 σ², against 0.467 σ² at the centre" in page and "outside the design region" in page
+    assert "A for A, B for B and C for C stand in" in page
+    assert "Manutec r3; wear assumed" in page
+
+
+def test_every_verdict_of_the_comparison_is_a_badge(study):
+    findings = compare_with_paper(study)
+    page = render_study(study, findings)
+    assert page.count('<span class="badge ') == len(findings)
+    assert "&lt;span" not in page
+
+
+def test_provenance_and_costs(study, change):
+    costs = pd.DataFrame(
+        [("simulate_points", 4, 612.3, 310.0)], columns=["stage", "jobs", "seconds", "memory"]
+    )
+    page = render(change(costs=costs, provenance={"commit": "abc123", "packages": {"numpy": "9.9"}}))
+    assert "abc123" in page and "numpy 9.9" in page and "612" in page and "study: small" in page
+    runs = 2 * 2 * 91 + len(study.audit[["robot", "cycle", "point"]].drop_duplicates())
+    assert f"{runs} simulations" in page
+
+
+def test_one_robot_one_cycle_one_axis(study, change):
+    def part(table):
+        return table[(table["robot"] == "large") & (table["cycle"] == "b") & (table["axis"] == 1)]
+
+    single = change(
+        **{
+            name: part(getattr(study, name))
+            for name in ("surrogates", "validation", "snr", "scope", "failures")
+        },
+        fits=study.fits[(study.fits["robot"] == "large") & (study.fits["cycle"] == "b")],
+        audit=None,
+        audit_summary=None,
+        audit_verdicts=None,
+    )
+    page = render(single)
+    assert "undecided" in page and "no interval, 1 cell" in page
+
+
+def test_equal_studies_give_equal_pages(with_figure):
+    assert render(with_figure) == render(with_figure)
+
+
+def test_costs_are_added_up_by_rule(tmp_path):
+    head = "s\th:m:s\tmax_rss\n"
+    (tmp_path / "simulate_points" / "medium").mkdir(parents=True)
+    (tmp_path / "simulate_points" / "medium" / "0.tsv").write_text(head + "1.5\t0:00:01\t100\n")
+    (tmp_path / "simulate_points" / "medium" / "1.tsv").write_text(head + "2.5\t0:00:02\t300\n")
+    (tmp_path / "compute_snr.tsv").write_text(head + "4\t0:00:04\t-\n")
+    (tmp_path / "broken.tsv").write_text("nothing\n")
+    costs = read_costs(tmp_path).set_index("stage")
+    assert list(costs.index) == ["compute_snr", "simulate_points"]
+    assert costs.loc["simulate_points"].to_list() == [2, 4.0, 300.0]
+    assert np.isclose(costs.loc["compute_snr", "seconds"], 4.0)
+    assert read_costs(tmp_path / "missing").empty
