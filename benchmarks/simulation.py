@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/simulation.py                    all of it, about a minute
     .venv/bin/python benchmarks/simulation.py --robot large --cycle point_to_point
 
-Everything is timed in turns in one process, and the fastest turn counts: other load then spoils both sides
-of a ratio alike or neither.
+Everything is timed in short turns in one process, and the fastest turn counts: other load on the machine then
+spoils neither side of a ratio for long.
 """
 
 import argparse
@@ -21,6 +21,12 @@ from wearscope.simulation.study import Conditions, Simulator
 
 ROBOTS = Path(__file__).parents[1] / "config" / "robots"
 WORN = Conditions(wear=(20.0, 20.0, 20.0), temperature=45.0, payload_mass_error=0.05)
+
+
+def take_start(reference: Reference, seconds: float) -> Reference:
+    """First seconds of a motion."""
+    kept = round(seconds / (reference.t[1] - reference.t[0])) + 1
+    return Reference(*(x[:kept] for x in (reference.t, reference.q, reference.v, reference.a)))
 
 
 def time_in_turns(tasks: dict[str, Callable[[], None]], turns: int) -> dict[str, float]:
@@ -54,7 +60,7 @@ def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[s
         **micro,
         "run_over_bare_step": seconds["run"] / seconds["bare_step"],
         "effects_add": seconds["run"] / seconds["run_without_effects"] - 1.0,
-        "robot_seconds_per_second": reference.t[-1] / seconds["run"],
+        "robot_seconds_per_second": float(reference.t[-1]) / seconds["run"],
     }
 
 
@@ -62,9 +68,7 @@ def measure_precision(model: RobotModel, cycle: str, steps: list[float], seconds
     """Torque error, relative RMS by joint, against half the smallest step, and the time a run takes."""
     recordings, costs = {}, {}
     for step in [*steps, 0.5 * min(steps)]:
-        reference = load_cycle(cycle).build(model, 0.05, step)
-        kept = round(seconds / step) + 1
-        reference = Reference(*(x[:kept] for x in (reference.t, reference.q, reference.v, reference.a)))
+        reference = take_start(load_cycle(cycle).build(model, 0.05, step), seconds)
         with Simulator(model, sample_rate=125.0) as simulator:
             simulator.run(reference, WORN, None)
             start = time.perf_counter()
@@ -93,12 +97,14 @@ def main() -> None:
     parser.add_argument("--robot", action="append", help="medium and large by default")
     parser.add_argument("--cycle", default="point_to_point")
     parser.add_argument("--step", type=float, default=1e-3, help="[s]")
-    parser.add_argument("--turns", type=int, default=20)
+    parser.add_argument("--turns", type=int, default=80)
+    parser.add_argument("--seconds", type=float, default=5.0, help="of the motion, a turn")
     options = parser.parse_args()
     figures = {}
     for name in options.robot or ["medium", "large"]:
         model = load_model(name, ROBOTS)
         reference = load_cycle(options.cycle).build(model, 0.05, options.step)
+        reference = take_start(reference, options.seconds)
         figures[name] = {
             "speed": measure_speed(model, reference, options.turns),
             "precision": measure_precision(model, options.cycle, [4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4], 6.0),
