@@ -18,6 +18,8 @@ _ODD, _USUAL = 10.0, 98.0
 _OF_SPEED, _OF_SPAN = 0.25, 0.5
 #: Widest spike [samples]; seconds at either end of a run that may be cut off; shortest frozen stretch.
 _SPIKE, _START, _FROZEN_TIME, _FROZEN_ROWS = 4, 1.5, 0.2, 20
+#: Share of a position's span beyond which a step is a fault; smaller ones are lost motion of the gear.
+_STEP = 0.03
 #: Most spikes of one channel that are still mended, as a share of its rows.
 _MOST = 0.01
 
@@ -94,11 +96,11 @@ def _clean_position(
         elif not slides and abs(abs(net) - 2 * np.pi) < 0.3 and high == low:
             q[high + 1 :] -= np.sign(net) * 2 * np.pi
             wraps += 1
-        elif t[high + 1] - t[0] <= _START:
+        elif abs(net) > _STEP * float(np.ptp(q)) and t[high + 1] - t[0] <= _START:
             first = max(first, high + 1)
-        elif t[-1] - t[low] <= _START:
+        elif abs(net) > _STEP * float(np.ptp(q)) and t[-1] - t[low] <= _START:
             after = min(after, low + 1)
-        else:
+        elif abs(net) > _STEP * float(np.ptp(q)):
             raise InputError(
                 f"{where}: column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s, as no joint "
                 "moves; split the run there or mend the channel."

@@ -58,7 +58,7 @@ def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
     values, counts = np.unique(tau, return_counts=True)
     order = slice(None, None, -1) if top else slice(None)
     values, counts = values[order], counts[order]
-    enough = counts[0] > max(_ROWS, _SHARE * len(tau)) and counts[0] > 3 * counts[1:4].mean(initial=0)
+    enough = counts[0] > max(_ROWS, _SHARE * len(tau)) and counts[0] > counts[1:4].sum()
     return tau == values[0] if enough else np.zeros(len(tau), dtype=bool)
 
 

@@ -1,38 +1,37 @@
-"""Whether signals can be what the data set says they are: units, torque side, signs, channel order.
+"""Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-The check is made against the declared model's own prediction, so that it holds for any robot: a data set whose
-torque is explained far better by another reading of its columns than by the stated one is refused.
+Every run is asked on its own, against the declared rigid body, so that it holds for any robot. A run whose
+torque the stated reading of its columns explains is believed. Where it explains little and another reading
+explains far more, the data set is refused with that reading as the remedy.
 """
 
 import numpy as np
 
-from wearscope.closed_loop.preparation import Prepared, PreparedRun
+from wearscope.closed_loop.conditioning import differentiate, low_pass
+from wearscope.closed_loop.preparation import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.readings import (
+    Sample,
+    find_lag,
+    fit_joint,
+    list_readings,
+    misfits,
+    scale_factors,
+    take_sample,
+    total_misfit,
+)
 from wearscope.errors import InputError
+from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
-#: A reading must explain at least this share of the torque variance to be believed instead of the stated one.
-_CONVINCING = 0.7
-_POOR = 0.3
-
-
-def _explained(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
-    """Share of the variance of y that x explains with friction beside it, and x's coefficient."""
-    theta, *_ = np.linalg.lstsq(x, y, rcond=None)
-    total = ((y - y.mean()) ** 2).sum()
-    return float(1 - ((y - x @ theta) ** 2).sum() / max(total, 1e-300)), float(theta[0])
-
-
-def _rows(run: PreparedRun, x: np.ndarray) -> np.ndarray:
-    return run.reduce(x)
-
-
-def _regressors(runs: list[PreparedRun], j: int, known: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    y, x = [], []
-    for run, k in zip(runs, known, strict=True):
-        s = run.signals
-        full = np.column_stack([k[:, j], s.sign[:, j], s.v[:, j], np.ones(len(k))])
-        x.append(_rows(run, full)[run.keep[:, j]])
-        y.append(run.measured[:, j][run.keep[:, j]])
-    return np.concatenate(y), np.concatenate(x)
+#: A joint is doubted above this misfit; another reading must leave less than a share of it and than a bound.
+_DOUBTFUL, _BETTER, _GOOD = 0.15, 0.25, 0.25
+#: Total misfits that differ by less are alike: a reading of its own is then told before a mere scale.
+_ALIKE = 0.02
+#: A run is refused without a remedy where this share of the variance stays at half of its joints.
+_HOPELESS = 0.8
+#: A lag of all channels beyond this [s] is the recorder's; it must halve the misfit.
+_LAG, _LONGEST = 0.025, 0.5
+#: Torque over need beyond which a scale is no model error; further inertia over the rigid body's.
+_SMALL, _LARGE, _ROTOR = 0.25, 4.0, 300.0
 
 
 def check_plausibility(prepared: Prepared) -> None:
@@ -41,105 +40,185 @@ def check_plausibility(prepared: Prepared) -> None:
     Raises
     ------
     InputError
+        Naming the run, the columns and what they look like.
     """
-    _check_speeds(prepared)
-    for use in ("train", "test"):
-        runs = prepared.runs_for(use)
-        _check_torque_scale(prepared, runs)
-        _check_channels(prepared, runs)
-
-
-def _check_speeds(prepared: Prepared) -> None:
-    """Degrees for radians and millimetres for metres show as impossible positions and speeds."""
-    dataset = prepared.dataset
+    usual = np.median([_torque_spread(run) for run in prepared.runs], axis=0)
     for run in prepared.runs:
-        s = run.signals
-        for j, joint in enumerate(dataset.joints):
-            reach, speed = np.abs(s.q[:, j]).max(), np.abs(s.v[:, j]).max()
-            slides = dataset.position_unit[j] == "m"
-            most = (20.0, 20.0) if slides else (4 * np.pi + 2.0, 30.0)
-            if reach > most[0] or speed > most[1]:
-                unit, other = ("m", "mm") if slides else ("rad", "degrees")
-                raise InputError(
-                    f"{dataset.folder / run.file}: column 'q_{joint}' reaches {reach:.3g} at up to {speed:.3g} a "
-                    f"second, which no joint does in {unit}; if it is in {other}, convert it to {unit}."
-                )
-
-
-def _check_torque_scale(prepared: Prepared, runs: list[PreparedRun]) -> None:
-    """Motor-side torque, newton-millimetres and opposite signs show in the gain of the rigid body."""
-    dataset = prepared.dataset
-    gains, shares = [], []
-    for j in np.flatnonzero(prepared.moving):
-        y, x = _regressors(runs, j, [run.known for run in runs])
-        if len(y) < 50:
-            continue
-        with_body, gain = _explained(y, x)
-        without, _ = _explained(y, x[:, 1:])
-        if with_body > 0.8 and with_body - without > 0.5 * (1 - without):
-            gains.append(gain)
-            shares.append(with_body)
-    if not gains:
-        return
-    gain = float(np.median(gains))
-    where = f"{dataset.folder}: the {runs[0].use} runs' torque"
-    if gain < -0.3:
-        raise InputError(
-            f"{where} is {gain:.2g} times what the rigid body needs; the sign is opposite: give motor torque, "
-            "positive where it does positive work in positive motion."
+        _check_limits(prepared, run)
+        _check_speeds(prepared, run)
+        sample = take_sample(
+            run, known_inertia(prepared.dataset), prepared.dataset.fields.robot.inertials, usual
         )
-    if 0 <= gain < 0.25 or gain > 4.0:
-        ratio = dataset.fields.robot.gear_ratio
-        hint = "give torque on the joint side of the gear in N m"
-        if ratio is not None and 0.3 < gain * float(np.median(np.abs(ratio))) < 3.0:
-            hint = "it looks like motor-side torque: multiply it with the gear ratio"
-        raise InputError(f"{where} is {gain:.3g} times what the rigid body needs; {hint}.")
+        _check_readings(prepared, run, sample)
+        _check_frozen(prepared, run)
+        _check_lag(prepared, run, sample)
 
 
-def _check_channels(prepared: Prepared, runs: list[PreparedRun]) -> None:
-    """Swapped columns: torques that are explained once two joints' channels are exchanged."""
+def _torque_spread(run: PreparedRun) -> np.ndarray:
+    return np.array(
+        [y[at].std() if at.any() else 0.0 for y, at in zip(run.measured.T, run.keep.T, strict=True)]
+    )
+
+
+def _where(prepared: Prepared, run: PreparedRun) -> str:
+    return str(prepared.dataset.folder / run.file)
+
+
+def _check_limits(prepared: Prepared, run: PreparedRun) -> None:
+    """Positions far outside the URDF's limits, which no zero offset explains."""
+    for joint in parse_urdf(prepared.urdf).joints:
+        j = prepared.dataset.joints.index(joint.name)
+        widest = max(abs(joint.lower), abs(joint.upper))
+        slides = prepared.dataset.position_unit[j] == "m"
+        reach = float(np.abs(run.signals.q[:, j]).max())
+        if widest < 0.1 * OPEN_LIMIT and reach > 2.0 * widest + (0.2 if slides else 2 * np.pi):
+            unit, other = ("m", "mm") if slides else ("rad", "degrees")
+            raise InputError(
+                f"{_where(prepared, run)}: column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's "
+                f"limits are {joint.lower:.3g} to {joint.upper:.3g} {unit}; if it is in {other}, "
+                f"convert it to {unit}."
+            )
+
+
+def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
+    """Given speeds that are not the positions' derivative."""
+    recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
+    if recorded.qd is None:
+        return
+    slope = differentiate(low_pass(recorded.q, run.band.torque, run.band.rate), run.band.rate)
+    for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)):
+        given = low_pass(recorded.qd[:, [j]], run.band.torque, run.band.rate)[:, 0]
+        both = float(given @ slope[:, j])
+        gain = both / max(float(slope[:, j] @ slope[:, j]), 1e-300)
+        alike = both / max(float(np.linalg.norm(given) * np.linalg.norm(slope[:, j])), 1e-300)
+        if np.ptp(recorded.q[:, j]) > 1e-3 and not (0.8 < gain < 1.25 and alike > 0.8):
+            joint = prepared.dataset.joints[j]
+            raise InputError(
+                f"{_where(prepared, run)}: column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' "
+                f"(correlation {alike:.2f}); give the joint's speed in rad/s or m/s, or leave the column out."
+            )
+
+
+def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
+    """Degrees, swapped columns, opposite signs, motor-side torque and the like."""
     dataset = prepared.dataset
-    n = prepared.n
-    own = np.full(n, np.nan)
+    stated = np.where(sample.heard, misfits(sample), np.nan)
+    doubtful = np.nan_to_num(stated) > _DOUBTFUL
+    if not doubtful.any():
+        _check_inertia(prepared, run, sample)
+        return
+    slides = [unit == "m" for unit in dataset.position_unit]
+    best = _judge_scale(prepared, sample, doubtful)
+    many = doubtful.sum() >= 0.5 * np.isfinite(stated).sum()
+    for reading in list_readings(run, dataset.joints, slides, doubtful):
+        concerned = list(reading.joints) or np.flatnonzero(doubtful).tolist()
+        if (not reading.joints and not many) or np.nanmedian(stated[concerned]) < reading.least:
+            continue
+        left = misfits(reading.change(sample))
+        worst = float(np.nanmax(stated[concerned]))
+        total = total_misfit(left, sample.heard)
+        mended = all(left[j] < min(_BETTER * worst, _GOOD) for j in concerned)
+        mended = mended and total < 0.5 * total_misfit(stated, sample.heard)
+        if mended and total < best[0] + _ALIKE:
+            best = total, reading.told
+    if best[1]:
+        raise InputError(f"{_where(prepared, run)}: {best[1]}")
+    heard = np.isfinite(stated)
+    lenient = np.array([_free_misfit(sample, j) if heard[j] else np.nan for j in range(prepared.n)])
+    if heard.any() and np.nanmedian(lenient) > _HOPELESS and np.nanmedian(stated) > _HOPELESS:
+        explained = 100 * max(0.0, 1 - float(np.nanmin(lenient)))
+        raise InputError(
+            f"{_where(prepared, run)}: the motion explains next to nothing of the torque "
+            f"(at most {explained:.0f} % of a joint's); check that the columns belong "
+            "together, their units, and the URDF."
+        )
+
+
+def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tuple[float, str]:
+    """Motor-side torque, newton-millimetres, masses in grams: what is left of the misfits, and the sentence."""
+    dataset = prepared.dataset
+    factors, left = scale_factors(sample, doubtful)
+    with np.errstate(invalid="ignore"):
+        off = (np.abs(factors) < _SMALL) | (np.abs(factors) > _LARGE)
+    if not off.any():
+        return np.inf, ""
+    ratio = dataset.fields.robot.gear_ratio
+    factor = float(np.median(factors[off]))
+    hint = (
+        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
+    )
+    if ratio is not None and 0.3 < abs(factor * float(np.median(np.abs(np.array(ratio)[off])))) < 3.0:
+        hint = "it looks like motor-side torque: multiply it with the gear ratio"
+    columns = ", ".join(f"'tau_{dataset.joints[j]}'" for j in np.flatnonzero(off))
+    verb = "is" if off.sum() == 1 else "are"
+    told = f"{columns} {verb} {factor:.3g} times what the rigid body needs; {hint}."
+    return total_misfit(left, sample.heard), told
+
+
+def _check_inertia(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
+    """Torque in too small a unit on a robot without gravity, where rotors could stand for any factor."""
+    known = sample.known()
+    shares = []
     for j in np.flatnonzero(prepared.moving):
-        y, x = _regressors(runs, j, [run.known for run in runs])
-        if len(y) >= 50:
-            own[j] = _explained(y, x)[0]
-    doubtful = [j for j in range(n) if np.isfinite(own[j]) and own[j] < _CONVINCING]
-    for a in doubtful:
-        for b in range(n):
-            if a == b or (b in doubtful and b < a) or not np.isfinite(own[b]):
-                continue
-            torque, motion = _swapped(prepared, runs, a, b)
-            before = 2 - own[a] - own[b]
-            for value, kind in ((torque, "tau"), (motion, "q")):
-                if value.min() > _CONVINCING and 2 - value.sum() < _POOR * before:
-                    raise InputError(
-                        f"{dataset.folder}: columns '{kind}_{dataset.joints[a]}' and '{kind}_{dataset.joints[b]}' "
-                        f"of the {runs[0].use} runs look swapped; exchange them."
-                    )
+        misfit, theta = fit_joint(sample, known, int(j))
+        if np.isfinite(misfit) and sample.heard[j]:
+            shares.append(theta[1] * sample.a[:, j].std() / max(known[:, j].std(), 1e-300))
+    if shares and min(shares) > _ROTOR:
+        raise InputError(
+            f"{_where(prepared, run)}: the torques are {min(shares):.3g} times what the rigid body needs; "
+            "give torque on the joint side of the gear in N m (or N)."
+        )
 
 
-def _swapped(prepared: Prepared, runs: list[PreparedRun], a: int, b: int) -> tuple[np.ndarray, np.ndarray]:
-    """Explained shares of joints a and b with their torques exchanged, and with their positions exchanged."""
-    order = np.arange(prepared.n)
-    order[[a, b]] = b, a
-    torque, motion = [], []
-    known = []
-    for run in runs:
-        s = run.signals
-        q, v, acc = s.q[:, order], s.v[:, order], s.a[:, order]
-        known.append(s.rigid_body.inverse_dynamics(q, v, acc) + (run.known - s.load)[:, order])
-    for j, other in ((a, b), (b, a)):
-        y, x, xm = [], [], []
-        for run, k in zip(runs, known, strict=True):
-            keep = run.keep[:, a] & run.keep[:, b]
-            s = run.signals
-            y.append((run.measured[:, other][keep], run.measured[:, j][keep]))
-            full = np.column_stack([run.known[:, j], s.sign[:, j], s.v[:, j], np.ones(len(k))])
-            x.append(_rows(run, full)[keep])
-            full = np.column_stack([k[:, j], s.sign[:, other], s.v[:, other], np.ones(len(k))])
-            xm.append(_rows(run, full)[keep])
-        torque.append(_explained(np.concatenate([p[0] for p in y]), np.concatenate(x))[0])
-        motion.append(_explained(np.concatenate([p[1] for p in y]), np.concatenate(xm))[0])
-    return np.array(torque), np.array(motion)
+def _free_misfit(sample: Sample, j: int) -> float:
+    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
+    at = sample.counts[:, j]
+    y = sample.tau[at, j]
+    known = sample.known()
+    s = sample
+    centre, half = 0.5 * (s.q[at, j].max() + s.q[at, j].min()), max(0.5 * float(np.ptp(s.q[at, j])), 1e-12)
+    u = (s.q[at, j] - centre) / half
+    x = np.column_stack([known[at, j], s.a[at, j], s.sign[at, j], s.v[at, j], *(u**k for k in range(5))])
+    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    return float(np.sum(left**2) / np.sum((y - y.mean()) ** 2))
+
+
+def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
+    """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
+
+    A joint that is held carries at most what the others' motion loads it with; noise is told by its bandwidth.
+    """
+    recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
+    for j in np.flatnonzero(np.ptp(recorded.q, axis=0) == 0.0).tolist():
+        load = run.reduce(run.known[:, [j]])[:, 0]
+        swing = _span(run.measured[:, j] - load)
+        usual = max(_span(other.measured[:, j]) for other in prepared.runs)
+        steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
+        if steady and swing > 0.5 * usual and swing > 1.2 * _span(load):
+            joint = prepared.dataset.joints[j]
+            raise InputError(
+                f"{_where(prepared, run)}: column 'q_{joint}' never changes while 'tau_{joint}' swings by "
+                f"{swing:.3g}; the encoder's channel is dead, record the run again or leave it out."
+            )
+
+
+def _span(x: np.ndarray) -> float:
+    return float(np.ptp(np.percentile(x, [2, 98])))
+
+
+def _check_lag(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
+    """A delay between the torque and the position channels of the whole recorder."""
+    if "time_delay" in prepared.dataset.fields.declared_effects:
+        return
+    lag, ratio = find_lag(sample, _LONGEST)
+    heard = np.isfinite(lag)
+    if not heard.any():
+        return
+    middle = float(np.median(lag[heard]))
+    agree = np.abs(lag[heard] - middle) < 0.01
+    if abs(middle) >= _LAG and agree.mean() >= 0.75 and float(np.median(ratio[heard])) < 0.5:
+        late = "late" if middle > 0 else "early"
+        raise InputError(
+            f"{_where(prepared, run)}: the torque channels come {1000 * abs(middle):.0f} ms {late} against "
+            "the positions; align the channels, or declare time_delay."
+        )

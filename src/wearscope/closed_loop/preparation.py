@@ -229,7 +229,9 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
         notes += cleaned.notes
     reach = {run.file: np.ptp(run.q, axis=0) for run in uniform}
     largest = np.max([reach[run.file] for run in uniform if run.use == "train"], axis=0)
-    still = [run.file for run in uniform if np.all(reach[run.file] < 1e-3 * np.maximum(largest.max(), 1e-9))]
+    reaches = np.array([reach[run.file].max() for run in uniform])
+    usual = float(np.quantile(reaches[reaches >= 1e-5], 0.75)) if reaches.max() >= 1e-5 else 1e-9
+    still = [run.file for run, far in zip(uniform, reaches, strict=True) if far < 1e-3 * usual]
     moving = largest > max(1e-5, 1e-3 * largest.max())
     if not moving.any() or largest.max() < 1e-5:
         raise InputError(

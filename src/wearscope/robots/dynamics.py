@@ -201,6 +201,14 @@ class RigidBody:
         other._load_inertias()
         return other
 
+    def with_gravity(self, gravity: Sequence[float]) -> "RigidBody":
+        """Return the same robot under another gravity in the base frame [m/s^2]."""
+        other = self._copy()
+        other.gravity = tuple(float(value) for value in gravity)
+        other._model.gravity.linear = np.array(other.gravity)
+        other._load_inertias()
+        return other
+
     def with_payload(self, payload: Payload | None) -> "RigidBody":
         """Return the same robot with another payload in place of its own."""
         other = self._copy()

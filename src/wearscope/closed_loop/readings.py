@@ -1,0 +1,375 @@
+"""Other readings of a run's columns, and how well the declared rigid body explains the torque under each.
+
+A reading is a guess at what the columns really hold: degrees, another joint's torque, the opposite sign.
+Under each, the torque of every joint is fitted with the declared rigid body at (nearly) its stated size,
+further rotor inertia, Coulomb and viscous friction that take power and never give it, and an offset. What no
+size of these explains is the reading's misfit.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import interpolate, optimize
+
+from wearscope.closed_loop.conditioning import differentiate, low_pass
+from wearscope.closed_loop.preparation import PreparedRun, rows
+from wearscope.robots.dynamics import RigidBody
+
+#: By which factor the rigid body may be off: as the data set states it is trusted, or approximate.
+GAINS = {"trusted": (0.7, 1.4), "approximate": (0.4, 2.5)}
+#: Least misfit as stated of a joint whose position is in another unit.
+_OTHER_UNIT = 0.8
+_ANY_GAIN = (-np.inf, np.inf)
+_MOST_ROWS, _LEAST_ROWS = 1200, 30
+#: Torque that varies less than this share of what it usually does says nothing.
+_QUIET = 0.2
+#: Least span of a position in degrees, or in mm, that is a motion.
+_LEAST_DEGREES, _LEAST_MM = 1.0, 5.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Thinned rows of a run as some reading has them; arrays are (M, n).
+
+    Attributes
+    ----------
+    q, v, a, sign, tau : ndarray
+        At the common bandwidth.
+    counts : ndarray of bool
+    body : RigidBody
+    inertia : ndarray (n,)
+        Rotor inertia that the data set declares and states.
+    gains : (float, float)
+        Bounds on the factor of the rigid body.
+    heard : ndarray (n,) of bool
+        Joints whose torque, or the need for one, varies enough here for a misfit to mean anything.
+    rate : float
+        Rows a second.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    sign: np.ndarray
+    tau: np.ndarray
+    counts: np.ndarray
+    body: RigidBody
+    inertia: np.ndarray
+    gains: tuple[float, float]
+    heard: np.ndarray
+    rate: float
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def known(self) -> np.ndarray:
+        """Rigid-body and declared rotor torque (M, n)."""
+        return self.body.inverse_dynamics(self.q, self.v, self.a) + self.inertia * self.a
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading.
+
+    Attributes
+    ----------
+    change : callable
+        From the sample as stated to the sample as read.
+    joints : tuple of int
+        Joints whose misfit it must mend; empty where it concerns all.
+    told : str
+        What is wrong and the remedy, to stand after the run's file name.
+    least : float
+        Misfit that its joints must have as stated for it to be thinkable: accelerations in degrees make the
+        rigid body far too large, not a little wrong.
+    """
+
+    change: Callable[[Sample], Sample]
+    joints: tuple[int, ...]
+    told: str
+    least: float = 0.0
+
+
+def _every(run: PreparedRun) -> int:
+    return max(1, len(run.t) // _MOST_ROWS)
+
+
+def take_sample(run: PreparedRun, inertia: np.ndarray, inertials: str, usual: np.ndarray) -> Sample:
+    """Thinned rows of a prepared run.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    inertia : ndarray (n,)
+        Declared rotor inertia.
+    inertials : str
+        ``trusted`` or ``approximate``.
+    usual : ndarray (n,)
+        Standard deviation of the torque in the runs of the data set.
+    """
+    s = run.signals
+    every = _every(run)
+    thin = slice(None, None, every)
+    q, v, a, sign, known = (run.reduce(x)[thin] for x in (s.q, s.v, s.a, s.sign, run.known))
+    tau, counts = run.measured[thin], run.keep[thin]
+    spread = np.array(
+        [max(tau[at, j].std(), known[at, j].std()) if at.any() else 0.0 for j, at in enumerate(counts.T)]
+    )
+    heard = (spread > _QUIET * usual) & (counts.sum(axis=0) >= _LEAST_ROWS)
+    rate = run.band.rate / run.band.stride / every
+    return Sample(q, v, a, sign, tau, counts, s.rigid_body, inertia, GAINS[inertials], heard, rate)
+
+
+def columns_for(sample: Sample, known: np.ndarray, j: int) -> np.ndarray:
+    """Regressors (K, 5) of joint j over the rows that count: known, a, sign, v, 1."""
+    at = sample.counts[:, j]
+    return np.column_stack(
+        [known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j], np.ones(int(at.sum()))]
+    )
+
+
+def fit_joint(
+    sample: Sample, known: np.ndarray, j: int, gains: tuple[float, float] | None = None
+) -> tuple[float, np.ndarray]:
+    """Misfit of joint j, as a share of its torque's variance, and the coefficients (5,).
+
+    Parameters
+    ----------
+    sample : Sample
+    known : ndarray (M, n)
+    j : int
+    gains : (float, float), optional
+        Instead of the sample's own bounds; a free factor leaves no further inertia, which could stand for it.
+
+    Returns
+    -------
+    float
+        NaN where too few rows count.
+    ndarray (5,)
+        Factor of the rigid body, inertia, Coulomb, viscous friction, offset.
+    """
+    y = sample.tau[sample.counts[:, j], j]
+    if len(y) < _LEAST_ROWS or y.std() <= 0.0:
+        return np.nan, np.zeros(5)
+    x = columns_for(sample, known, j)
+    low, high = gains or sample.gains
+    further = np.inf if gains is None else 1e-12
+    scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
+    r = np.linalg.qr(np.column_stack([x / scale, y]))[1]
+    lower = np.array([low, 0.0, 0.0, 0.0, -np.inf]) * scale
+    upper = np.array([high, further, np.inf, np.inf, np.inf]) * scale
+    with np.errstate(invalid="ignore"):
+        found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower, upper)).x
+    left = np.sum((r[:-1, :-1] @ found - r[:-1, -1]) ** 2) + r[-1, -1] ** 2
+    return float(left / np.sum((y - y.mean()) ** 2)), found / scale
+
+
+def misfits(sample: Sample) -> np.ndarray:
+    """Misfit (n,) of every joint."""
+    known = sample.known()
+    return np.array([fit_joint(sample, known, j)[0] for j in range(sample.n)])
+
+
+def total_misfit(left: np.ndarray, heard: np.ndarray) -> float:
+    """Sum over the joints that say something; each counts 2 at most, and where it is not known."""
+    return float(np.sum(np.minimum(np.nan_to_num(left[heard], nan=2.0), 2.0)))
+
+
+def scale_factors(sample: Sample, doubtful: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torque over need (n,) of joints that the rigid body then explains, else NaN; misfits (n,)."""
+    known = sample.known()
+    factors, left = np.full(sample.n, np.nan), misfits(sample)
+    for j in np.flatnonzero(doubtful).tolist():
+        after, theta = fit_joint(sample, known, j, _ANY_GAIN)
+        flat = known.copy()
+        flat[:, j] = 0.0
+        without = fit_joint(sample, flat, j, _ANY_GAIN)[0]
+        if after < 0.25 * left[j] and after < 0.3 and after < 0.5 * without:
+            factors[j], left[j] = theta[0], after
+    return factors, left
+
+
+def _exchange(sample: Sample, names: tuple[str, ...], i: int, j: int) -> Sample:
+    order = np.arange(sample.n)
+    order[[i, j]] = [j, i]
+    return replace(sample, **{name: getattr(sample, name)[:, order] for name in names})
+
+
+def _times(sample: Sample, factor: np.ndarray, *names: str) -> Sample:
+    return replace(sample, **{name: getattr(sample, name) * factor for name in names})
+
+
+def _only(n: int, j: int, value: float) -> np.ndarray:
+    factor = np.ones(n)
+    factor[j] = value
+    return factor
+
+
+_MOTION = ("q", "v", "a", "sign")
+
+
+def _with_gravity(sample: Sample, gravity: np.ndarray) -> Sample:
+    return replace(sample, body=sample.body.with_gravity(gravity.tolist()))
+
+
+def _exchange_kinds(sample: Sample, run: PreparedRun, j: int) -> Sample:
+    """Position and torque of joint j exchanged."""
+    thin = slice(None, None, _every(run))
+    q = low_pass(run.tau[:, j], run.band.torque, run.band.rate)
+    v = differentiate(q, run.band.rate)
+    a = differentiate(v, run.band.rate)
+    kept = rows(run.band, len(q))
+    moved = {name: getattr(sample, name).copy() for name in (*_MOTION, "tau")}
+    for name, x in (("q", q), ("v", v), ("a", a), ("sign", np.sign(v))):
+        moved[name][:, j] = x[kept][thin]
+    moved["tau"][:, j] = sample.q[:, j]
+    return replace(sample, **moved)
+
+
+def list_readings(
+    run: PreparedRun, joints: list[str], slides: list[bool], doubtful: np.ndarray
+) -> Iterator[Reading]:
+    """Readings worth trying where the joints `doubtful` (n,) of bool are not explained."""
+    n = len(joints)
+    turning = ~np.array(slides)
+    span = np.ptp(run.signals.q, axis=0)
+    if turning.any() and span[turning].max() > _LEAST_DEGREES:
+        factor = np.where(turning, np.pi / 180.0, 1.0)
+        yield Reading(
+            lambda s: _times(s, factor, "q", "v", "a"),
+            (),
+            "positions look like degrees; convert q to rad.",
+            _OTHER_UNIT,
+        )
+    if not turning.all() and span[~turning].max() > _LEAST_MM:
+        shrink = np.where(turning, 1.0, 1e-3)
+        yield Reading(
+            lambda s: _times(s, shrink, "q", "v", "a"),
+            (),
+            "positions look like mm; convert q to m.",
+            _OTHER_UNIT,
+        )
+    yield Reading(
+        lambda s: _times(s, -np.ones(n), "tau"),
+        (),
+        "the torques have the opposite sign of what the motion needs; give motor torque, positive where it "
+        "does positive work in positive motion.",
+    )
+    yield Reading(
+        lambda s: _times(s, -np.ones(n), "v", "sign"),
+        (),
+        "the torques fit the motion run backwards; sort the rows by time.",
+    )
+    gravity = np.array(run.signals.rigid_body.gravity)
+    if gravity.any():
+        yield Reading(
+            lambda s: _with_gravity(s, -gravity),
+            (),
+            "gravity acts opposite to robot.gravity; give gravity in the base frame.",
+        )
+    if gravity.any() and not 9.7 < np.linalg.norm(gravity) < 9.9:
+        yield Reading(
+            lambda s: _with_gravity(s, 9.81 * gravity / np.linalg.norm(gravity)),
+            (),
+            f"gravity is not {np.linalg.norm(gravity):.3g} m/s^2 strong as robot.gravity says; give m/s^2.",
+        )
+    for j in np.flatnonzero(doubtful).tolist():
+        yield from _list_for_joint(run, joints, slides, j)
+    for i in np.flatnonzero(doubtful).tolist():
+        for j in range(n):
+            if i != j and (not doubtful[j] or i < j):
+                yield from _list_exchanges(joints, i, j)
+
+
+def _list_for_joint(run: PreparedRun, joints: list[str], slides: list[bool], j: int) -> Iterator[Reading]:
+    n, joint = len(joints), joints[j]
+    factor, unit = (
+        (1e-3, "mm; convert it to m") if slides[j] else (np.pi / 180.0, "degrees; convert it to rad")
+    )
+    if np.ptp(run.signals.q[:, j]) > (_LEAST_MM if slides[j] else _LEAST_DEGREES):
+        yield Reading(
+            lambda s: _times(s, _only(n, j, factor), "q", "v", "a"),
+            (j,),
+            f"column 'q_{joint}' looks like {unit}.",
+            _OTHER_UNIT,
+        )
+    yield Reading(
+        lambda s: _times(s, _only(n, j, -1.0), "tau"),
+        (j,),
+        f"column 'tau_{joint}' has the opposite sign of what the motion needs; give motor torque, positive "
+        "where it does positive work in positive motion.",
+    )
+    yield Reading(
+        lambda s: _times(s, _only(n, j, -1.0), *_MOTION),
+        (j,),
+        f"column 'q_{joint}' has the opposite sign of the URDF's axis; turn it round.",
+    )
+    yield Reading(
+        lambda s: _times(s, _only(n, j, -1.0), *_MOTION, "tau"),
+        (j,),
+        f"columns 'q_{joint}' and 'tau_{joint}' have the opposite sign of the URDF's axis; turn both round.",
+    )
+    yield Reading(
+        lambda s: _exchange_kinds(s, run, j),
+        (j,),
+        f"columns 'q_{joint}' and 'tau_{joint}' look swapped; exchange them.",
+    )
+
+
+def _list_exchanges(joints: list[str], i: int, j: int) -> Iterator[Reading]:
+    for names, kinds in (
+        (("tau",), ("tau",)),
+        (_MOTION, ("q",)),
+        ((*_MOTION, "tau"), ("q", "tau")),
+    ):
+        what = " and ".join(f"'{kind}_{joints[i]}' with '{kind}_{joints[j]}'" for kind in kinds)
+        yield Reading(
+            lambda s, names=names: _exchange(s, names, i, j),  # type: ignore[misc]
+            (i, j),
+            f"columns look swapped: exchange {what}.",
+        )
+
+
+def _misfits_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Share of the variance of each column of y (K, L) that free coefficients of x (K, P) leave (L,)."""
+    basis = np.linalg.qr(x)[0]
+    y = y - y.mean(axis=0)
+    return 1.0 - ((basis.T @ y) ** 2).sum(axis=0) / np.maximum((y**2).sum(axis=0), 1e-300)
+
+
+def find_lag(sample: Sample, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time by which each joint's torque lags its motion, and the misfit there over that without a lag.
+
+    Parameters
+    ----------
+    sample : Sample
+    longest : float
+        Longest lag either way [s].
+
+    Returns
+    -------
+    lag, ratio : ndarray (n,)
+        [s]; NaN for joints that say nothing.
+    """
+    known = sample.known()
+    reach = int(longest * sample.rate)
+    lags, ratios = np.full(sample.n, np.nan), np.full(sample.n, np.nan)
+    inner = np.arange(reach + 1, len(sample.q) - reach - 1)
+    for j in np.flatnonzero(sample.heard).tolist():
+        at = inner[sample.counts[inner, j]]
+        if len(at) < _LEAST_ROWS:
+            continue
+        x = np.column_stack(
+            [known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j], np.ones(len(at))]
+        )
+        between = interpolate.CubicSpline(np.arange(len(sample.tau)), sample.tau[:, j])
+        shifts = np.arange(-reach, reach + 1).astype(float)
+        left = _misfits_at(x, between(at[:, None] + shifts))
+        near = shifts[int(np.argmin(left))] + np.linspace(-1.0, 1.0, 41)
+        fine = _misfits_at(x, between(at[:, None] + near))
+        lags[j] = near[int(np.argmin(fine))] / sample.rate
+        ratios[j] = fine.min() / max(left[reach], 1e-300)
+    return lags, ratios
