@@ -152,10 +152,10 @@ def test_touched_files_and_other_files_rerun_nothing(changed):
     assert stale(changed) == set()
 
 
-AFTER_SNR = {"compute_snr", "draw_figures", "write_report", "report", "all"}
+AFTER_SNR = {"compute_snr", "draw_findings", "write_report", "report", "all"}
 AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
-    "audit_surrogates", "draw_figures", "write_report", "report", "all",
+    "audit_surrogates", "draw_findings", "write_report", "report", "all",
 }  # fmt: skip
 AFTER_SURROGATES = AFTER_SNR | AFTER_SCOPE | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
 AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}
@@ -199,10 +199,10 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
         (
             "src/wearscope/evaluation/snr.py",
             {"compute_snr", "write_report"},
-            {"simulate_points", "fit_surrogates"},
+            {"compute_test_quantities", "fit_surrogates"},
         ),
         (f"{TINY}/torque_change.py", {"compute_test_quantities"}, {"make_design"}),
-        (f"{TINY}/short_moves.py", {"check_study", "simulate_points"}, {"make_design"}),
+        (f"{TINY}/short_moves.py", {"check_cycle", "simulate_points"}, {"make_design"}),
         (
             "src/wearscope/surrogates/validation.py",
             {"validate_surrogates"},
@@ -219,7 +219,8 @@ def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, mus
 
 
 def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
-    folder = copy_tree(tmp_path / "two-cores")
+    folder = tmp_path / "two-cores"
+    shutil.copytree(finished, folder, ignore=shutil.ignore_patterns("results", ".snakemake"))
     job = subprocess.Popen(
         command("simulate", cores=2),
         cwd=folder,
