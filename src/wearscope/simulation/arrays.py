@@ -72,6 +72,7 @@ class Work(NamedTuple):
 
     x: np.ndarray
     held: np.ndarray
+    change: np.ndarray
     residual: np.ndarray
     old_torque: np.ndarray
     old_speed: np.ndarray

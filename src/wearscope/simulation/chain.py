@@ -57,8 +57,8 @@ def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[s
     ----------
     body : RigidBody
     extra_payload : ndarray (10,), optional
-        Mass [kg] and first moment [kg m] to add to the last link; the tensor about the frame's origin stays
-        as it is, which is what the regressor of `payload_error` says.
+        Inertial parameters to add to the last link, in the order of `wearscope.robots.spatial`; the sum need
+        not be a body's.
 
     Raises
     ------

@@ -177,18 +177,22 @@ def _correct(gears, terms, state, work, motion, w, dt):
             a[j, j] = 1.0
     if not _solve(a, b):
         return -1
+    for j in range(n):
+        work.change[j] = b[j]
+        if gears.flexible[j]:
+            work.change[j] = 0.0
+            if mode[j] != 0:
+                inertia = gears.armature[j] / dt
+                motor = inertia + max(state.slope[j], -0.5 * inertia) + work.free[j]
+                missing = work.need[j] - work.high[j] + work.stiff[j] * b[j]
+                work.change[j] = missing / (motor + work.stiff[j])
+    share = _shorten(gears, state, work, motion, dt)
     turned = 0
     for j in range(n):
-        work.x[j] += b[j]
+        work.x[j] += share * b[j]
         if mode[j] == 0:
             continue
-        if gears.flexible[j]:
-            inertia = gears.armature[j] / dt
-            motor = inertia + max(state.slope[j], -0.5 * inertia) + work.free[j]
-            change = (work.need[j] - work.high[j] + work.stiff[j] * b[j]) / (motor + work.stiff[j])
-        else:
-            change = b[j]
-        speed = y[j] + change
+        speed = y[j] + share * work.change[j]
         if mode[j] * speed < 0.0:
             speed = 0.0
             mode[j] = 0
@@ -198,6 +202,29 @@ def _correct(gears, terms, state, work, motion, w, dt):
         if not gears.flexible[j]:
             work.x[j] = speed
     return turned
+
+
+@njit(error_model="numpy", forceinline=True)
+def _shorten(gears, state, work, motion, dt):
+    """Share of the Newton step that no gear's torque answers by far more than its slope says.
+
+    A gear hardens where its lost motion is taken up: a full step from within it overshoots by far.
+    """
+    share = 1.0
+    for j in range(len(state.mode)):
+        if not gears.flexible[j] or gears.lost_motion[j] == 0.0:
+            continue
+        before = work.residual[j] + work.links[j]
+        for _ in range(40):
+            speed = motion.speed[j] - work.x[j] + share * (work.change[j] - work.held[j])
+            after = invert_deflection(
+                state.gap[j] + dt * speed, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
+            )
+            said = share * work.stiff[j] * (work.change[j] - work.held[j])
+            if abs(after - before - said) <= 3.0 * abs(said) + gears.tolerance[j]:
+                break
+            share *= 0.5
+    return share
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -237,16 +264,17 @@ def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, tempe
         )  # fmt: skip
         _learn_slopes(terms, state, work, motion)
         missing = _balance(law, gears, state, work, motion, w, k, dt)
-        if _release(gears, state, work, motion, iteration > PATIENCE):
-            before = 0.0
-            continue
         for j in range(len(state.mode)):
             if state.mode[j] != 0:
                 missing = max(missing, abs(work.need[j] - work.high[j]) / gears.tolerance[j])
         if before > 0.0:
             state.pace[0], state.pace[1] = missing / before, 0.0
         if missing <= 1.0:
-            return True
+            # What a motor at rest needs is known only now.
+            if not _release(gears, state, work, motion, iteration > PATIENCE):
+                return True
+            before = 0.0
+            continue
         turned = _correct(gears, terms, state, work, motion, w, dt)
         if turned < 0:
             return False
