@@ -4,15 +4,13 @@ import pandas as pd
 from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.evaluation.snr import rank_by_median
 from wearscope.reporting.answers import (
-    audit_outcome,
     best_detector,
     effective_scope,
-    failed_points,
     relevant_factors,
-    surrogate_quality,
     tolerance_table,
     tolerances,
 )
+from wearscope.reporting.trust import audit_outcome, doubts, failed_points, surrogate_quality
 
 
 def sensitivity(study, term, size):
@@ -36,7 +34,19 @@ def test_an_unsettled_share_is_called_so(study, change):
     table = sensitivity(study, "w4", 3.0)
     rows = (table["term"] == "w4") & (table["fda"] == "A")
     table.loc[rows, ["n_relevant", "share_relevant", "share_low", "share_high"]] = 5, 0.625, 0.3, 0.86
-    assert "which the interval does not settle" in relevant_factors(change(sensitivity=table))[0]
+    said = relevant_factors(change(sensitivity=table))[0]
+    assert said.startswith("A: perhaps outweighed by w4 in 5 of 8 cells (95 %: 30 to 86 %);")
+
+
+def test_a_square_is_named_only_where_the_full_model_agrees(study, change):
+    table = sensitivity(study, "w4^2", 3.0)
+    surrogates = study.surrogates.copy()
+    square = (surrogates["term"] == "w4^2") & (surrogates["model"] == "full")
+    surrogates.loc[square, "theta_normalised"] = 0.01
+    assert "w4²" not in relevant_factors(change(sensitivity=table, surrogates=surrogates))[0]
+    surrogates.loc[square, "theta_normalised"] = 3.0
+    both = relevant_factors(change(sensitivity=table, surrogates=surrogates))
+    assert "w4² in 8 of 8" in both[0] and "w4" not in both[-1]
 
 
 def test_a_detector_without_any_effect_of_wear_is_unknown(study, change):
@@ -143,9 +153,21 @@ def test_poor_fits_are_counted(study, change):
     validation.loc[full, "fit"] = 90.0
     validation.loc[full[:3], "fit"] = [10.0, -20.0, np.nan]
     said = surrogate_quality(change(validation=validation))
-    assert "90 % in the median, −20 % at worst, below 50 % in 2 of 23 cells; 1 cell n/a" in said
+    assert "A 90 %, B 90 %, C 90 %; −20 % at worst, below 50 % in 2 of 23 cells; 1 cell n/a" in said
     gone = change(validation=validation.assign(fit=np.nan))
     assert "no fit" in surrogate_quality(gone)
+
+
+def test_surrogates_that_do_not_hold_are_doubted(study, change):
+    sound = change(validation=study.validation.assign(fit=90.0), audit=study.audit.assign(inside=True))
+    assert doubts(sound) == []
+    validation = sound.validation.copy()
+    validation.loc[validation["fda"] == "B", "fit"] = 20.0
+    said = doubts(change(validation=validation, audit=sound.audit))
+    assert len(said) == 1 and "say of B: its full model fits the validation runs to 20 %" in said[0]
+    audit = study.audit.assign(inside=study.audit["fda"] != "C")
+    said = doubts(change(validation=sound.validation, audit=audit))
+    assert len(said) == 1 and "say of C: the audit held 0 of" in said[0]
 
 
 def test_answers_for_other_groups(study, change):

@@ -1,4 +1,4 @@
-"""Q-1, Q-2 and Q-3 answered in words, and how far the answers can be trusted."""
+"""Q-1, Q-2 and Q-3 answered in words."""
 
 from dataclasses import dataclass
 
@@ -14,6 +14,7 @@ from wearscope.reporting.labels import (
     join_words,
     natural_step,
     split_groups,
+    term_factors,
     term_label,
     unit_text,
 )
@@ -55,12 +56,14 @@ def relevant_factors(study: Study) -> list[str]:
     """Answer to Q-1: a sentence for each group on what outweighs wear, and one on what hardly matters."""
     table = study.sensitivity
     by = group_columns(table)
-    sentences = [_outweighing(name, rows) for name, rows in split_groups(table, by)]
+    confirmed = _confirmed_terms(study, by)
+    sentences = [_outweighing(name, rows, confirmed.get(name)) for name, rows in split_groups(table, by)]
     main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
     quiet = [
         str(term)
         for term, rows in main.groupby("term", sort=True)
-        if len(rows) and (rows["median_absolute"] < SMALL).all()
+        if (rows["median_absolute"] < SMALL).all()
+        and not any(term in term_factors(one) for terms in confirmed.values() for one in terms)
     ]
     if quiet:
         sentences.append(
@@ -72,24 +75,47 @@ def relevant_factors(study: Study) -> list[str]:
     return sentences
 
 
-def _outweighing(name: str, rows: pd.DataFrame) -> str:
+def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
+    """Terms of second order that outweigh wear in more than half the cells of a group by the full model.
+
+    Model (19) has no square of f: where y curves with f, part of that curvature shows in its other squares.
+    Empty where the study has no full model.
+    """
+    rows = study.surrogates[study.surrogates["model"] == "full"]
+    rows = rows[rows["term"].str.contains(r"[:^]", regex=True) & rows["theta_normalised"].notna()]
+    found = {}
+    for name, group in split_groups(rows, by):
+        share = (group["theta_normalised"].abs() > 1).groupby(group["term"]).mean()
+        found[name] = set(share.index[share > HALF])
+    return found
+
+
+def _outweighing(name: str, rows: pd.DataFrame, confirmed: set[str] | None) -> str:
     cells = int(rows["n"].max())
     if cells == 0:
         return f"{name}: unknown, wear has no direct effect on y in any cell."
     strong = rows[(rows["share_relevant"] > HALF) & (rows["term"] != "f")]
+    if confirmed is not None:
+        second = strong["term"].str.contains(r"[:^]", regex=True)
+        strong = strong[~second | strong["term"].isin(confirmed)]
     if strong.empty:
         return f"{name}: none; no term outweighs wear in more than half of the {count_text(cells, 'cell')}."
     strong = strong.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
-    parts = []
-    for row in strong.head(4).itertuples():
-        doubt = "" if row.share_low > HALF else ", which the interval does not settle"
-        parts.append(
-            f"{term_label(str(row.term))} in {row.n_relevant} of {row.n} cells (95 %: "
-            f"{100 * row.share_low:.0f} to {100 * row.share_high:.0f} %{doubt})"
-        )
-    more = len(strong) - 4
-    tail = f", and {count_text(more, 'more term')}" if more > 0 else ""
-    return f"{name}: outweighed by {', '.join(parts)}{tail}."
+    settled = strong["share_low"] > HALF
+    parts = [_term_shares(part) for part in (strong[settled], strong[~settled])]
+    if not parts[0]:
+        return f"{name}: perhaps outweighed by {parts[1]}; the interval leaves open in how many cells."
+    return f"{name}: outweighed by {parts[0]}{'; perhaps by ' if parts[1] else ''}{parts[1]}."
+
+
+def _term_shares(rows: pd.DataFrame, most: int = 3) -> str:
+    parts = [
+        f"{term_label(str(row.term))} in {row.n_relevant} of {row.n} cells (95 %: "
+        f"{100 * row.share_low:.0f} to {100 * row.share_high:.0f} %)"
+        for row in rows.head(most).itertuples()
+    ]
+    more = len(rows) - most
+    return ", ".join(parts + ([count_text(more, "more term")] if more > 0 else []))
 
 
 def best_detector(study: Study) -> list[str]:
@@ -110,7 +136,7 @@ def best_detector(study: Study) -> list[str]:
     sentences = [f"{best} has the highest median SNR (95 % over cells): {medians}{left}."]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
-    tied = str(row["tied_with"]).replace("/", ", ")
+    tied = str(row["tied_with"])
     if tied:
         sentences.append(f"The choice of cells leaves open whether it beats {tied}.")
     elif len(known) > 1:
@@ -205,69 +231,3 @@ def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance
     size = f"{format_number(one.sigma * step, 2)} {unit_text(study.factor(factor).unit)}".strip()
     end = ", the end of the grid" if one.largest else ""
     return f"With a change of wear f of {change}, half the cells of {group} bear σ up to {size}{end}."
-
-
-def audit_outcome(study: Study) -> list[str]:
-    """What direct simulation said about the surrogates, or that it was not asked."""
-    if study.audit is None or study.audit.empty:
-        return ["Not audited: the study has no direct simulation to hold the surrogates against."]
-    audit = study.audit
-    good = audit[~audit["failed"]]
-    points = count_text(audit["point"].nunique(), "point")
-    text = (
-        f"Simulated directly at {points}, {_share(good['inside'], 'value')} lie within the surrogate's 95 % "
-        "prediction interval"
-    )
-    far = good[good["extrapolated"]]
-    if len(far) == len(good):
-        text += "; it extrapolates at all of them"
-    elif len(far):
-        text += f"; where it extrapolates, {_share(far['inside'], 'value')}"
-    sentences = [text + "."]
-    failed = len(audit) - len(good)
-    if failed:
-        sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}.")
-    if study.audit_verdicts is not None and len(study.audit_verdicts):
-        agrees = study.audit_verdicts["agrees"]
-        sentences.append(f"{_share(agrees, 'scope verdict')} checked in that way agree.")
-    else:
-        sentences.append("No scope verdict could be checked directly.")
-    return sentences
-
-
-def _share(flags: pd.Series, noun: str) -> str:
-    """``3 of 4 values (75 %)``."""
-    n = len(flags)
-    percent = f" ({100 * float(flags.mean()):.0f} %)" if n else ""
-    return f"{int(flags.sum())} of {count_text(n, noun)}{percent}"
-
-
-def failed_points(study: Study) -> str:
-    """How many points failed, and where most."""
-    if study.failures.empty:
-        return "No detector failed at any point."
-    worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
-    total = int(study.failures["failed"].sum())
-    return (
-        f"{count_text(total, 'test quantity', 'test quantities')} failed in "
-        f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {worst['fda']}, "
-        f"{worst['robot']}, {worst['cycle']}, axis {worst['axis']}, {worst['set']}: {worst['failed']} of "
-        f"{worst['points']} ({worst['first_reason']}). Failed points are left out, never counted as zero."
-    )
-
-
-def surrogate_quality(study: Study) -> str:
-    """How well the surrogate that is asked fits the validation runs."""
-    model = study.config["scope"]["model"]
-    rows = study.validation[study.validation["model"] == model]
-    fit = rows["fit"].to_numpy(dtype=float)
-    good = fit[np.isfinite(fit)]
-    if not good.size:
-        return f"The {model} model has no fit on the validation runs in any cell."
-    missing = f"; {count_text(fit.size - good.size, 'cell')} n/a" if fit.size > good.size else ""
-    low, middle = float(good.min()), float(np.median(good))
-    poor = int((good < 50).sum())
-    return (
-        f"The {model} model fits the validation runs to {format_number(middle)} % in the median, "
-        f"{format_number(low)} % at worst, below 50 % in {poor} of {count_text(good.size, 'cell')}{missing}."
-    )

@@ -53,7 +53,7 @@ def _factors(study: Study) -> str:
     levels = "; ".join(
         f"{one.name} {one.description}, {one.low:g} to {one.high:g} {unit_text(one.unit)}".strip()
         for one in study.factors
-    )
+    ).replace(" -", " −")
     return (
         f"{levels}. Each is constant within a test-cycle; temperature is the same in every joint. With a "
         "payload mass error the robot carries the declared mass over (1 + error) and the controller believes "
@@ -63,12 +63,13 @@ def _factors(study: Study) -> str:
 
 def _distribution(study: Study) -> str:
     snr, scope = study.config["snr"], study.config["scope"]
-    return (
+    text = (
         f"Normal with mean 0 in coded units, the middle of each range. SNR: all nuisances at once, σ = "
         f"{snr['sigma']:g}, f from {snr['f0']:g} to {snr['f0'] + snr['delta']:g}. Scope: one nuisance at a "
         f"time, the others as in z⁰, f from {scope['f0']:g}. Tails beyond ±2 leave the ranges that were "
         "simulated."
     )
+    return text.replace(" -", " −")
 
 
 def _extrapolation(study: Study) -> str:

@@ -88,7 +88,7 @@ def _listed(estimates: dict[str, Estimate], names: Sequence[str], unit: str = ""
 
 
 def _absent(question: str, paper: str, what: str) -> Finding:
-    return Finding(question, paper, f"This study has no {what}.", "not asked")
+    return Finding(question, paper, f"This study lacks {what}.", "not asked")
 
 
 def coefficients(study: Study, term: str) -> pd.DataFrame:
@@ -108,7 +108,7 @@ def _sensitivity_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     )
     warm = study.factors_of("temperature")
     if not warm or not names:
-        found += [_absent(q, text, "temperature factor or no stand-in for A, B, C") for text in texts]
+        found += [_absent(q, text, "a temperature factor, or stand-ins for A, B, C") for text in texts]
     else:
         wide = coefficients(study, warm[0])
         medians = estimate_columns(wide)
@@ -124,7 +124,7 @@ def _sensitivity_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     text = "Wear of the other joints (w1, w2) and point-to-point delay (w4) are insignificant for every FDA."
     quiet = [*study.factors_of("wear"), *study.factors_of("dwell")]
     if not quiet or not names:
-        return [*found, _absent(q, text, "other wear, delay, or stand-in for A, B, C")]
+        return [*found, _absent(q, text, "other wear and delay, or stand-ins for A, B, C")]
     parts, outcomes = [], []
     for factor in quiet:
         medians = estimate_columns(coefficients(study, factor))
@@ -142,17 +142,18 @@ def _payload_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     )
     load = study.factors_of("payload_mass_error")
     if not load or "A" not in names:
-        return [_absent(q, text, "payload mass error or no stand-in for A") for text in texts]
+        return [_absent(q, text, "payload mass error, or a stand-in for A") for text in texts]
     wide = coefficients(study, load[0])
     medians = estimate_columns(wide)
     a = names["A"]
     others = [names[letter] for letter in ("B", "C") if letter in names]
+    here = f"Median |θ̃| of {load[0]}: {_listed(medians, [a])}; as much as wear is {EQUAL:g}"
     first = Finding(
-        q, texts[0], f"Median |θ̃| of {load[0]}: {_listed(medians, [a])}; as much as wear is {EQUAL:g}.",
+        q, texts[0], f"{here}{_square_text(study, load[0], [a])}.",
         decide([medians[a].above(EQUAL)]),
     )  # fmt: skip
     if not others:
-        return [first, _absent(q, texts[1], "stand-in for B or C")]
+        return [first, _absent(q, texts[1], "stand-ins for B and C")]
     gaps = {name: estimate_difference(wide, a, name) for name in others}
     here = f"Median |θ̃| of {load[0]}: {_listed(medians, [a, *others])}; " + "; ".join(
         f"{a} less {name} {estimate_text(gap)}" for name, gap in gaps.items()
@@ -160,12 +161,24 @@ def _payload_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     return [first, Finding(q, texts[1], here + ".", decide([gap.above(0) for gap in gaps.values()]))]
 
 
+def _square_text(study: Study, factor: str, names: Sequence[str]) -> str:
+    """What the full model says of a factor's square, which the paper's sentence is not about."""
+    rows = study.surrogates[
+        (study.surrogates["model"] == "full") & (study.surrogates["term"] == f"{factor}^2")
+    ]
+    if rows.empty:
+        return ""
+    wide = pivot_detectors(rows.assign(size=rows["theta_normalised"].abs()), "size")
+    known = [name for name in names if name in wide.columns]
+    return f"; of its square in the full model: {_listed(estimate_columns(wide), known)}"
+
+
 def _least(
     question: str, text: str, wide: pd.DataFrame, names: dict[str, str], letter: str, what: str
 ) -> Finding:
     """Whether one stand-in has the lowest median of all."""
     if letter not in names or len(names) < 2:
-        return _absent(question, text, f"stand-in for {letter} and another to compare it with")
+        return _absent(question, text, f"a stand-in for {letter}, or another to compare it with")
     mine = names[letter]
     gaps = {name: estimate_difference(wide, name, mine) for name in names.values() if name != mine}
     here = ", ".join(f"{name} less {mine} {estimate_text(gap)}" for name, gap in gaps.items())
@@ -205,7 +218,7 @@ def _scope_findings(study: Study, names: dict[str, str]) -> list[Finding]:
         known = [name for name in study.factors_of(kind) if (study.scope["factor"] == name).any()]
         asked = [(names[one], names[other]) for one, other in pairs if {one, other} <= set(names)]
         if not known or not asked:
-            found.append(_absent(q, text, "scope of that factor, or not the stand-ins to compare"))
+            found.append(_absent(q, text, "a scope of that factor, or the stand-ins to compare"))
             continue
         wide = scope_shares(study, known[0]) * 100.0
         means = estimate_columns(wide, nan_mean)
@@ -228,7 +241,7 @@ def _fit_findings(study: Study, names: dict[str, str]) -> list[Finding]:
         fits = rows.loc[rows["model"] == model, "fit"].to_numpy(dtype=float)
         good = fits[~np.isnan(fits)]
         if not good.size:
-            found.append(_absent(q, text, f"fit of a {model} model for a stand-in of A, B, C"))
+            found.append(_absent(q, text, f"the fit of a {model} model for any stand-in of A, B, C"))
             continue
         inside = int(((good >= low) & (good <= high)).sum())
         median = float(np.median(good))
@@ -241,7 +254,7 @@ def _fit_findings(study: Study, names: dict[str, str]) -> list[Finding]:
         found.append(Finding(q, text, here, "agrees" if low <= median <= high else "disagrees"))
     text = "The full model gains most over the simplified one for B."
     if "B" not in names or len(names) < 2 or not {"full", "simplified"} <= set(rows["model"]):
-        return [*found, _absent(q, text, "both models for B and another stand-in")]
+        return [*found, _absent(q, text, "both models for B and for another stand-in")]
     keys = ["robot", "cycle", "axis", "fda"]
     fit = rows.set_index([*keys, "model"])["fit"].unstack("model")
     gain = pivot_detectors((fit["full"] - fit["simplified"]).rename("gain").reset_index(), "gain")

@@ -6,7 +6,7 @@ import pandas as pd
 import yaml
 from markupsafe import Markup
 
-from wearscope.reporting import answers
+from wearscope.reporting import answers, trust
 from wearscope.reporting.assumptions import list_assumptions
 from wearscope.reporting.costs import PAPER
 from wearscope.reporting.findings import Finding, count_verdicts
@@ -98,13 +98,14 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ("Q-3: where does it work?", answers.effective_scope(study), "q3", "Figure 4 and tolerances"),
         (
             "Can it be trusted?",
-            [answers.surrogate_quality(study), *answers.audit_outcome(study)],
+            [trust.surrogate_quality(study), *trust.audit_outcome(study)],
             "trust",
             "Fits, audit, assumptions",
         ),
     ]
     cards = [(title, list(map(unbreak, said)), link, more) for title, said, link, more in cards]
-    alarms = [] if study.failures.empty else [answers.failed_points(study)]
+    alarms = [*trust.doubts(study), *([] if study.failures.empty else [trust.failed_points(study)])]
+    alarms = list(map(unbreak, alarms))
     return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
 
 
@@ -218,7 +219,11 @@ def _relevance(study: Study) -> Markup:
         f"Fig. 2: normalised coefficients (8) of the {MODEL_NAMES[model]} model. Dotted circle: median; box: "
         "quartiles; whiskers: 1.5 boxes; circles: outliers. Beyond the dashed lines a term weighs more "
         "than wear. "
-        "The scale turns logarithmic beyond ±1 where values reach far."
+        "The scale turns logarithmic beyond ±1 where values reach far. Model (19) has no square of f: "
+        "where y "
+        "curves with f, part of that (a quarter, with its sign turned, in the paper's design) shows in the "
+        "other "
+        "squares, so the sentences name a square only where the full model (3) agrees."
     )
     note = (
         "Direct effects: median |θ̃|; cells in which it outweighs wear. Interactions and squares: "
@@ -237,8 +242,11 @@ def _relevance(study: Study) -> Markup:
 def _comparison(study: Study) -> Markup:
     sentences = answers.best_detector(study)
     setting = study.config["snr"]
+    first, last = (
+        f"{value:g}".replace("-", "−") for value in (setting["f0"], setting["f0"] + setting["delta"])
+    )
     caption = (
-        f"Fig. 3: SNR (11), f from {setting['f0']:g} to {setting['f0'] + setting['delta']:g}, σ = "
+        f"Fig. 3: SNR (11), f from {first} to {last}, σ = "
         f"{setting['sigma']:g} (20), by Monte Carlo; red: y falls with wear. Median and rank with 95 % "
         "intervals over "
         "the choice of cells."
@@ -283,14 +291,14 @@ def _scope(study: Study) -> Markup:
 
 def _trust(study: Study) -> Markup:
     parts = [
-        _paragraphs([answers.surrogate_quality(study)]),
+        _paragraphs([trust.surrogate_quality(study)]),
         _figure(
             study, "fit", "Fit of every surrogate on the validation runs as a heat map.",
             "The table like Table 4 for every robot and test-cycle: fit (6) on the validation runs; a mean "
             "predictor "
             "has 0 %, 90 % leaves 1 % of the variance.",
         ),
-        _paragraphs(answers.audit_outcome(study)),
+        _paragraphs(trust.audit_outcome(study)),
     ]  # fmt: skip
     if study.audit is not None:
         caption = (
@@ -317,7 +325,7 @@ def _trust(study: Study) -> Markup:
 
 
 def _failures(study: Study) -> Markup:
-    text = _paragraphs([answers.failed_points(study)])
+    text = _paragraphs([trust.failed_points(study)])
     if study.failures.empty:
         return text
     return Markup("{}{}").format(

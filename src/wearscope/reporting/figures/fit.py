@@ -27,7 +27,7 @@ def draw_fit(fits: pd.DataFrame) -> Figure:
     norm = Normalize(0, 100)
     with figure_style():
         width = max(5.0, 2.4 + 0.42 * len(cycles) * len(axes_columns))
-        figure = new_figure(width, (0.8 + 0.2 * len(rows)) * len(robots) + 0.3)
+        figure = new_figure(width, max(2.8, (0.8 + 0.2 * len(rows)) * len(robots) + 0.3))
         panels = figure.subplots(len(robots), 1, squeeze=False)[:, 0]
         mesh = None
         for ax, robot in zip(panels, robots, strict=True):

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from wearscope.reporting.labels import count_text, natural_step, split_groups, unit_text
@@ -61,6 +62,7 @@ def draw_scope(
         figure.colorbar(
             ScalarMappable(norm, colormaps["cividis"]), ax=axes[: len(methods)].ravel().tolist(),
             label="cells that pass", aspect=30, pad=0.02,
+            ticks=MaxNLocator(integer=True),
         )  # fmt: skip
         if compare:
             _draw_differences(figure, axes[-1], [group for _, group in shown])
@@ -160,4 +162,6 @@ def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequenc
             bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
     if image is not None:
-        figure.colorbar(image, ax=list(axes), label="cells", aspect=14, pad=0.02)
+        figure.colorbar(
+            image, ax=list(axes), label="cells", aspect=14, pad=0.02, ticks=MaxNLocator(integer=True)
+        )

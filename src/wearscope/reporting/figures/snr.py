@@ -113,7 +113,7 @@ def draw_snr_cells(snr: pd.DataFrame, value: str = "snr_exact") -> Figure:
     reach = float(np.abs(finite(values)).max(initial=1.0))
     norm = SymLogNorm(linthresh=1.0, vmin=-reach, vmax=reach, base=10)
     with figure_style():
-        figure = new_figure(max(4.0, 2.2 + 0.58 * len(order)), 1.1 + 0.28 * len(table))
+        figure = new_figure(max(4.0, 2.2 + 0.58 * len(order)), max(2.4, 1.1 + 0.28 * len(table)))
         ax = figure.subplots()
         labels = [f"{robot}, {cycle}" for robot, cycle in table.index]
         mesh = draw_heat(ax, values, labels, [f"axis {axis}" for _, axis in order], norm, "PuOr_r", _short)
