@@ -43,7 +43,10 @@ def test_mass_matrix_and_bias_are_pinocchios(arms):
 
 
 def test_extra_payload_is_what_its_regressor_says(arms):
-    body, extra = arms.make_arm().rigid_body(), np.array([2.5, 0.3, -0.2, 0.4, 0.1, 0.01, 0.2, 0.0, -0.03, 0.15])
+    body, extra = (
+        arms.make_arm().rigid_body(),
+        np.array([2.5, 0.3, -0.2, 0.4, 0.1, 0.01, 0.2, 0.0, -0.03, 0.15]),
+    )
     scratch = make_scratch(body.n)
     rng = np.random.default_rng(2)
     q, v, a = rng.normal(size=(3, body.n))

@@ -199,3 +199,25 @@ def test_gains_go_with_the_inertia_and_the_stated_bandwidth(arms):
     np.testing.assert_allclose(law.stiffness, omega**2 * inertia)
     np.testing.assert_allclose(law.damping, 1.4 * omega * inertia)
     assert find_step(reference.t) == 1e-3
+
+
+@pytest.mark.parametrize("rotor", [0.0, 5.0])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"backlash": {"lost_motion": 1e-4, "mesh_torque": 2.0}},
+        {"backlash": {"lost_motion": 3e-3, "mesh_torque": 2.0}, "joint_elasticity": {"compliance": 1e-7}},
+        {"joint_elasticity": {"compliance": 1e-10}},
+    ],
+)
+def test_hard_gears_balance_with_and_without_a_rotor(arms, effects, rotor):
+    """Play that ends hard, and a gear that is all but rigid: no step fails or rings beyond what is needed."""
+    bent = [("lift", name, values) for name, values in effects.items()]
+    drive = {"rotor_inertia": [6.0, rotor, 5.0, 1.0]}
+    model, rigid = (arms.make_arm([*arms.rub(), *more], drive=drive) for more in (bent, []))
+    reference = arms.swing(1.5)
+    trace, stiff = trace_forward(model, reference)[0], trace_forward(rigid, reference)[0]
+    assert np.abs(trace.torque).max() < 1.5 * np.abs(stiff.torque).max()
+    if effects.get("joint_elasticity", {}).get("compliance") == 1e-10:
+        off = trace.torque[50:] - stiff.torque[50:]
+        assert np.sqrt(np.mean(off**2)) < 0.01 * np.sqrt(np.mean(stiff.torque**2))
