@@ -4,7 +4,6 @@ What a folder says is checked here against itself (fields, columns, rows, rates)
 units, sides and signs is checked in `wearscope.closed_loop.plausibility`.
 """
 
-import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -124,8 +123,8 @@ def _read_columns(path: Path) -> pd.DataFrame:
 def _take(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
     """One column as finite numbers."""
     if name not in frame.columns:
-        near = difflib.get_close_matches(name, [str(c) for c in frame.columns], n=1, cutoff=0.8)
-        hint = f"rename '{near[0]}' if it is meant" if near else "add it, or mend robot.joints"
+        near = [c for c in map(str, frame.columns) if c.strip().lower() == name.lower()]
+        hint = f"rename '{near[0]}'" if near else "add it, or mend robot.joints"
         raise InputError(f"{path}: column '{name}' is missing; {hint}.")
     series = frame[name]
     if not pd.api.types.is_numeric_dtype(series) or pd.api.types.is_bool_dtype(series):

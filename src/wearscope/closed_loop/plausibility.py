@@ -135,7 +135,7 @@ def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample) -> Non
 
 
 def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tuple[float, str]:
-    """Motor-side torque, newton-millimetres, masses in grams: what is left of the misfits, and the sentence."""
+    """Motor-side torque, newton-millimetres, masses in grams: the misfits left, and what to say."""
     dataset = prepared.dataset
     factors, left = scale_factors(sample, doubtful)
     with np.errstate(invalid="ignore"):
@@ -186,7 +186,7 @@ def _free_misfit(sample: Sample, j: int) -> float:
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
     """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
 
-    A joint that is held carries at most what the others' motion loads it with; noise is told by its bandwidth.
+    A held joint carries at most what the others' motion loads it with; noise is known by its bandwidth.
     """
     recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
     for j in np.flatnonzero(np.ptp(recorded.q, axis=0) == 0.0).tolist():

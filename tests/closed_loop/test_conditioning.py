@@ -1,0 +1,269 @@
+"""Filters without phase, derivatives of known motions, bandwidths that follow the noise, uniform time."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.cleaning import clean_run
+from wearscope.closed_loop.conditioning import (
+    Band,
+    choose_motion_cutoff,
+    choose_torque_cutoff,
+    differentiate,
+    differentiate_run,
+    low_pass,
+    position_noise,
+    resample,
+)
+from wearscope.closed_loop.dataset import Run
+from wearscope.closed_loop.masking import bridge_torque, find_clipped
+from wearscope.closed_loop.preparation import rows
+from wearscope.errors import InputError
+
+RATE = 250.0
+T = np.arange(int(12 * RATE)) / RATE
+FAST = 2 * np.pi * 1.3
+
+
+def make_run(q, tau=None, t=T, qd=None, temperature=None):
+    q = np.column_stack([q]) if q.ndim == 1 else q
+    tau = np.cos(3 * t)[:, None] * np.ones(q.shape[1]) if tau is None else tau.reshape(len(t), -1)
+    return Run("r.parquet", "train", t, q, tau, qd, temperature, None)
+
+
+def draw_smooth(rng, highest=3.0):
+    """A motion of known bandwidth [Hz]."""
+    return sum(
+        rng.normal() / k * np.sin(2 * np.pi * k * highest / 8 * T + rng.uniform(0, 6)) for k in range(1, 9)
+    )
+
+
+def test_filter_has_no_phase():
+    x = np.random.default_rng(0).normal(size=(len(T), 2))
+    forward = low_pass(x, 10.0, RATE)
+    backward = low_pass(x[::-1], 10.0, RATE)[::-1]
+    middle = slice(200, -200)
+    np.testing.assert_allclose(forward[middle], backward[middle], atol=1e-6)
+    # A symmetric pulse stays where it is and symmetric.
+    pulse = np.zeros((1001, 1))
+    pulse[500] = 1.0
+    out = low_pass(pulse, 10.0, RATE)[:, 0]
+    assert np.argmax(out) == 500
+    np.testing.assert_allclose(out, out[::-1], atol=1e-9)
+
+
+def test_filter_passes_below_and_stops_above_its_cutoff():
+    def gain(frequency):
+        x = np.sin(2 * np.pi * frequency * T)[:, None]
+        y = low_pass(x, 10.0, RATE)
+        return y[500:-500].std() / x[500:-500].std()
+
+    assert gain(3.0) == pytest.approx(1.0, abs=1e-3)
+    assert gain(10.0) == pytest.approx(0.5, abs=0.01)
+    assert gain(30.0) < 1e-3
+
+
+def test_filter_leaves_the_signal_alone_near_nyquist():
+    x = np.random.default_rng(1).normal(size=(500, 1))
+    assert low_pass(x, 0.45 * RATE, RATE) is x
+
+
+def test_derivatives_of_a_sinusoid_are_right():
+    run = make_run(0.8 * np.sin(FAST * T))
+    motion = differentiate_run(run, RATE, 25.0)
+    inner = slice(100, -100)
+    speed, acceleration = 0.8 * FAST * np.cos(FAST * T), -0.8 * FAST**2 * np.sin(FAST * T)
+    assert np.abs(motion.v[inner, 0] - speed[inner]).max() < 1e-4 * np.abs(speed).max()
+    assert np.abs(motion.a[inner, 0] - acceleration[inner]).max() < 1e-4 * np.abs(acceleration).max()
+
+
+def test_differentiation_is_exact_for_polynomials():
+    t = np.arange(40) / 10.0
+    x = np.column_stack([t**6 - t**3, 2.0 * t])
+    slope = differentiate(x, 10.0)
+    np.testing.assert_allclose(slope[3:-3, 0], (6 * t**5 - 3 * t**2)[3:-3], rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(slope[:, 1], 2.0, rtol=1e-10)
+
+
+def test_given_speeds_are_used_joint_by_joint():
+    q = np.column_stack([np.sin(FAST * T), np.sin(FAST * T)])
+    qd = np.column_stack([np.full(len(T), np.nan), 3.0 * FAST * np.cos(FAST * T)])
+    motion = differentiate_run(make_run(q, np.column_stack([q, q])[:, :2], qd=qd), RATE, 25.0)
+    inner = slice(100, -100)
+    np.testing.assert_allclose(motion.v[inner, 1], 3.0 * motion.v[inner, 0], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(motion.a[inner, 1], 3.0 * motion.a[inner, 0], rtol=1e-3, atol=0.01)
+    assert np.isfinite(motion.v).all() and np.isfinite(motion.a).all()
+
+
+def test_temperature_of_some_joints_stays_unknown_for_the_others():
+    temperature = np.column_stack([np.full(len(T), 30.0), np.full(len(T), np.nan)])
+    run = make_run(np.column_stack([np.sin(T), np.cos(T)]), temperature=temperature)
+    motion = differentiate_run(run, RATE, 25.0)
+    assert (motion.temperature[:, 0] == 30.0).all() and np.isnan(motion.temperature[:, 1]).all()
+    none = differentiate_run(make_run(np.column_stack([np.sin(T), np.cos(T)])), RATE, 25.0)
+    assert np.isnan(none.temperature).all()
+
+
+def test_noise_density_is_that_of_the_noise():
+    sigma = 1e-4
+    q = np.sin(FAST * T) + sigma * np.random.default_rng(2).normal(size=len(T))
+    density, edge = position_noise(q[:, None], RATE)
+    assert density[0] == pytest.approx(2 * sigma**2 / RATE, rel=0.3)
+    assert 1.0 < edge[0] < 10.0
+
+
+def test_motion_cutoff_falls_with_noise_and_stays_above_the_motion():
+    rng = np.random.default_rng(3)
+    # Moves at constant acceleration: the spectrum falls with the third power of frequency.
+    q = np.cumsum(np.cumsum(np.sign(np.sin(2 * np.pi * 0.7 * T)))) / RATE**2
+
+    def choose(sigma):
+        return choose_motion_cutoff([make_run(q + sigma * rng.normal(size=len(T)))], RATE)
+
+    clean, noisy = choose(1e-9), choose(1e-3)
+    assert 5.0 <= noisy < clean <= RATE / 10
+
+
+def test_motion_cutoff_survives_a_joint_that_stands_still():
+    rng = np.random.default_rng(4)
+    q = np.column_stack([draw_smooth(rng) + 1e-4 * rng.normal(size=len(T)), np.zeros(len(T))])
+    assert np.isfinite(choose_motion_cutoff([make_run(q)], RATE))
+
+
+def test_torque_cutoff_is_where_coherence_ends():
+    rng = np.random.default_rng(5)
+    predicted = low_pass(rng.normal(size=(len(T), 1)), 12.0, RATE)
+    measured = predicted + low_pass(0.01 * rng.normal(size=(len(T), 1)), 60.0, RATE)
+    cutoff = choose_torque_cutoff([(measured, predicted)], RATE, 100.0)
+    assert 10.0 < cutoff < 25.0
+    assert choose_torque_cutoff([(rng.normal(size=(len(T), 1)), predicted)], RATE, 100.0) == 4.0
+
+
+def test_jittered_time_is_resampled_onto_the_true_motion():
+    rng = np.random.default_rng(6)
+    t = T + rng.uniform(-0.2, 0.2, len(T)) / RATE
+    t[0] = T[0]
+    run = make_run(np.sin(FAST * t), np.cos(FAST * t), t=t)
+    uniform = resample(run, RATE)
+    np.testing.assert_allclose(np.diff(uniform.t), 1 / RATE, rtol=1e-9)
+    bend = 0.5 * (0.7 / RATE) ** 2 * FAST**2  # of linear interpolation between samples
+    assert np.abs(uniform.q[:, 0] - np.sin(FAST * uniform.t)).max() < bend
+    assert np.abs(uniform.tau[:, 0] - np.cos(FAST * uniform.t)).max() < bend
+
+
+def test_uniform_time_is_left_alone_wherever_it_starts():
+    run = make_run(np.sin(T), t=T + 1.7e9)
+    assert resample(run, RATE) is run
+
+
+def test_resampling_never_fills_unknown_values():
+    t = T * 1.0005
+    temperature = np.column_stack([np.full(len(T), 30.0), np.full(len(T), np.nan)])
+    run = make_run(np.column_stack([np.sin(t), np.cos(t)]), t=t, temperature=temperature)
+    uniform = resample(run, RATE)
+    assert len(uniform.t) != len(t) or not np.array_equal(uniform.t, t)
+    assert np.isnan(uniform.temperature[:, 1]).all() and np.allclose(uniform.temperature[:, 0], 30.0)
+
+
+def test_rows_are_four_times_the_cutoff_and_spare_the_edges():
+    band = Band(RATE, 30.0, 10.0)
+    kept = rows(band, 1000)
+    assert kept.step == 6 and kept.start == 25 and kept.stop == 975
+
+
+def clean(run, slides=None):
+    n = run.q.shape[1]
+    return clean_run(run, [f"j{k}" for k in range(n)], slides or [False] * n, "folder/r.parquet")
+
+
+def test_a_whole_run_is_not_touched():
+    rng = np.random.default_rng(7)
+    q = draw_smooth(rng) + 1e-4 * rng.normal(size=len(T))
+    tau = 5 * np.sign(np.cos(T)) + np.sin(5 * T) + 0.05 * rng.standard_t(3, size=len(T))
+    cleaned = clean(make_run(q, tau))
+    np.testing.assert_array_equal(cleaned.run.q[:, 0], q)
+    np.testing.assert_array_equal(cleaned.run.tau[:, 0], tau)
+    assert not cleaned.faulty.any() and cleaned.notes == []
+
+
+@pytest.mark.parametrize("resolution", [1e-3, 1e-2])
+def test_a_coarse_encoder_of_a_creeping_joint_is_no_fault(resolution):
+    q = np.round(0.02 * np.sin(0.2 * T) / resolution) * resolution
+    cleaned = clean(make_run(np.column_stack([np.sin(T), q])))
+    np.testing.assert_array_equal(cleaned.run.q[:, 1], q)
+    assert not cleaned.faulty.any()
+
+
+def test_spikes_are_bridged_and_marked():
+    rng = np.random.default_rng(8)
+    true = draw_smooth(rng)
+    q, tau = true.copy(), np.sin(5 * T)
+    q[1000] += 0.3
+    q[2000:2002] = 0.0
+    tau[1500] = 40.0
+    cleaned = clean(make_run(q, tau.copy()))
+    assert np.abs(cleaned.run.q[:, 0] - true).max() < 1e-4
+    assert np.flatnonzero(cleaned.faulty[:, 0]).tolist() == [1000, 1500, 2000, 2001]
+    assert cleaned.run.tau[1500, 0] == pytest.approx(np.sin(5 * T[1500]), abs=1e-4)
+    assert len(cleaned.notes) == 2
+
+
+def test_full_turns_are_unwrapped_where_the_joint_turns():
+    true = 2.0 + 2.5 * np.sin(T)
+    wrapped = (true + np.pi) % (2 * np.pi) - np.pi
+    cleaned = clean(make_run(wrapped))
+    np.testing.assert_allclose(np.diff(cleaned.run.q[:, 0]), np.diff(true), atol=1e-9)
+    with pytest.raises(InputError, match=r"folder/r\.parquet: column 'q_j0' steps by 6\.28 at t = "):
+        clean(make_run(wrapped), slides=[True])
+
+
+def test_start_up_is_cut_and_a_step_in_the_middle_refused():
+    q = 1.0 + np.sin(T)
+    q[:100] = 0.0
+    q[:100] += 1e-5 * np.random.default_rng(9).normal(size=100)
+    cleaned = clean(make_run(q))
+    assert cleaned.run.t[0] == T[100] and len(cleaned.run.q) == len(cleaned.faulty) == len(T) - 100
+    assert "rows before it are cut off" in cleaned.notes[0]
+    q = np.sin(T)
+    q[1400:] += 0.4
+    with pytest.raises(InputError, match=r"'q_j0' steps by 0\.4 at t = 5\.6 s.*split the run"):
+        clean(make_run(q))
+
+
+def test_frozen_torque_counts_only_where_the_joint_rests():
+    q, tau = np.sin(T), np.cos(5 * T)
+    tau[1000:1300] = tau[1000]
+    faulty = clean(make_run(q, tau)).faulty[:, 0]
+    assert faulty[1000:1300].all() and faulty.sum() == 300
+    q[900:1400] = q[900]
+    q[1400:] = q[900] + np.sin(T[1400:] - T[1400])
+    assert not clean(make_run(q, tau)).faulty.any()
+
+
+def test_clipped_torque_is_found_with_and_without_noise():
+    need = 10 * np.sin(2 * T)[:, None]
+    for noise in (0.0, 0.05):
+        tau = np.clip(need, -7.0, 7.0) + noise * np.random.default_rng(10).normal(size=need.shape)
+        found = find_clipped(tau, need, None)[:, 0]
+        beyond = np.abs(need[:, 0]) > 7.3
+        assert found[beyond].all()
+        assert not found[np.abs(need[:, 0]) < 6.5].any()
+
+
+def test_peaks_that_merely_miss_the_prediction_are_not_clipped():
+    rng = np.random.default_rng(11)
+    need = draw_smooth(rng)[:, None]
+    tau = 0.9 * need + 0.01 * rng.normal(size=need.shape)
+    assert not find_clipped(tau, need, None).any()
+
+
+def test_stated_torque_limits_are_believed():
+    tau = 10 * np.sin(2 * T)[:, None]
+    assert find_clipped(tau, tau, [9.0])[:, 0].sum() == (np.abs(tau) >= 8.991).sum()
+
+
+def test_bridge_follows_the_prediction_and_meets_the_neighbours():
+    tau, predicted = np.sin(T)[:, None], np.sin(T)[:, None] - 0.3
+    bad = np.zeros(tau.shape, dtype=bool)
+    bad[500:900] = True
+    spoilt = np.where(bad, 99.0, tau)
+    np.testing.assert_allclose(bridge_torque(spoilt, predicted, bad), tau, atol=1e-12)
