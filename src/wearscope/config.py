@@ -309,6 +309,13 @@ class StudyConfig(Section):
             )
         return table
 
+    @field_validator("study")
+    @classmethod
+    def _not_taken(cls, value: str) -> str:
+        if value in ("archive", "attribution_board", "closed_loop"):
+            raise ValueError(f"results/{value}/ holds something else; choose another name")
+        return value
+
     @field_validator("robots", "cycles", "axes")
     @classmethod
     def _no_repeats(cls, value: list[Any]) -> list[Any]:

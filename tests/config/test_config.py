@@ -103,6 +103,7 @@ def test_detector_shorthand(paper):
         ({"axes": [4]}, ["axes.0", "3"]),
         ({"axes": [1, 1]}, ["axes: 1 is named twice"]),
         ({"study": "my study"}, ["study"]),
+        ({"study": "archive"}, ["study: results/archive/ holds something else"]),
         ({"design": {"kind": "cube"}}, ["design.kind", "central_composite", "'cube'"]),
         ({"max_failed_share": 2}, ["max_failed_share"]),
     ],

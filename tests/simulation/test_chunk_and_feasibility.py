@@ -1,11 +1,13 @@
+import errno
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation import chunk
+from wearscope.simulation import chunk, recording
 from wearscope.simulation.feasibility import check_cycle, check_robot
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
@@ -88,6 +90,21 @@ def test_failed_run_is_told_after_the_others_are_written(tmp_path, model, cycle,
     with pytest.raises(InputError, match=r"identification point 2: the motor is lost; correct the robot"):
         simulate(tmp_path, ROWS, model, cycle)
     assert [point_path(tmp_path, "identification", k).exists() for k in (1, 2, 3)] == [True, False, True]
+
+
+def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monkeypatch):
+    genuine = pq.write_table
+
+    def fill(table, name, **options):
+        if "point=2" in str(name):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        genuine(table, name, **options)
+
+    monkeypatch.setattr(recording.pq, "write_table", fill)
+    with pytest.raises(InputError, match=r"point=2.*No space left on device.*free disk space"):
+        simulate(tmp_path, ROWS, model, cycle)
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["recording.parquet"]
+    read_recording(point_path(tmp_path, "identification", 1))
 
 
 @pytest.mark.parametrize(
