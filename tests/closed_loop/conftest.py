@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.effects.base import Signals, load_effect
+from wearscope.closed_loop.conditioning import differentiate
+from wearscope.effects.base import Signals, TransmissionEffect, load_effect
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
 
@@ -45,6 +46,15 @@ def draw_motion(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np
     return q, v, a
 
 
+def bend_gear(effect, joint, values, load, q, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Motion of the motors where the links follow q: the gear at a joint bends under the load."""
+    coefficients, shape = effect.pack(values)
+    motor = q.copy()
+    motor[:, joint] += coefficients[0] * effect.bend(load[:, joint], shape)
+    speed = differentiate(motor, 1.0 / (t[1] - t[0]))
+    return motor, speed, differentiate(speed, 1.0 / (t[1] - t[0]))
+
+
 @pytest.fixture
 def record(tmp_path: Path) -> Record:
     """Write a data set with planted effects [(joint index, effect, values)] and return its folder."""
@@ -71,6 +81,10 @@ def record(tmp_path: Path) -> Record:
             signals.torque = tau.copy()
             for joint, name, values in planted:
                 effect = load_effect(name)
+                if isinstance(effect, TransmissionEffect):
+                    q, v, a = bend_gear(effect, joint, values, load, q, t)
+                    tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
+                    continue
                 added = effect.torque(signals, joint, values)
                 if effect.spread:
                     tau = tau + added

@@ -17,7 +17,7 @@ PLANTED = {
     "temperature_dependent_friction": {"coulomb_slope": -0.2, "viscous_slope": -0.1, "reference": 43.5},
     "warm_up_drift": {"coulomb_drift": 4.0, "time_constant": 6.0},
     "presliding_hysteresis": {"level": 6.0, "displacement": 0.03},
-    "joint_elasticity": {"compliance": 2e-4},
+    "joint_elasticity": {"compliance": 1e-4},
     "torque_ripple": {"cosine": 2.0, "sine": 1.5, "wavenumber": 30.0},
     "joint_spring": {"stiffness": 8.0, "preload": 1.0},
     "gravity_counterbalance": {"sine1": 4.0, "cosine1": -9.0},
@@ -27,7 +27,6 @@ PLANTED = {
     "time_delay": {"delay": 0.003},
     "cross_coupling": {"viscous": 3.0, "other": 1.0},
     "torque_offset": {"offset": 3.0},
-    "backlash": {"lost_motion": 0.01, "mesh_torque": 10.0},
 }
 #: Effects that this motion cannot tell apart, by physics.
 SAME = {"torque_offset": {"coulomb_asymmetry"}, "coulomb_asymmetry": {"torque_offset"}}

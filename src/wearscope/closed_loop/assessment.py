@@ -6,7 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.preparation import Prepared, PreparedRun
 from wearscope.closed_loop.regression import Entry, Regression
-from wearscope.effects.base import MeasurementEffect, TransmissionEffect
+from wearscope.effects.base import MeasurementEffect
 
 
 @dataclass
@@ -37,29 +37,14 @@ def predict_motor(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.
     return torque
 
 
-def predict_transmitted(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray | None:
-    """Torque (N, n) through the gears where one of them bends, else None: the rigid body's will do."""
-    bending = [
-        (entry, span)
-        for entry, span in zip(model.entries, model.spans, strict=True)
-        if isinstance(entry.effect, TransmissionEffect)
-    ]
-    if not bending:
-        return None
-    return run.signals.load + sum(entry.columns(run) @ theta[span] for entry, span in bending)
-
-
 def predict_full(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
     """Full-rate torque (N, n) that a model predicts to be recorded along a run."""
-    before = run.signals.torque, run.signals.transmitted
-    for _ in range(3):
-        run.signals.transmitted = predict_transmitted(model, theta, run)
     torque = predict_motor(model, theta, run)
-    run.signals.torque = torque.copy()
+    kept, run.signals.torque = run.signals.torque, torque.copy()
     for entry, span in zip(model.entries, model.spans, strict=True):
         if is_late(entry):
             torque += entry.columns(run) @ theta[span]
-    run.signals.torque, run.signals.transmitted = before
+    run.signals.torque = kept
     return torque
 
 
@@ -67,18 +52,17 @@ def update_prediction(model: Regression) -> None:
     """Give the training signals the motor torque of a model, for errors of the measurement."""
     theta = model.solve()
     for run in model.prepared.runs_for("train"):
-        run.signals.transmitted = predict_transmitted(model, theta, run)
         run.signals.torque = predict_motor(model, theta, run)
 
 
 def refit(base: Regression, entries: list[Entry]) -> Regression:
     """Regression like `base` with other entries.
 
-    Errors of the measurement multiply the motor torque, and gears bend under the torque through them, which the
-    other parameters give: the fit is repeated until both agree.
+    Errors of the measurement multiply the motor torque, which the other parameters give: the fit is repeated
+    until both agree.
     """
     model = Regression(base.prepared, entries, base.sigma, base.inertial, base.blocks)
-    if any(is_late(entry) or isinstance(entry.effect, TransmissionEffect) for entry in entries):
+    if any(is_late(entry) for entry in entries):
         for _ in range(4):
             update_prediction(model)
             model = Regression(base.prepared, entries, base.sigma, base.inertial, base.blocks)

@@ -80,7 +80,12 @@ def joined_signals(runs: list[PreparedRun]) -> Signals:
         return np.concatenate([getattr(run.signals, name) for run in runs])
 
     names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-    return Signals(**{name: join(name) for name in names}, bandwidth=runs[0].band.torque)
+    first = runs[0]
+    return Signals(
+        **{name: join(name) for name in names},
+        rigid_body=first.signals.rigid_body,
+        bandwidth=first.band.torque,
+    )
 
 
 def reduce_columns(effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun) -> np.ndarray:

@@ -104,10 +104,11 @@ class Scorer:
             self.sample_loss += ((r * w) ** 2).sum(axis=0)
 
     def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
-        """Score variants of a family, all of its effect's where none are given."""
+        """Score variants of a family, the plain ones of its effect where none are given."""
         regressors = self.model.correlate(family.columns, family.joint, family.count)
         return [
-            self._score_subset(family, regressors.select(s), s) for s in subsets or family.effect.subsets()
+            self._score_subset(family, regressors.select(s), s)
+            for s in subsets or family.effect.plain_subsets()
         ]
 
     def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:

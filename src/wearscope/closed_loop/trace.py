@@ -317,7 +317,9 @@ class Tracer:
         again = scorer.score(family)
         adjust_p_values(again)
         needed = max(again, key=lambda s: s.cv_gain)
-        return needed.p_block <= o.alpha and needed.cv_share >= 0.1 and needed.p_run <= 0.05
+        # A single run repeats too little for what is left of its residual to be a fair measure.
+        material = needed.cv_share >= 0.1 if self.folds.by_run else needed.cv_gain >= _MATERIAL * best.cv_gain
+        return material and needed.p_block <= o.alpha and needed.p_run <= 0.05
 
     def family_of(self, entry: Entry) -> Family:
         """Candidate family that an entry was chosen from."""

@@ -87,8 +87,6 @@ class Signals:
         The dynamics that gave `load`, for effects that perturb it.
     torque : ndarray (N, n) or None
         Torque predicted by the model without the effect, for errors of the measurement itself.
-    transmitted : ndarray (N, n) or None
-        Torque through the gear, where it is known better than by `load`.
     bandwidth : float
         Frequency [Hz] above which the signals are not used.
     """
@@ -103,7 +101,6 @@ class Signals:
     wear: np.ndarray
     rigid_body: Any = None
     torque: np.ndarray | None = None
-    transmitted: np.ndarray | None = None
     bandwidth: float = np.inf
 
     @property
@@ -270,6 +267,11 @@ class Effect:
         variants = self.variants or (tuple(names),)
         return [np.array([names.index(name) for name in variant], dtype=int) for variant in variants]
 
+    def plain_subsets(self) -> list[np.ndarray]:
+        """Those of `subsets` that contain no other: richer variants only ever extend these."""
+        sets = [{int(i) for i in subset} for subset in self.subsets()]
+        return [np.array(sorted(a)) for a in sets if not any(b < a for b in sets)]
+
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressors along signals.
 
@@ -362,8 +364,7 @@ class TransmissionEffect(Effect):
         """Regressor at every joint, (N, n, 1)."""
         body, dt = signals.rigid_body, signals.dt
         delta = np.zeros_like(signals.q)
-        through = signals.load if signals.transmitted is None else signals.transmitted
-        delta[:, joint] = self.bend(through[:, joint], shape)
+        delta[:, joint] = self.bend(signals.load[:, joint], shape)
         speed = differentiate(delta, dt)
         acceleration = differentiate(speed, dt)
         step = 1e-4 / max(np.abs(acceleration).max(), 1e-12)

@@ -30,6 +30,6 @@ EFFECT = Effect(
     depends_on=("qd_{other}", "sign_qd_{other}", "qdd_{other}"),
     row=_row,
     shape=(Parameter("other", "index of the driving joint", lower=0.0),),
-    variants=(("viscous",), ("coulomb",), ("inertia",), ("viscous", "coulomb", "inertia")),
+    variants=(("viscous",), ("coulomb",), ("inertia",)),
     search=_search,
 )

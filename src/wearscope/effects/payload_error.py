@@ -21,7 +21,6 @@ EFFECT = PayloadEffect(
     depends_on=("load_{joint}",),
     spread=True,
     variants=(
-        ("mass",),
         ("mass", "moment_x", "moment_y", "moment_z"),
         (
             *("mass", "moment_x", "moment_y", "moment_z"),
