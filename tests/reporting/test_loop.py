@@ -61,8 +61,25 @@ def test_errors_by_joint_and_a_missing_floor():
     table = joint_table(VERDICT)
     assert table["change [%]"].to_list() == pytest.approx([-100 * 0.2 / 12, -75.0])
     assert np.isnan(table["noise floor"].iloc[1])
+    assert "as declared" not in table and "simulated after" not in table
     figure = draw_loop(VERDICT)
-    heights = [patch.get_height() for patch in figure.axes[0].patches]
-    assert heights == [12.0, 140.0, 11.8, 35.0]
-    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
-    assert ticks == ["axis_1", "axis_2\n(no noise floor)"]
+    points = {line.get_label(): line.get_xdata() for line in figure.axes[0].lines if line.get_marker() == "o"}
+    assert list(points["before"]) == [12.0, 140.0] and list(points["after"]) == [11.8, 35.0]
+    ticks = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert ticks == ["axis_1", "axis_2 (no noise floor)"]
+    assert figure.axes[0].get_xscale() == "linear"
+
+
+def test_intervals_forward_simulation_and_parameters_are_shown():
+    more = copy.deepcopy(VERDICT)
+    more["joints"]["axis_1"] |= {"rms_as_declared": 900.0, "rms_before_ci95": [0.4, 20.0]}
+    more["joints"]["axis_1"]["rms_after"] = 0.5
+    more["forward"] = {"axis_1": {"after": {"torque_rms": 12.5, "outcome": "ok"}}}
+    more["verdict"][0]["parameters"] = {"k": {"value": 7683.4, "ci95": [5913.0, None], "unit": "N m/rad"}}
+    table = joint_table(more).set_index("joint")
+    assert table.loc["axis_1", ["as declared", "simulated after"]].to_list() == [900.0, 12.5]
+    assert np.isnan(table.loc["axis_2", "simulated after"])
+    ax = draw_loop(more).axes[0]
+    assert ax.get_xscale() == "log"
+    assert [0.4, 20.0] in [list(line.get_xdata()) for line in ax.lines]
+    assert "(k 7,683 N m/rad, 95 % 5,913 to n/a)" in verdict_sentences(more)[0]

@@ -4,6 +4,11 @@ rule report:
         f"{R}/findings.parquet",
 
 
+rule figures:
+    input:
+        expand(f"{R}/figures/{{name}}.{{kind}}", name=SETUP_FIGURES + FINDING_FIGURES, kind=["svg", "png"]),
+
+
 rule draw_setup:
     input:
         designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
@@ -77,7 +82,10 @@ rule write_report:
         checks=f"{R}/design/checks.parquet",
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         figures=[f"{R}/figures/{name}.svg" for name in SETUP_FIGURES + FINDING_FIGURES],
-        loop=DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else [],
+        loop=[
+            *(DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else []),
+            *(LOOP[:1] if STUDY.dataset is not None else []),
+        ],
         truth=rules.record_demonstration.output.truth if STUDY.closed_loop.demonstration else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=code("write_report"),

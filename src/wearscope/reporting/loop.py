@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from wearscope.reporting.labels import join_words
+from wearscope.reporting.labels import join_words, unit_text
 from wearscope.reporting.page import format_number
 from wearscope.reporting.style import AFTER, BEFORE, figure_style, new_figure
 
@@ -34,10 +34,20 @@ def _entry_sentence(entry: Mapping[str, Any]) -> str:
         text = f"{entry['effect']} on {entry['joint']}"
     if depends:
         text += f", depending on {depends}"
-    text += f", removes {removed} of the held-out residual variance"
+    text += f", removes {removed} of the held-out residual variance{_parameter_text(entry)}"
     if entry.get("equivalent"):
         text += f"; these runs cannot tell it from {join_words(entry['equivalent'], 'or')}"
     return text + "."
+
+
+def _parameter_text(entry: Mapping[str, Any]) -> str:
+    """`` (stiffness 7,683 N m/rad, 95 % 5,913 to 9,454)``; nothing without parameters."""
+    parts = []
+    for name, one in entry.get("parameters", {}).items():
+        low, high = (format_number(_number(value)) for value in one["ci95"])
+        value = " ".join([name, format_number(_number(one["value"])), unit_text(one.get("unit", ""))]).strip()
+        parts.append(f"{value}, 95 % {low} to {high}")
+    return f" ({'; '.join(parts)})" if parts else ""
 
 
 def _truth_sentence(entries: list[Mapping[str, Any]], planted: Mapping[str, Any]) -> str:
@@ -55,21 +65,30 @@ def _truth_sentence(entries: list[Mapping[str, Any]], planted: Mapping[str, Any]
 
 
 def joint_table(verdict: Mapping[str, Any]) -> pd.DataFrame:
-    """RMS error of every joint on the test runs before and after, with the noise floor."""
+    """RMS error of every joint on the test runs, with the noise floor; NaN where a number is missing.
+
+    Columns ``as declared`` and ``simulated after`` (the corrected model simulated forward) only where the
+    verdict has them.
+    """
     records = []
     for joint, one in verdict["joints"].items():
         before, after = _number(one.get("rms_before")), _number(one.get("rms_after"))
+        forward = verdict.get("forward", {}).get(joint, {}).get("after", {})
         records.append(
             {
                 "joint": joint,
                 "unit": one.get("unit", ""),
+                "as declared": _number(one.get("rms_as_declared")),
                 "RMS before": before,
                 "RMS after": after,
                 "change [%]": 100 * (after / before - 1) if before > 0 else np.nan,
+                "simulated after": _number(forward.get("torque_rms")),
                 "noise floor": _number(one.get("noise_floor")),
             }
         )
-    return pd.DataFrame(records)
+    table = pd.DataFrame(records)
+    absent = [name for name in ("as declared", "simulated after") if table[name].isna().all()]
+    return table.drop(columns=absent)
 
 
 def _number(value: Any) -> float:
@@ -77,28 +96,40 @@ def _number(value: Any) -> float:
 
 
 def draw_loop(verdict: Mapping[str, Any]) -> Figure:
-    """Error of every joint before and after, and its noise floor."""
+    """Error of every joint before and after with 95 % intervals, and its noise floor."""
     table = joint_table(verdict)
-    place = np.arange(len(table))
+    place = np.arange(len(table), dtype=float)
+    before, after = (table[f"RMS {stage}"].to_numpy(dtype=float) for stage in ("before", "after"))
     with figure_style():
-        figure = new_figure(max(4.5, 1.2 + 0.9 * len(table)), 2.9)
+        figure = new_figure(7.5, 1.1 + 0.38 * len(table))
         ax = figure.subplots()
-        for shift, column, colour in ((-0.2, "RMS before", BEFORE), (0.2, "RMS after", AFTER)):
-            values = table[column].to_numpy(dtype=float)
-            ax.bar(place + shift, np.nan_to_num(values), 0.38, color=colour, label=column.split()[1])
-            for x, value in zip(place + shift, values, strict=True):
-                ax.text(
-                    x, np.nan_to_num(value), format_number(value, 2), ha="center", va="bottom", fontsize=7
-                )
+        ax.hlines(place, before, after, color="#bbbbbb", lw=1.2, zorder=1)
+        stages = ((-0.09, "before", before, BEFORE), (0.09, "after", after, AFTER))
+        for shift, stage, values, colour in stages:
+            for y, one in zip(place + shift, verdict["joints"].values(), strict=True):
+                low, high = (_number(value) for value in one.get(f"rms_{stage}_ci95") or (None, None))
+                ax.plot([low, high], [y, y], color=colour, lw=2.2, alpha=0.45)
+            ax.plot(values, place + shift, "o", color=colour, label=stage)
+        if "simulated after" in table:
+            simulated, look = table["simulated after"], {"mfc": "none", "mec": AFTER, "ms": 4.5}
+            ax.plot(simulated, place + 0.27, "D", label="after, simulated forward", **look)
         floor = table["noise floor"].to_numpy(dtype=float)
-        known = np.isfinite(floor)
-        if known.any():
-            ends = place[known] - 0.42, place[known] + 0.42
-            ax.hlines(floor[known], *ends, color="black", lw=1.5, label="noise floor")
-        missing = "" if known.all() else "\n(no noise floor)"
-        ticks = [name if one else name + missing for name, one in zip(table["joint"], known, strict=True)]
-        ax.set_xticks(place, ticks)
-        units = join_words(sorted(set(table["unit"])))
-        ax.set_ylabel(f"RMS error on test runs [{units}]")
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+        if np.isfinite(floor).any():
+            ax.vlines(floor, place - 0.3, place + 0.3, color="black", lw=1.8, label="noise floor")
+        shown = np.concatenate([before, after, floor])
+        shown = shown[np.isfinite(shown) & (shown > 0)]
+        if shown.size and shown.max() > 20 * shown.min():
+            ax.set_xscale("log")
+            ax.xaxis.set_major_formatter("{x:g}")
+        else:
+            ax.set_xlim(left=0)
+        ticks = [
+            name if np.isfinite(one) else f"{name} (no noise floor)"
+            for name, one in zip(table["joint"], floor, strict=True)
+        ]
+        ax.set_yticks(place, ticks)
+        ax.set_ylim(len(table) - 0.5, -0.5)
+        ax.set_xlabel(f"RMS error on test runs [{join_words(sorted(set(table['unit'])))}]")
+        ax.grid(axis="x")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
     return figure

@@ -133,8 +133,8 @@ def _loops(study: Study) -> Markup:
             )
         )
         caption = (
-            "RMS error on runs that no parameter and no choice came from. Before: the declared model, "
-            "refitted."
+            "RMS error with 95 % interval on runs that no parameter and no choice came from. Before: the "
+            "declared model, refitted."
         )
         parts.append(
             Markup("<h3>{}</h3>{}{}{}").format(

@@ -20,7 +20,7 @@ def doubts(study: Study) -> list[str]:
         fit = rows["fit"].to_numpy(dtype=float)
         fit = fit[np.isfinite(fit)]
         if fit.size and np.median(fit) < POOR_FIT:
-            middle = f"{np.median(fit):.0f} % in the median"
+            middle = f"{format_number(float(np.median(fit)), 2)} % in the median"
             reasons.append(f"its {model} model fits the validation runs to {middle}")
         if study.audit is not None:
             good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]
@@ -93,7 +93,7 @@ def surrogate_quality(study: Study) -> str:
         return f"The {model} model has no fit on the validation runs in any cell."
     missing = f"; {count_text(fit.size - good.size, 'cell')} n/a" if fit.size > good.size else ""
     medians = [
-        f"{fda} {np.nanmedian(part):.0f} %" if np.isfinite(part).any() else f"{fda} n/a"
+        f"{fda} {format_number(float(np.nanmedian(part)), 2)} %" if np.isfinite(part).any() else f"{fda} n/a"
         for fda, part in rows.groupby("fda", sort=True)["fit"]
     ]
     poor = int((good < POOR_FIT).sum())

@@ -10,6 +10,10 @@ from wearscope.reporting.labels import MODEL_NAMES
 from wearscope.reporting.style import figure_style, new_figure
 
 
+def _rounded(value: float) -> str:
+    return f"{value:.0f}".replace("-", "−")
+
+
 def draw_fit(fits: pd.DataFrame) -> Figure:
     """Fit (6) [%] on the validation runs: detectors and models down, test-cycles and axes across.
 
@@ -35,7 +39,7 @@ def draw_fit(fits: pd.DataFrame) -> Figure:
             values = wide.reindex(keys).to_numpy(dtype=float).reshape(len(rows), -1)
             labels = [f"{fda}  {MODEL_NAMES[model]}" for fda, model in rows]
             ticks = [name.removeprefix("axis_") for _ in cycles for name in axes_columns]
-            mesh = draw_heat(ax, values, labels, ticks, norm, text=lambda value: f"{value:.0f}", size=7)
+            mesh = draw_heat(ax, values, labels, ticks, norm, text=_rounded, size=7)
             ax.set_xlabel("axis", fontsize=8)
             ax.set_title(robot, pad=18)
             for k, cycle in enumerate(cycles):
