@@ -187,7 +187,8 @@ def find_dependence(
     -------
     DataFrame
         One row a joint, stage and signal: `share` of the residual's variance that the spline explains,
-        `share_held_out` the same on held-out runs (negative where it only fits noise), `p_value`, `p_adjusted`.
+        `share_held_out` the same on held-out runs (negative where it only fits noise), `p_value`,
+        `p_adjusted`.
     """
     thinned = [thin_signals(run) for run in prepared.runs_for("train")]
     tables = []
@@ -219,9 +220,7 @@ def _test_signals(
     p = law.sf(fit.gain)
     least = np.sort(law.sf(chance).min(axis=1))
     base = model.cross_validate(folds)
-    gain = [
-        float(np.nansum(base - cross_validate_family(model, family.at(k), folds))) for k in range(len(p))
-    ]
+    gain = [float(np.nansum(base - cross_validate_family(model, family.at(k), folds))) for k in range(len(p))]
     return pd.DataFrame(
         {
             "share": fit.gain / max(float(loss), 1e-300),

@@ -66,6 +66,7 @@ def simulate_forward(
     seed: int | np.random.SeedSequence | None = None,
     quantise: bool = False,
     longest_step: float = LONGEST_STEP,
+    feedforward: Array | None = None,
 ) -> Recording:
     """Simulate a model forward along a reference motion.
 
@@ -93,6 +94,9 @@ def simulate_forward(
         Whether the encoder's steps are recorded.
     longest_step : float
         The reference's step is divided until it is no longer than this [s].
+    feedforward : array (N, n), optional
+        Motor torque at the reference's samples to feed forward instead of what `declared` needs, e.g. a
+        measured one; the motion then shows what the model lacks.
 
     Returns
     -------
@@ -114,6 +118,7 @@ def simulate_forward(
         controller_temperature,
         friction_feedforward,
         longest_step,
+        feedforward,
     )
     rate = 1.0 / find_step(reference.t) if sample_rate is None else sample_rate
     find_stride(dt, rate)
@@ -139,6 +144,7 @@ def trace_forward(
     controller_temperature: Array | float = 50.0,
     friction_feedforward: bool = True,
     longest_step: float = LONGEST_STEP,
+    feedforward: Array | None = None,
 ) -> tuple[Trace, float]:
     """As `simulate_forward`, before the sensors: the run at every step, and the step [s]."""
     declared = model if declared is None else declared
@@ -151,9 +157,13 @@ def trace_forward(
     dt = find_step(fine.t)
     body, plant = model.rigid_body(model.declared_payload), build_plant(model)
     known_body, known_plant = declared.rigid_body(declared.declared_payload), build_plant(declared)
-    feedforward = make_feedforward(
-        declared, known_body, known_plant, fine, friction_feedforward, controller_temperature
-    )
+    if feedforward is None:
+        feedforward = make_feedforward(
+            declared, known_body, known_plant, fine, friction_feedforward, controller_temperature
+        )
+    else:
+        given = np.asarray(feedforward, dtype=float)
+        feedforward = np.column_stack([np.interp(fine.t, reference.t, torque) for torque in given.T])
     law = make_law(declared, fine, feedforward, known_body, known_plant.armature, model.torque_limit)
     parts = (len(fine.t) - 1) // (len(reference.t) - 1)
     repeat = lambda x: np.repeat(x, parts, axis=0) if np.ndim(x) == 2 else x  # noqa: E731

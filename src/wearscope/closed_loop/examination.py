@@ -1,0 +1,136 @@
+"""What is looked at beside the verdict: isolability, dependence, black box, forward simulation."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.closed_loop import isolability
+from wearscope.closed_loop.advice import advise, find_undetermined
+from wearscope.closed_loop.assessment import Predicted
+from wearscope.closed_loop.black_box import judge_black_box
+from wearscope.closed_loop.dependence import (
+    DEPENDENCE_UNITS,
+    DIAGNOSTIC_UNITS,
+    diagnose,
+    find_dependence,
+    thin_signals,
+)
+from wearscope.closed_loop.forward import compare_forward
+from wearscope.closed_loop.preparation import Prepared
+from wearscope.closed_loop.scoring import make_flips
+from wearscope.closed_loop.trace import Trace
+from wearscope.robots.model import RobotModel
+
+_FLIPS, _SEED = 499, 17
+
+
+def signal_table(prepared: Prepared) -> pd.DataFrame:
+    """Signals at the rows of ``residual.parquet``, in the same order."""
+    frames = []
+    for run in prepared.runs:
+        thin = thin_signals(run)
+        for j, joint in enumerate(prepared.dataset.joints):
+            own = {code: x[:, j] for code, x in thin.items() if code != "t"}
+            frames.append(pd.DataFrame({"t": run.t, "run": run.file, "joint": joint, **own}))
+    return pd.concat(frames, ignore_index=True)
+
+
+def _units(prepared: Prepared) -> tuple[str, str]:
+    """Units of position and torque, with words where joints differ."""
+    dataset = prepared.dataset
+    position, torque = set(dataset.position_unit), set(dataset.torque_unit)
+    return (
+        position.pop() if len(position) == 1 else "rad or m, by joint",
+        torque.pop() if len(torque) == 1 else "N m or N, by joint",
+    )
+
+
+def _write(out: Path, name: str, table: pd.DataFrame, prepared: Prepared, units: dict[str, str]) -> None:
+    """Write a table; torque and motion columns get their units by their names."""
+    position, torque = _units(prepared)
+    known = {"t": "s", "seconds": "s", "q": position, "qd": f"{position}/s", "qdd": f"{position}/s^2"}
+    known |= {"load": torque, "temp": "degC", "measured": torque}
+    known |= {column: position for column in table if column.startswith("motion_rms")}
+    known |= {
+        column: torque
+        for column in table
+        if column.startswith(("rms", "torque_rms", "simulated_")) and column not in known
+    }
+    chosen = {column: unit for column, unit in (known | units).items() if column in table}
+    tables.write_table(out / f"{name}.parquet", table, chosen)
+
+
+def examine(
+    out: Path,
+    prepared: Prepared,
+    trace: Trace,
+    predicted: list[Predicted],
+    models: dict[str, RobotModel],
+    progress: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Examine a traced data set and write the tables of the report.
+
+    Parameters
+    ----------
+    out : Path
+        Where ``signals.parquet``, ``isolability.parquet``, ``diagnostics.parquet``, ``dependence.parquet``,
+        ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are written.
+    prepared : Prepared
+    trace : Trace
+    predicted : list of Predicted
+    models : dict of str to RobotModel
+        ``before`` and ``after``.
+    progress : callable
+
+    Returns
+    -------
+    dict
+        For ``verdict.json``: `advice`, `undetermined`, `black_box` and `forward` (by joint and stage).
+    """
+    progress("which effects the runs separate")
+    angles = isolability.measure_isolability(prepared, trace.before)
+    advice, undetermined = advise(prepared, angles), find_undetermined(prepared, angles)
+    progress("what the residuals depend on")
+    diagnostics = diagnose(prepared, predicted)
+    folds = trace.folds
+    assert folds is not None
+    flips = make_flips(_FLIPS, len(trace.before.blocks), _SEED)
+    dependence = find_dependence(prepared, {"before": trace.before, "after": trace.after}, folds, flips)
+    progress("what a black box explains")
+    black_box = judge_black_box(prepared, predicted)
+    forward, series = compare_forward(prepared, models, progress)
+    for name, table, units in (
+        ("signals", signal_table(prepared), {}),
+        ("isolability", angles, isolability.UNITS),
+        ("diagnostics", diagnostics, DIAGNOSTIC_UNITS),
+        ("dependence", dependence, DEPENDENCE_UNITS),
+        ("black_box", black_box, {"share_removed": "1", "trees": "1"}),
+        ("forward", forward, {}),
+        ("forward_series", series, {}),
+    ):
+        _write(Path(out), name, table, prepared, units)
+    return {
+        "advice": advice,
+        "undetermined": undetermined,
+        "black_box": _by_joint(black_box, ["rms", "rms_black_box", "share_removed"]),
+        "forward": _by_joint(forward[forward["run"] == "all"], ["torque_rms", "motion_rms", "outcome"]),
+    }
+
+
+def _by_joint(table: pd.DataFrame, columns: list[str]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Columns of a table by joint and stage, as JSON has them."""
+    nested: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in table.to_dict("records"):
+        values = {name: _plain(row[name]) for name in columns}
+        nested.setdefault(row["joint"], {})[row["stage"]] = values
+    return nested
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,186 @@
+"""The models before and after, simulated forward along the measured motion and set beside the recording."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope.closed_loop.assessment import bootstrap_rms, pooled_rms
+from wearscope.closed_loop.preparation import Prepared, PreparedRun, rows
+from wearscope.cycles.base import Reference
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.simulation.errors import SimulationError
+
+#: Longest part of a test run that is simulated [s].
+LONGEST = 60.0
+_SEED = 13
+_STAGES = ("before", "after")
+
+
+def make_reference(run: PreparedRun) -> Reference:
+    """Measured motion of a run, as filtered for regression, up to `LONGEST` seconds."""
+    s = run.signals
+    count = min(len(s.t), int(LONGEST * run.band.rate) + 1)
+    # Recorded times wander; the filters took them for even.
+    t = s.t[0] + np.arange(count) / run.band.rate
+    return Reference(t, s.q[:count], s.v[:count], s.a[:count])
+
+
+def with_payload(model: RobotModel, prepared: Prepared, run: PreparedRun) -> RobotModel:
+    """Model that carries the payload a run declares."""
+    payload = next(one.payload for one in prepared.dataset.runs if one.file == run.file)
+    stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
+    return model if model.to_mapping().get("payload") == stated else model.replace(payload=stated)
+
+
+def _needed(model: RobotModel) -> set[str]:
+    return {entry.joint for entry in model.effects if "temperature" in entry.effect}
+
+
+def _temperature(
+    prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], count: int
+) -> np.ndarray:
+    """Joint temperatures along the reference."""
+    temperature = run.signals.temperature[:count]
+    for stage, model in models.items():
+        for name in _needed(model):
+            if not np.isfinite(temperature[:, prepared.dataset.joints.index(name)]).all():
+                raise InputError(
+                    f"{run.file}: the model {stage} needs the temperature of joint '{name}', which this run "
+                    "does not have; record it."
+                )
+    return temperature
+
+
+def compare_forward(
+    prepared: Prepared,
+    models: dict[str, RobotModel],
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Simulate both models along every test run under the same controller.
+
+    The controller follows the measured motion. For the torque it feeds forward what the model before needs,
+    so that it owes nothing to the measured torque. For the motion it feeds forward the motor torque that was
+    measured, as the model says the sensor reads it: a model that is right then stays on the measured motion.
+    Torques are compared at the common bandwidth, on the rows that count; positions at all rows.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    models : dict of str to RobotModel
+        ``before`` and ``after``.
+    progress : callable
+
+    Returns
+    -------
+    summary : DataFrame
+        One row a joint, run (and ``all`` of them) and stage: `torque_rms` and `motion_rms`, the error against
+        the measurement, with 95 % intervals (`_low`, `_high`), `seconds` simulated, `outcome` (``ok``, or why
+        there is no simulation; errors are NaN then).
+    series : DataFrame
+        `t`, `run`, `joint`, `measured`, `simulated_before`, `simulated_after`, `counts`.
+    """
+    records: list[dict] = []
+    frames: list[pd.DataFrame] = []
+    pooled: dict[str, dict[str, list]] = {stage: {"torque": [], "motion": []} for stage in _STAGES}
+    outcomes: dict[str, list[str]] = {stage: [] for stage in _STAGES}
+    seconds: list[float] = []
+    for run in prepared.runs_for("test"):
+        reference = make_reference(run)
+        simulated, keep, said = _simulate_run(prepared, run, models, reference)
+        seconds.append(float(reference.t[-1] - reference.t[0]))
+        measured = run.measured[: len(keep)]
+        for stage in _STAGES:
+            outcomes[stage].append(said[stage])
+            parts: dict[str, list] = {"torque": [], "motion": []}
+            if stage in simulated:
+                tau, q = simulated[stage]
+                parts["torque"] = [(measured - tau, keep)]
+                parts["motion"] = [(q, np.ones_like(keep))]
+                for kind in parts:
+                    pooled[stage][kind] += parts[kind]
+            records += _summarise(prepared, run.file, stage, parts, seconds[-1], said[stage])
+            progress(f"forward simulation, {run.file}, model {stage}: {said[stage]}")
+        for j, joint in enumerate(prepared.dataset.joints):
+            columns = {"t": run.t[: len(keep)], "run": run.file, "joint": joint, "measured": measured[:, j]}
+            for stage in _STAGES:
+                columns[f"simulated_{stage}"] = (
+                    simulated[stage][0][:, j] if stage in simulated else np.full(len(keep), np.nan)
+                )
+            frames.append(pd.DataFrame(columns | {"counts": keep[:, j]}))
+    for stage in _STAGES:
+        failed = [said for said in outcomes[stage] if said != "ok"]
+        told = "ok" if not failed else f"{len(failed)} of {len(outcomes[stage])} runs: {failed[0]}"
+        records += _summarise(prepared, "all", stage, pooled[stage], sum(seconds), told)
+    return pd.DataFrame(records), pd.concat(frames, ignore_index=True)
+
+
+def _simulate_run(
+    prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], reference: Reference
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], np.ndarray, dict[str, str]]:
+    """Simulated torque and motion error by stage, the rows that count, and how it went."""
+    # The simulator brings PyBullet and compiled code with it.
+    from wearscope.simulation.forward import simulate_forward
+
+    count = len(reference.t)
+    at = rows(run.band, count)
+    length = len(range(count)[at])
+    keep = run.keep[:length]
+    short = replace(run, t=run.t[:length])
+    simulated: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    said: dict[str, str] = {}
+    for stage in _STAGES:
+        try:
+            loaded = {key: with_payload(model, prepared, run) for key, model in models.items()}
+            conditions: dict[str, Any] = {
+                "declared": loaded["before"],
+                "temperature": _temperature(prepared, run, {stage: loaded[stage]}, count),
+                "controller_temperature": _mean_temperature(run),
+            }
+            torque = simulate_forward(loaded[stage], reference, **conditions)
+            motor = measured_motor_torque(loaded[stage], run)[:count]
+            motion = simulate_forward(loaded[stage], reference, **conditions, feedforward=motor)
+        except (SimulationError, InputError) as error:
+            said[stage] = f"failed: {error}"
+            continue
+        simulated[stage] = short.reduce(torque.tau), (motion.q - reference.q)[at]
+        said[stage] = "ok"
+    return simulated, keep, said
+
+
+def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
+    """Torque (N, n) of the motors where a model's sensors read what was measured."""
+    from wearscope.simulation.plant import build_plant
+
+    plant = build_plant(model)
+    t = run.signals.t
+    late = [np.interp(t + delay, t, tau) for delay, tau in zip(plant.torque_delay, run.tau.T, strict=True)]
+    return np.column_stack(late) / (1.0 + plant.torque_gain)
+
+
+def _mean_temperature(run: PreparedRun) -> np.ndarray:
+    """What the controller assumes: a joint's mean temperature, 50 where it is not measured."""
+    mean = run.signals.temperature.mean(axis=0)
+    return np.where(np.isfinite(mean), mean, 50.0)
+
+
+def _summarise(
+    prepared: Prepared, file: str, stage: str, parts: dict[str, list], seconds: float, outcome: str
+) -> list[dict]:
+    n = prepared.n
+    block = max(4, int(4 * prepared.band.torque))
+    values = {}
+    for kind, pairs in parts.items():
+        empty = np.full(n, np.nan), np.full((2, n), np.nan)
+        values[kind] = (pooled_rms(pairs), bootstrap_rms(pairs, block, _SEED)) if pairs else empty
+    records = []
+    for j, joint in enumerate(prepared.dataset.joints):
+        record: dict = {"joint": joint, "run": file, "stage": stage}
+        for kind, (size, interval) in values.items():
+            record[f"{kind}_rms"] = size[j]
+            record[f"{kind}_rms_low"], record[f"{kind}_rms_high"] = interval[:, j]
+        records.append(record | {"seconds": seconds, "outcome": outcome})
+    return records
