@@ -24,7 +24,7 @@ from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: A joint is doubted above this misfit; another reading must leave less than a share of it and than a bound.
 _DOUBTFUL, _BETTER, _GOOD = 0.15, 0.25, 0.25
-#: Total misfits that differ by less are alike: a reading of its own is then told before a mere scale.
+#: Total misfits that differ by less are alike.
 _ALIKE = 0.02
 #: A run is refused without a remedy where this share of the variance stays at half of its joints.
 _HOPELESS = 0.8
@@ -108,7 +108,9 @@ def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample) -> Non
         _check_inertia(prepared, run, sample)
         return
     slides = [unit == "m" for unit in dataset.position_unit]
-    best = _judge_scale(prepared, sample, doubtful)
+    scale, told = _judge_scale(prepared, sample, doubtful)
+    # A mere scale is told where no reading of its own does as well; of readings alike, the first.
+    best = scale + _ALIKE
     many = doubtful.sum() >= 0.5 * np.isfinite(stated).sum()
     for reading in list_readings(run, dataset.joints, slides, doubtful):
         concerned = list(reading.joints) or np.flatnonzero(doubtful).tolist()
@@ -119,10 +121,10 @@ def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample) -> Non
         total = total_misfit(left, sample.heard)
         mended = all(left[j] < min(_BETTER * worst, _GOOD) for j in concerned)
         mended = mended and total < 0.5 * total_misfit(stated, sample.heard)
-        if mended and total < best[0] + _ALIKE:
-            best = total, reading.told
-    if best[1]:
-        raise InputError(f"{_where(prepared, run)}: {best[1]}")
+        if mended and total < best:
+            best, told = total - _ALIKE, reading.told
+    if told:
+        raise InputError(f"{_where(prepared, run)}: {told}")
     heard = np.isfinite(stated)
     lenient = np.array([_free_misfit(sample, j) if heard[j] else np.nan for j in range(prepared.n)])
     if heard.any() and np.nanmedian(lenient) > _HOPELESS and np.nanmedian(stated) > _HOPELESS:
@@ -186,19 +188,19 @@ def _free_misfit(sample: Sample, j: int) -> float:
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
     """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
 
-    A held joint carries at most what the others' motion loads it with; noise is known by its bandwidth.
+    A held joint's brake and motor share the load that the others' motion makes. Noise is known by its band.
     """
     recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
     for j in np.flatnonzero(np.ptp(recorded.q, axis=0) == 0.0).tolist():
         load = run.reduce(run.known[:, [j]])[:, 0]
-        swing = _span(run.measured[:, j] - load)
+        swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])
         usual = max(_span(other.measured[:, j]) for other in prepared.runs)
         steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
-        if steady and swing > 0.5 * usual and swing > 1.2 * _span(load):
+        if steady and min(swing, torque) > 0.5 * usual and swing + torque > 1.6 * _span(load):
             joint = prepared.dataset.joints[j]
             raise InputError(
                 f"{_where(prepared, run)}: column 'q_{joint}' never changes while 'tau_{joint}' swings by "
-                f"{swing:.3g}; the encoder's channel is dead, record the run again or leave it out."
+                f"{torque:.3g}; the encoder's channel is dead, record the run again or leave it out."
             )
 
 

@@ -1,0 +1,266 @@
+"""Columns that are not what they are said to be are refused with the right remedy; good data never are."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from wearscope.closed_loop.dataset import read_dataset
+from wearscope.closed_loop.plausibility import check_plausibility
+from wearscope.closed_loop.preparation import prepare
+from wearscope.closed_loop.run import find_prismatic
+from wearscope.errors import InputError
+
+PLANS = (
+    RunPlan("train", "fourier", 0, 24.0),
+    RunPlan("train", "points", 1, 31.0),
+    RunPlan("test", "sweep", 2, 40.0),
+)
+GRAVITY, MASS, LENGTH, MOMENT, RATE = 9.81, 4.0, 0.5, 0.3, 200.0
+PENDULUM = f"""<robot name="pendulum"><link name="base"/>
+  <link name="rod"><inertial><origin xyz="0 0 {-LENGTH}"/><mass value="{MASS}"/>
+    <inertia ixx="{MOMENT}" iyy="{MOMENT}" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def check(folder):
+    prepared = prepare(read_dataset(folder, find_prismatic))
+    check_plausibility(prepared)
+    return prepared
+
+
+def refuse(folder, pattern):
+    with pytest.raises(InputError) as caught:
+        check(folder)
+    text = str(caught.value)
+    assert text.startswith(str(folder)) and "\n" not in text and text.endswith(".")
+    assert re.search(pattern, text), text
+
+
+def change_runs(folder, change, use=None, first=False):
+    runs = yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]
+    files = [folder / run["file"] for run in runs if use in (None, run["use"])]
+    for file in files[:1] if first else files:
+        change(pd.read_parquet(file)).to_parquet(file, index=False)
+
+
+def change_fields(folder, change):
+    fields = yaml.safe_load((folder / "dataset.yaml").read_text())
+    change(fields)
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+
+
+def swing(folder: Path, size: float, friction: float = 1.0) -> Path:
+    """Recordings of a pendulum by its textbook equation: no URDF, no Pinocchio."""
+    (folder / "runs").mkdir(parents=True)
+    (folder / "robot.urdf").write_text(PENDULUM)
+    runs = []
+    for k, use in enumerate(("train", "train", "test")):
+        rng = np.random.default_rng(k)
+        t = np.arange(int(10 * RATE)) / RATE
+        q, v, a = np.zeros((3, len(t)))
+        for w, phase in zip(rng.uniform(1.0, 6.0, 4), rng.uniform(0, 6, 4), strict=True):
+            q += size / 2 * np.sin(w * t + phase)
+            v += size / 2 * w * np.cos(w * t + phase)
+            a -= size / 2 * w**2 * np.sin(w * t + phase)
+        tau = (MOMENT + MASS * LENGTH**2) * a + MASS * GRAVITY * LENGTH * np.sin(q)
+        tau += friction * np.sign(v) + 0.5 * friction * v + 0.05 * rng.normal(size=len(t))
+        table = {"t": t, "q_pivot": q + 1e-6 * rng.normal(size=len(t)), "tau_pivot": tau}
+        pd.DataFrame(table).to_parquet(folder / f"runs/{k}.parquet", index=False)
+        runs.append({"file": f"runs/{k}.parquet", "use": use})
+    fields = {
+        "name": "pendulum",
+        "robot": {"urdf": "robot.urdf", "joints": ["pivot"]},
+        "sample_rate": RATE,
+        "declared_effects": ["rigid_body", "coulomb", "viscous"],
+        "runs": runs,
+    }
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+    return folder
+
+
+def scale(column, factor):
+    return lambda table: table.assign(**{column: table[column] * factor})
+
+
+@pytest.mark.parametrize("size", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("friction", [0.0, 1.0, 8.0])
+def test_a_pendulum_is_believed(tmp_path, size, friction):
+    check(swing(tmp_path / "p", size, friction))
+
+
+PENDULUM_FAULTS = {
+    "degrees": (scale("q_pivot", 180 / np.pi), "0.parquet: positions look like degrees; convert q to rad"),
+    "motor_side": (scale("tau_pivot", 1 / 80), "'tau_pivot' is 0.0125 times what the rigid body needs"),
+    "newton_millimetres": (
+        scale("tau_pivot", 1000.0),
+        "'tau_pivot' is (999|1e\\+03) times what the rigid body",
+    ),
+    "opposite_sign": (scale("tau_pivot", -1.0), "opposite sign of what the motion needs"),
+    "time_reversed": (
+        lambda table: table.iloc[::-1].reset_index(drop=True).assign(t=table["t"]),
+        "motion run backwards; sort the rows",
+    ),
+    "other_recording": (
+        lambda table: table.assign(tau_pivot=np.random.default_rng(0).permutation(table["tau_pivot"])),
+        "next to nothing of the torque",
+    ),
+    "late": (
+        lambda table: table.assign(tau_pivot=np.roll(table["tau_pivot"], 16))[20:].reset_index(drop=True),
+        "torque channels come (79|80|81) ms late",
+    ),
+    "speeds_in_degrees": (
+        lambda table: table.assign(qd_pivot=np.gradient(table["q_pivot"], table["t"]) * 180 / np.pi),
+        r"column 'qd_pivot' is 57\.\d times the slope of 'q_pivot'",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", PENDULUM_FAULTS)
+def test_small_motions_tell_what_is_wrong(tmp_path, fault):
+    """Ten degrees of swing, no limits in the URDF, no gear ratio: only the torque can tell."""
+    change, pattern = PENDULUM_FAULTS[fault]
+    folder = swing(tmp_path / "p", 0.17)
+    change_runs(folder, change)
+    refuse(folder, pattern)
+
+
+def test_gear_ratio_names_the_remedy(tmp_path):
+    folder = swing(tmp_path / "p", 1.0)
+    change_runs(folder, scale("tau_pivot", 1 / 80))
+    change_fields(folder, lambda d: d["robot"].update(gear_ratio=[80.0]))
+    refuse(folder, "looks like motor-side torque: multiply it with the gear ratio")
+
+
+def test_gravity_must_be_that_of_the_recording(tmp_path):
+    folder = swing(tmp_path / "p", 1.0)
+    change_fields(folder, lambda d: d["robot"].update(gravity=[0, 0, 9.81]))
+    refuse(folder, "gravity acts opposite to robot.gravity")
+    change_fields(folder, lambda d: d["robot"].update(gravity=[0, 0, -1.0]))
+    refuse(folder, r"gravity is not 1 m/s\^2 strong")
+
+
+def test_limits_of_the_urdf_tell_degrees(tmp_path):
+    folder = swing(tmp_path / "p", 2.0)
+    limit = 'type="revolute"><limit lower="-2.9" upper="2.9" effort="50" velocity="9"/>'
+    (folder / "robot.urdf").write_text(PENDULUM.replace('type="continuous">', limit))
+    check(folder)
+    change_runs(folder, scale("q_pivot", 180 / np.pi), use="test")
+    refuse(folder, r"2\.parquet: column 'q_pivot' reaches \d+, where the URDF's limits are -2\.9 to 2\.9 rad")
+
+
+def test_a_lag_may_be_declared(tmp_path):
+    folder = swing(tmp_path / "p", 1.0)
+    change_runs(folder, PENDULUM_FAULTS["late"][0])
+    change_fields(folder, lambda d: d["declared_effects"].append("time_delay"))
+    check(folder)
+
+
+def test_a_body_without_mass_is_refused(tmp_path):
+    folder = swing(tmp_path / "p", 1.0)
+    (folder / "robot.urdf").write_text(re.sub(r"<inertial>.*</inertial>", "", PENDULUM, flags=re.S))
+    refuse(folder, "robot.urdf: no link that the joints move has a mass")
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm") / "d"
+    generate_dataset(
+        folder, "arm3", [Planted("stribeck", "waist", 8.0)], 3, Recipe(duration=8.0, plans=PLANS)
+    )
+    return folder
+
+
+def exchange(*kinds, a="waist", b="elbow"):
+    def change(table):
+        pairs = {f"{kind}_{x}": f"{kind}_{y}" for kind in kinds for x, y in ((a, b), (b, a))}
+        return table.rename(columns=pairs)
+
+    return change
+
+
+def turn(*columns):
+    return lambda table: table.assign(**{c: -table[c] for c in columns})
+
+
+def hold(table):
+    return table.assign(q_elbow=table["q_elbow"].iloc[0])
+
+
+ARM_FAULTS = {
+    "torques_exchanged": (exchange("tau"), "exchange 'tau_waist' with 'tau_elbow'"),
+    "torques_of_neighbours": (exchange("tau", a="shoulder"), "exchange 'tau_shoulder' with 'tau_elbow'"),
+    "positions_exchanged": (exchange("q"), "exchange 'q_waist' with 'q_elbow'"),
+    "joints_exchanged": (
+        exchange("q", "tau"),
+        "exchange 'q_waist' with 'q_elbow' and 'tau_waist' with 'tau_e",
+    ),
+    "one_sign": (turn("tau_shoulder"), "column 'tau_shoulder' has the opposite sign of what the motion"),
+    "one_axis": (
+        turn("tau_elbow", "q_elbow"),
+        "'q_elbow' and 'tau_elbow' have the opposite sign of the URDF",
+    ),
+    "one_position": (turn("q_shoulder"), "column 'q_shoulder' has the opposite sign of the URDF"),
+    "one_motor_side": (scale("tau_elbow", 1 / 80), "'tau_elbow' is 0.0125 times .* looks like motor-side"),
+    "one_in_degrees": (
+        scale("q_elbow", 180 / np.pi),
+        "column 'q_elbow' (looks like degrees|reaches .* if it is in degrees)",
+    ),
+    "dead_encoder": (hold, "'q_elbow' never changes while 'tau_elbow' swings"),
+}
+
+
+@pytest.mark.parametrize("fault", ARM_FAULTS)
+@pytest.mark.parametrize("where", ["all", "one"])
+def test_faults_of_an_arm_are_told_in_all_runs_and_in_one(arm, tmp_path, fault, where):
+    change, pattern = ARM_FAULTS[fault]
+    folder = shutil.copytree(arm, tmp_path / "d")
+    change_runs(folder, change, first=where == "one")
+    refuse(folder, pattern)
+
+
+def test_faults_of_a_test_run_are_told(arm, tmp_path):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    change_runs(folder, exchange("tau"), use="test")
+    refuse(folder, r"r3\.parquet: columns look swapped")
+
+
+def test_a_joint_that_is_really_held_is_believed(tmp_path):
+    """A brake takes the load: the motor of the joint idles."""
+    folder = swing(tmp_path / "p", 1.0)
+    text = (folder / "robot.urdf").read_text()
+    link = text[text.index('<link name="rod">') : text.index("</link>") + 7].replace("rod", "tool")
+    joint = '<joint name="held" type="continuous"><parent link="rod"/><child link="tool"/></joint>'
+    light = (
+        link.replace(f'value="{MASS}"', 'value="1e-3"')
+        .replace(f'"{MOMENT}"', '"1e-4"')
+        .replace('"0.1"', '"1e-4"')
+    )
+    (folder / "robot.urdf").write_text(text.replace("</robot>", f"{light}{joint}</robot>"))
+    rng = np.random.default_rng(1)
+    change_runs(folder, lambda t: t.assign(q_held=0.0, tau_held=0.3 * rng.normal(size=len(t))))
+    change_fields(folder, lambda d: d["robot"].update(joints=["pivot", "held"]))
+    assert check(folder).moving.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("robot", ["arm3", "arm6", "stage"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_good_data_are_never_refused(tmp_path, robot, seed):
+    plants = {
+        "arm3": [("gravity_counterbalance", "shoulder"), ("joint_elasticity", "waist")],
+        "arm6": [("backlash", "j4"), ("cross_coupling", "j6")],
+        "stage": [("time_delay", "slide"), ("torque_ripple", "slide")],
+    }[robot]
+    for k, (effect, joint) in enumerate([*plants, (None, None)]):
+        planted = [Planted(effect, joint, 8.0)] if effect else []
+        noise = ("plain", "heavy", "jitter")[k]
+        recipe = Recipe(duration=6.0, plans=PLANS, noise=noise, noise_level=0.02, inertia_error=0.05 * seed)
+        generate_dataset(tmp_path / f"d{k}", robot, planted, seed, recipe)
+        check(tmp_path / f"d{k}")
