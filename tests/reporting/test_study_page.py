@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.reporting.costs import read_costs
 from wearscope.reporting.figures.snr import draw_snr_cells
 from wearscope.reporting.findings import compare_with_paper
@@ -109,6 +110,14 @@ def test_one_robot_one_cycle_one_axis(study, change):
     )
     page = render(single)
     assert "undecided" in page and "no interval, 1 cell" in page
+
+
+def test_many_groups_keep_the_first_page_short(study, change):
+    by = ["robot", "cycle", "axis", "fda"]
+    page = render(change(sensitivity=sensitivity_table(study.surrogates, by=by)))
+    first = page[: page.index('<section id="paper"')]
+    assert "17 more of this kind below." in first and page.count("large, a, axis 1, A: ") >= 2
+    assert first.count("axis 2, C: ") < 4
 
 
 def test_equal_studies_give_equal_pages(with_figure):

@@ -111,8 +111,8 @@ def draw_loop(verdict: Mapping[str, Any]) -> Figure:
                 ax.plot([low, high], [y, y], color=colour, lw=2.2, alpha=0.45)
             ax.plot(values, place + shift, "o", color=colour, label=stage)
         if "simulated after" in table:
-            simulated, look = table["simulated after"], {"mfc": "none", "mec": AFTER, "ms": 4.5}
-            ax.plot(simulated, place + 0.27, "D", label="after, simulated forward", **look)
+            (diamonds,) = ax.plot(table["simulated after"], place + 0.27, "D", mfc="none", mec=AFTER, ms=4.5)
+            diamonds.set_label("after, simulated forward")
         floor = table["noise floor"].to_numpy(dtype=float)
         if np.isfinite(floor).any():
             ax.vlines(floor, place - 0.3, place + 0.3, color="black", lw=1.8, label="noise floor")

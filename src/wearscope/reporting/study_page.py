@@ -103,10 +103,18 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
             "Fits, audit, assumptions",
         ),
     ]
-    cards = [(title, list(map(unbreak, said)), link, more) for title, said, link, more in cards]
+    cards = [(title, list(map(unbreak, _shorten(said))), link, more) for title, said, link, more in cards]
     alarms = [*trust.doubts(study), *([] if study.failures.empty else [trust.failed_points(study)])]
     alarms = list(map(unbreak, alarms))
     return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
+
+
+def _shorten(sentences: list[str], most: int = 8) -> list[str]:
+    """First and last of many sentences, and how many are left out."""
+    left_out = len(sentences) - most
+    if left_out <= 0:
+        return sentences
+    return [*sentences[: most - 1], f"{left_out} more of this kind below.", sentences[-1]]
 
 
 def _loops(study: Study) -> Markup:
@@ -150,7 +158,7 @@ def _loops(study: Study) -> Markup:
 def _beside(study: Study, findings: Sequence[Finding]) -> Markup:
     table = pd.DataFrame(
         {
-            "": [one.question for one in findings],
+            "about": [one.question for one in findings],
             "the paper": [one.paper for one in findings],
             "this study": [one.here for one in findings],
             # As objects: a column of strings would forget that these are HTML.
@@ -373,7 +381,9 @@ def _costs(study: Study) -> Markup:
 
 def _provenance(study: Study) -> Markup:
     facts = {name: value for name, value in study.provenance.items() if not isinstance(value, dict)}
-    rows = pd.DataFrame({"": list(facts), "value": ["n/a" if v is None else str(v) for v in facts.values()]})
+    rows = pd.DataFrame(
+        {"what": list(facts), "value": ["n/a" if v is None else str(v) for v in facts.values()]}
+    )
     packages = study.provenance.get("packages") or {}
     config = yaml.safe_dump(dict(study.config), sort_keys=False, allow_unicode=True)
     return Markup(
