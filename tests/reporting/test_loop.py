@@ -33,7 +33,9 @@ def test_the_effect_is_named_with_what_it_removes():
 
 @pytest.mark.parametrize("truth", [planted("viscous"), planted(joint="axis_1")])
 def test_a_wrong_name_or_joint_is_told(truth):
-    assert verdict_sentences(VERDICT, truth)[1].endswith("which it did not find.")
+    said = verdict_sentences(VERDICT, truth)[1]
+    assert "which it did not find." in said
+    assert said.endswith("It named what was not planted: gravity_counterbalance on axis_2.")
 
 
 def test_an_equivalent_effect_counts_as_found():
@@ -54,7 +56,9 @@ def test_none_and_unknown_are_answers():
 def test_more_than_was_planted_is_told():
     twice = copy.deepcopy(VERDICT)
     twice["verdict"].append({**twice["verdict"][0], "effect": "viscous", "joint": "axis_1"})
-    assert verdict_sentences(twice, planted())[-1].endswith("It named 1 more than was planted.")
+    assert verdict_sentences(twice, planted())[-1].endswith(
+        "It named what was not planted: viscous on axis_1."
+    )
 
 
 def test_errors_by_joint_and_a_missing_floor():

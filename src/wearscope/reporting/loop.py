@@ -54,13 +54,18 @@ def _truth_sentence(entries: list[Mapping[str, Any]], planted: Mapping[str, Any]
     wanted = planted.get("planted", [])
     if not wanted:
         return "Nothing was planted: " + ("so it should be." if not entries else "a false alarm.")
-    found = {(one["joint"], name) for one in entries for name in (one["effect"], *one.get("equivalent", []))}
-    parts = []
+    parts, right = [], []
     for one in wanted:
-        right = any((one["joint"], name) in found for name in one.get("accepted") or [one["effect"]])
-        parts.append(f"{one['effect']} on {one['joint']}, which it {'found' if right else 'did not find'}")
-    extra = len(entries) - len(wanted)
-    tail = f" It named {extra} more than was planted." if extra > 0 else ""
+        accepted = set(one.get("accepted") or [one["effect"]])
+        hits = [
+            entry
+            for entry in entries
+            if entry["joint"] == one["joint"] and accepted & {entry["effect"], *entry.get("equivalent", [])}
+        ]
+        right += hits
+        parts.append(f"{one['effect']} on {one['joint']}, which it {'found' if hits else 'did not find'}")
+    wrong = [f"{entry['effect']} on {entry['joint']}" for entry in entries if entry not in right]
+    tail = f" It named what was not planted: {join_words(wrong)}." if wrong else ""
     return f"Planted was {join_words(parts)}.{tail}"
 
 

@@ -1,0 +1,160 @@
+"""What closing the loop left in its folder, as a page asks for it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.errors import InputError
+
+STAGES = ("before", "after")
+_OPTIONAL = ("signals", "isolability", "diagnostics", "dependence", "black_box", "forward", "forward_series")
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """One closed loop's outcome.
+
+    Attributes
+    ----------
+    verdict : mapping
+        ``verdict.json``.
+    residual, candidates : DataFrame
+    signals, isolability, diagnostics, dependence, black_box, forward, forward_series : DataFrame or None
+        None where the loop was closed without them.
+    """
+
+    verdict: Mapping[str, Any]
+    residual: pd.DataFrame
+    candidates: pd.DataFrame
+    signals: pd.DataFrame | None = None
+    isolability: pd.DataFrame | None = None
+    diagnostics: pd.DataFrame | None = None
+    dependence: pd.DataFrame | None = None
+    black_box: pd.DataFrame | None = None
+    forward: pd.DataFrame | None = None
+    forward_series: pd.DataFrame | None = None
+
+    @property
+    def joints(self) -> list[str]:
+        """Joint names, in the data set's order."""
+        return list(self.verdict["joints"])
+
+    def entries_at(self, joint: str) -> list[Mapping[str, Any]]:
+        """Entries of the verdict at a joint."""
+        return [entry for entry in self.verdict["verdict"] if entry["joint"] == joint]
+
+    def shown(self, most: int = 3) -> list[str]:
+        """Joints worth a figure: those with a verdict, else the one with the largest relative error."""
+        named = [joint for joint in self.joints if self.entries_at(joint)]
+        if named:
+            return named[:most]
+        return [max(self.joints, key=self._relative_error)]
+
+    def _relative_error(self, joint: str) -> float:
+        values = self.verdict["joints"][joint].get("relative_error_percent", {}).values()
+        known = [before for before, _ in values if before is not None]
+        return max(known, default=-1.0)
+
+
+def read_closed_loop(folder: str | Path) -> ClosedLoop:
+    """Read a closed loop's files.
+
+    Raises
+    ------
+    InputError
+        Where ``verdict.json``, ``residual.parquet`` or ``candidates.parquet`` is missing or damaged.
+    """
+    place = Path(folder)
+    try:
+        verdict = json.loads((place / "verdict.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{place / 'verdict.json'}: cannot be read ({error}); close the loop first."
+        ) from error
+    found = {
+        name: tables.read_table(place / f"{name}.parquet")
+        for name in _OPTIONAL
+        if (place / f"{name}.parquet").exists()
+    }
+    return ClosedLoop(
+        verdict,
+        tables.read_table(place / "residual.parquet"),
+        tables.read_table(place / "candidates.parquet"),
+        **found,
+    )
+
+
+def number(value: Any) -> float:
+    """A JSON number; what is null is not a number."""
+    return np.nan if value is None else float(value)
+
+
+def gap_closed(joint: Mapping[str, Any]) -> tuple[float, str]:
+    """Share of the gap between the error before and the noise floor that was closed, and what to say of it.
+
+    (before^2 - after^2) / (before^2 - floor^2) on the test runs; NaN where no motion was repeated, or where
+    the gap is less than a tenth of the floor's variance.
+    """
+    before, after, floor = (number(joint.get(k)) for k in ("rms_before", "rms_after", "noise_floor"))
+    if not np.isfinite(floor):
+        return np.nan, "no motion repeated"
+    gap = before**2 - floor**2
+    if not gap > 0.1 * floor**2:
+        return np.nan, "no gap"
+    share = (before**2 - after**2) / gap
+    return share, f"{100 * share:.0f} %"
+
+
+def bounded(value: float, interval: Sequence[Any] | None, text: Any) -> str:
+    """A value with its interval, written by `text`."""
+    if interval is None or not np.isfinite([number(v) for v in interval]).all():
+        return str(text(value))
+    return f"{text(value)} ({text(number(interval[0]))} to {text(number(interval[1]))})"
+
+
+def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
+    """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
+
+    Those that its verdict names, then those that the residual before depends on most, free of any form. The
+    direction of motion is drawn as the speed, where it is a step.
+    """
+    wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
+    if loop.dependence is not None:
+        table = loop.dependence
+        own = table[(table["joint"] == joint) & (table["stage"] == "before")]
+        ranked = own.sort_values(["share_held_out", "signal"], ascending=[False, True])
+        wanted += [name.split(" ")[0] for name in ranked["signal"]]
+    chosen: list[str] = []
+    for name in wanted:
+        known = name.replace("sign_qd_", "qd_", 1)
+        if known not in chosen and split_signal(known, loop.joints) is not None:
+            chosen.append(known)
+    return chosen[:most]
+
+
+def split_signal(name: str, joints: Sequence[str]) -> tuple[str, str] | None:
+    """Column and joint of a signal's name, or None where the tables do not hold it."""
+    if name == "t":
+        return "t", ""
+    code, _, joint = name.partition("_")
+    return (code, joint) if code in ("q", "qd", "qdd", "load", "temp") and joint in joints else None
+
+
+def against_signal(loop: ClosedLoop, joint: str, signal: str) -> pd.DataFrame:
+    """Residuals of a joint at the rows that count, with the values `x` of a signal."""
+    own = loop.residual[loop.residual["joint"] == joint].reset_index(drop=True)
+    place = split_signal(signal, loop.joints)
+    assert place is not None
+    if place[0] == "t":
+        own["x"] = own["t"] - own.groupby("run")["t"].transform("min")
+    else:
+        assert loop.signals is not None
+        of = loop.signals[loop.signals["joint"] == place[1]].reset_index(drop=True)
+        own["x"] = of[place[0]].to_numpy()
+    return own[own["counts"].astype(bool) & np.isfinite(own["x"])]
