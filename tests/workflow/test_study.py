@@ -347,3 +347,29 @@ def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
     assert "max_failed_share" in done.stderr
     after = digests(changed)
     assert {name for name in before if name.startswith("traces/")} <= after.keys()
+
+
+def make_dataset(folder: Path, name: str) -> Path:
+    (folder / "runs").mkdir(parents=True)
+    (folder / "runs" / "a.parquet").write_bytes(b"")
+    (folder / "robot.urdf").write_text("<robot/>")
+    content = {"name": name, "robot": {"urdf": "robot.urdf"}, "runs": [{"file": "runs/a.parquet"}]}
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
+    return folder
+
+
+def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
+    folder = make_dataset(tmp_path / "machine", "my-robot")
+    text = run_well(clone, "-n", "closed_loop", "--config", f"dataset={folder}")
+    assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {"close_loop", "closed_loop", "total"}
+    assert "Close the loop on" in text
+    text = run_well(clone, "-n", "results/closed_loop/my-robot/verdict.json", "--config", f"dataset={folder}")
+    assert "close_loop" in text
+
+
+def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
+    done = run(clone, "-n", "closed_loop", "--config", f"dataset={tmp_path / 'nowhere'}")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "config: dataset:" in done.stderr and "has no readable dataset.yaml" in done.stderr
+    done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
+    assert done.returncode == 1 and "dataset.yaml: name is missing or holds other than letters" in done.stderr
