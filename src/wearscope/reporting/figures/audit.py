@@ -38,6 +38,7 @@ def draw_audit(audit: pd.DataFrame) -> Figure:
     np.divide(error, half, out=ratio, where=half > 0)
     table = audit.assign(ratio=ratio, place=audit["point"].map({p: k for k, p in enumerate(points["point"])}))
     reach = 1.15 * float(np.abs(finite(ratio)).max(initial=1.5))
+    reach *= 2.0 if reach > 10 else 1.0  # room on a logarithmic scale
     tint, shape = colours(fdas), markers(sorted(audit["robot"].unique()))
     with figure_style():
         figure = new_figure(10.0, 0.7 + 1.8 * len(fdas))
@@ -47,6 +48,7 @@ def draw_audit(audit: pd.DataFrame) -> Figure:
         for ax in axes:
             if reach > 10:
                 ax.set_yscale("symlog", linthresh=2.0, linscale=1.5)
+                ax.yaxis.set_major_formatter("{x:g}")
             ax.set_ylim(-reach, reach)
         axes[-1].set_xticks(range(len(points)), labels)
         figure.supylabel("(direct − surrogate) / half-width of the 95 % prediction interval", fontsize=9)

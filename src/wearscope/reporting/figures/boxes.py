@@ -59,4 +59,6 @@ def use_symlog(ax: Axes, axis: str, values: object, threshold: float = 1.0) -> b
         return False
     scale = ax.set_yscale if axis == "y" else ax.set_xscale
     scale("symlog", linthresh=threshold, linscale=1.0)
+    (ax.yaxis if axis == "y" else ax.xaxis).set_major_formatter("{x:g}")
+    ax.margins(**{axis: 0.06})
     return True
