@@ -57,8 +57,12 @@ def use_symlog(ax: Axes, axis: str, values: object, threshold: float = 1.0) -> b
     good = np.abs(finite(values))
     if not good.size or good.max() <= 20 * threshold:
         return False
-    scale = ax.set_yscale if axis == "y" else ax.set_xscale
-    scale("symlog", linthresh=threshold, linscale=1.0)
-    (ax.yaxis if axis == "y" else ax.xaxis).set_major_formatter("{x:g}")
-    ax.margins(**{axis: 0.06})
+    if axis == "y":
+        ax.set_yscale("symlog", linthresh=threshold, linscale=1.0)
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.margins(y=0.06)
+    else:
+        ax.set_xscale("symlog", linthresh=threshold, linscale=1.0)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.margins(x=0.06)
     return True
