@@ -62,8 +62,9 @@ def main():
     memory = usage.ru_maxrss / 1024
     print([(e["joint"], e["effect"]) for e in verdict["verdict"]])
     print(
-        f"{len(machine.joints)} joints x {arguments.runs} runs x {arguments.seconds:g} s at {recipe.rate:g} Hz: "
-        f"{seconds:.1f} s (limit {LIMIT_SECONDS:g}), {usage.ru_utime - before:.1f} s of one core's time, "
+        f"{len(machine.joints)} joints x {arguments.runs} runs x {arguments.seconds:g} s at "
+        f"{recipe.rate:g} Hz: {seconds:.1f} s "
+        f"(limit {LIMIT_SECONDS:g}), {usage.ru_utime - before:.1f} s of one core's time, "
         f"{memory:.0f} MiB (limit {LIMIT_MIB:g}); {os.cpu_count()} cores, "
         f"load {os.getloadavg()[0]:.1f}"
     )

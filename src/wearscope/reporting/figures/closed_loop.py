@@ -127,7 +127,15 @@ def draw_residual_against(loop: ClosedLoop, joint: str) -> Figure | None:
             some = rows.iloc[thin(len(rows), 2500)]
             for stage in STAGES:
                 y = f"residual_{stage}"
-                ax.plot(some["x"], some[y], ".", color=COLOURS[stage], ms=2.0, alpha=0.35, mew=0)
+                ax.plot(
+                    some["x"],
+                    some[y],
+                    ".",
+                    color=COLOURS[stage],
+                    ms=2.6,
+                    alpha=min(0.7, 900 / max(len(some), 1)),
+                    mew=0,
+                )
             for stage in STAGES:
                 x, middle = bin_medians(rows["x"].to_numpy(), rows[f"residual_{stage}"].to_numpy())
                 ax.plot(x, middle, "-o", color="white", lw=3.2, ms=4.5)
