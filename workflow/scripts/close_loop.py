@@ -4,6 +4,10 @@ from pathlib import Path
 
 from job import run_job
 from wearscope.closed_loop.run import close_loop
+from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
 with run_job(snakemake) as say:
-    close_loop(Path(snakemake.input.dataset), Path(snakemake.output[0]).parent, progress=say)
+    folder = Path(snakemake.output[0]).parent
+    for old in folder.glob("*.parquet"):  # a table that this run does not write again would be the last one's
+        old.unlink()
+    close_loop(Path(snakemake.input.dataset), folder, progress=say)

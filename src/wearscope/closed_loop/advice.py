@@ -69,6 +69,15 @@ _PAIRS = {
 }
 
 
+#: What moves mass is one and the same for a single joint, however it moves.
+_MASS = frozenset(("rotor_inertia", "rotor_inertia_error", "payload_error", "torque_constant_error"))
+
+
+def _motion_for(name: str, prepared: Prepared) -> str:
+    """Motion that tells an effect from the declared model."""
+    return _PAYLOAD if prepared.n == 1 and name in _MASS else MOTIONS[name]
+
+
 def advise(prepared: Prepared, isolability: pd.DataFrame) -> list[dict]:
     """Motions that would separate what these runs cannot.
 
@@ -94,7 +103,7 @@ def advise(prepared: Prepared, isolability: pd.DataFrame) -> list[dict]:
     for row in isolability.itertuples(index=False):
         for name, sine in ((row.effect_a, row.sine_a), (row.effect_b, row.sine_b)):
             if sine < ABSORBED:
-                add(MOTIONS[name], f"{row.joint}: {name} / declared model")
+                add(_motion_for(name, prepared), f"{row.joint}: {name} / declared model")
         if row.largest_angle_deg < CLOSE:
             pair = frozenset((row.effect_a, row.effect_b))
             what = f"{row.joint}: {row.effect_a} / {row.effect_b}"
@@ -127,13 +136,12 @@ def find_undetermined(prepared: Prepared, isolability: pd.DataFrame) -> list[dic
             if name == "payload_error" and j < prepared.n - 1:
                 continue
             if not applies(load_effect(name), j, prepared):
-                reason = "its temperature is not recorded, or hardly changes"
-                if name == "cross_coupling":
-                    reason = "there is no other joint"
-                records.append(_record(joint, name, reason, MOTIONS[name]))
+                if name != "cross_coupling":
+                    reason = "its temperature is not recorded, or hardly changes"
+                    records.append(_record(joint, name, reason, MOTIONS[name]))
             elif sines.get((joint, name), 1.0) < ABSORBED:
                 reason = "the declared model's own parameters absorb it on these runs"
-                records.append(_record(joint, name, reason, MOTIONS[name]))
+                records.append(_record(joint, name, reason, _motion_for(name, prepared)))
     return records + _judge_coverage(prepared)
 
 

@@ -127,9 +127,8 @@ def describe_forward(loop: ClosedLoop) -> Markup:
     if figure is not None:
         shown = embed_figure(
             figure,
-            "Measured torque and the torque of both models simulated forward",
-            "Measured torque, and that of either model simulated forward in PyBullet, at the common "
-            "bandwidth.",
+            "Torque error of both models simulated forward, over time",
+            "Torque of either model simulated forward in PyBullet less the measured one, common bandwidth.",
         )
     text = (
         "Both models follow the measured motion of the test runs in PyBullet under the same controller. "

@@ -18,7 +18,7 @@ from wearscope.reporting.closed_loop import (
 )
 from wearscope.reporting.figures.heat import draw_heat
 from wearscope.reporting.page import format_number
-from wearscope.reporting.style import AFTER, BEFORE, NEUTRAL, PALETTE, figure_style, new_figure
+from wearscope.reporting.style import AFTER, BEFORE, PALETTE, figure_style, new_figure
 
 COLOURS = {"before": BEFORE, "after": AFTER}
 _POINTS = 1500
@@ -38,7 +38,7 @@ def draw_errors(loop: ClosedLoop) -> Figure:
     across = min(len(joints), 6)
     down = -(-len(joints) // across)
     with figure_style():
-        figure = new_figure(max(4.2, 1.75 * across + 0.5), 2.7 * down + 0.4)
+        figure = new_figure(max(6.0, 1.75 * across + 0.5), 2.7 * down + 0.4)
         axes = np.atleast_1d(figure.subplots(down, across, squeeze=False)).ravel()
         for ax, joint in zip(axes, joints, strict=False):
             _draw_joint_errors(ax, loop, joint)
@@ -220,23 +220,27 @@ def draw_isolability(table: pd.DataFrame, joint: str) -> Figure:
 
 
 def draw_forward(loop: ClosedLoop, joints: Sequence[str]) -> Figure | None:
-    """Measured torque and that of both models simulated forward, along the first test run."""
+    """Torque of both models simulated forward, less the measured one, along the first test run."""
     series = loop.forward_series
     if series is None or not len(series):
         return None
     run = series["run"].iloc[0]
     with figure_style():
-        figure = new_figure(10.0, 2.1 * len(joints) + 0.5)
+        figure = new_figure(10.0, 1.9 * len(joints) + 0.5)
         axes = np.atleast_1d(figure.subplots(len(joints), 1, sharex=True, squeeze=False)).ravel()
         for ax, joint in zip(axes, joints, strict=True):
             rows = series[(series["run"] == run) & (series["joint"] == joint)]
             rows = rows.iloc[thin(len(rows))]
-            ax.plot(rows["t"], rows["measured"], color=NEUTRAL, lw=2.4, alpha=0.5, label="measured")
+            counts = rows["counts"].to_numpy(dtype=bool)
             for stage in STAGES:
-                ax.plot(rows["t"], rows[f"simulated_{stage}"], color=COLOURS[stage], lw=0.9, label=stage)
-            ax.set_ylabel(f"torque [{loop.verdict['joints'][joint]['unit']}]")
+                error = np.where(counts, rows[f"simulated_{stage}"] - rows["measured"], np.nan)
+                ax.plot(rows["t"], error, color=COLOURS[stage], lw=0.9, label=f"model {stage}")
+                if not np.isfinite(error).any():
+                    ax.text(0.5, 0.5, "n/a", transform=ax.transAxes, ha="center")
+            ax.axhline(0.0, color="#999999", lw=0.6, zorder=0)
+            ax.set_ylabel(f"error [{loop.verdict['joints'][joint]['unit']}]")
             ax.set_title(f"{joint}, {run}")
             ax.margins(x=0.0)
         axes[-1].set_xlabel("t [s]")
-        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
