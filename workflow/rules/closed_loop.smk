@@ -4,25 +4,28 @@ LOOP_FILES = [
     "candidates.parquet",
     "model_before.yaml",
     "model_after.yaml",
-    "report.html",
 ]
-DEMONSTRATION = [f"{R}/closed_loop/twin/{name}" for name in LOOP_FILES]
+TWIN = f"{R}/closed_loop/twin"
+DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
 BOARD = "results/attribution_board"
 
 if STUDY.dataset is None:
-    LOOP = DEMONSTRATION
+    LOOP_FOLDER = TWIN
 else:
-    LOOP = [f"results/closed_loop/{dataset_name(STUDY.dataset)}/{name}" for name in LOOP_FILES]
+    LOOP_FOLDER = f"results/closed_loop/{dataset_name(STUDY.dataset)}"
+LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
 
 
 rule closed_loop:
     input:
         LOOP,
+        f"{LOOP_FOLDER}/report.html",
 
 
 rule demonstration:
     input:
         DEMONSTRATION,
+        f"{TWIN}/report.html",
 
 
 rule attribution_board:
@@ -72,6 +75,30 @@ rule close_demonstration:
         "../scripts/close_loop.py"
 
 
+rule report_demonstration:
+    input:
+        tables=DEMONSTRATION,
+        code=code("report_loop"),
+        style=REPORT_FILES,
+    output:
+        report(
+            f"{TWIN}/report.html",
+            caption="../report/closed_loop.rst",
+            category="The loop closed",
+            labels={"figure": "demonstration"},
+        ),
+    log:
+        f"{R}/logs/report_demonstration.log",
+    benchmark:
+        f"{R}/benchmarks/report_demonstration.tsv"
+    conda:
+        ENV
+    message:
+        "Report the loop closed on the demonstration's twin"
+    script:
+        "../scripts/report_loop.py"
+
+
 if STUDY.dataset is not None:
 
     rule close_loop:
@@ -82,15 +109,33 @@ if STUDY.dataset is not None:
         output:
             LOOP,
         log:
-            f"results/closed_loop/{dataset_name(STUDY.dataset)}/close_loop.log",
+            f"{LOOP_FOLDER}/close_loop.log",
         benchmark:
-            f"results/closed_loop/{dataset_name(STUDY.dataset)}/close_loop.tsv"
+            f"{LOOP_FOLDER}/close_loop.tsv"
         conda:
             ENV
         message:
             "Close the loop on {input.dataset}"
         script:
             "../scripts/close_loop.py"
+
+    rule report_loop:
+        input:
+            tables=LOOP,
+            code=code("report_loop"),
+            style=REPORT_FILES,
+        output:
+            f"{LOOP_FOLDER}/report.html",
+        log:
+            f"{LOOP_FOLDER}/report_loop.log",
+        benchmark:
+            f"{LOOP_FOLDER}/report_loop.tsv"
+        conda:
+            ENV
+        message:
+            "Report the loop closed on {STUDY.dataset}"
+        script:
+            "../scripts/report_loop.py"
 
 
 rule run_board:

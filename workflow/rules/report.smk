@@ -2,6 +2,7 @@ rule report:
     input:
         f"{R}/report.html",
         f"{R}/findings.parquet",
+        [f"{TWIN}/report.html"] if STUDY.closed_loop.demonstration else [],
 
 
 rule figures:
