@@ -4,7 +4,6 @@ from pathlib import Path
 
 from job import run_job
 from wearscope.closed_loop.run import close_loop
-from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
 with run_job(snakemake) as say:
     folder = Path(snakemake.output[0]).parent
