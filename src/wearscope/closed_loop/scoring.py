@@ -104,12 +104,12 @@ class Scorer:
             self.sample_loss += ((r * w) ** 2).sum(axis=0)
 
     def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
-        """Score variants of a family, the plain ones of its effect where none are given."""
+        """Score variants of a family: those given, or all (of a single run only the plain ones)."""
+        if subsets is None:
+            effect = family.effect
+            subsets = effect.subsets() if self.folds.by_run else effect.plain_subsets()
         regressors = self.model.correlate(family.columns, family.joint, family.count)
-        return [
-            self._score_subset(family, regressors.select(s), s)
-            for s in subsets or family.effect.plain_subsets()
-        ]
+        return [self._score_subset(family, regressors.select(s), s) for s in subsets]
 
     def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:
         model = self.model

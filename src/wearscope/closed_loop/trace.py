@@ -218,11 +218,7 @@ class Tracer:
 
     def score_extensions(self, scorer: Scorer, present: Entry) -> list[Scored]:
         """Score the further coefficients of richer variants of an effect that is in the model."""
-        further = [
-            np.setdiff1d(subset, present.subset)
-            for subset in present.effect.subsets()
-            if set(present.subset) < {int(i) for i in subset}
-        ]
+        further = present.effect.richer_subsets(present.subset)
         if not further or is_late(present):
             return []
         shapes = np.array([present.shape])
@@ -416,15 +412,23 @@ class Tracer:
             ]
             scored = self.score_all(model, nearby)
             taken, rivals = self.choose(model, scored, self.options.minimum_gain)
-            if taken is None:
+            kin = [s for s in scored if s.entry.effect is f.entry.effect and s.entry.joint == joint]
+            own = max(kin, key=lambda s: s.cv_gain)
+            needed = own.cv_share >= self.options.minimum_gain
+            if taken is None or taken.entry.effect is f.entry.effect:
+                better = False
+            else:
+                better = not needed or self.tells_apart(model, taken, own)
+            if better and taken is not None:
+                again = Found(self.refine(model, taken.entry), [r.entry.effect.name for r in rivals], taken)
+                self.progress(f"{f.entry.label} is replaced by {again.entry.label}")
+                found = [again if k is f else k for k in found]
+            elif not needed:
                 self.progress(f"{f.entry.label} is taken back: not needed beside the others")
                 found = others
-            else:
-                entry = self.refine(model, taken.entry)
-                if entry.effect is f.entry.effect and entry.joint == f.entry.joint:
-                    entry = Entry(entry.effect, entry.joint, entry.shape, f.entry.subset)
-                else:
-                    self.progress(f"{f.entry.label} is replaced by {entry.label}")
+            elif taken is not None and taken.entry.effect is f.entry.effect:
+                shape = self.refine(model, taken.entry).shape
+                entry = Entry(f.entry.effect, joint, shape, f.entry.subset)
                 again = Found(entry, [r.entry.effect.name for r in rivals], taken)
                 found = [again if k is f else k for k in found]
         return found

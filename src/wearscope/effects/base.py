@@ -209,6 +209,8 @@ class Effect:
         Whether the effect at one joint is felt in the torque of every joint.
     variants : tuple of tuple of str
         Subsets of coefficients that make sense on their own; all of them together where empty.
+    extensions : tuple of tuple of str
+        Richer subsets that only ever refine an effect that a variant has already named.
     search : callable or None
         Values of the shape parameters worth trying for given signals and joint, (S, k); the defaults where
         None.
@@ -224,6 +226,7 @@ class Effect:
     n_states: int = 0
     spread: bool = False
     variants: tuple[tuple[str, ...], ...] = ()
+    extensions: tuple[tuple[str, ...], ...] = ()
     search: Callable[[Signals, int], np.ndarray] | None = None
 
     @cached_property
@@ -268,9 +271,16 @@ class Effect:
         return [np.array([names.index(name) for name in variant], dtype=int) for variant in variants]
 
     def plain_subsets(self) -> list[np.ndarray]:
-        """Those of `subsets` that contain no other: richer variants only ever extend these."""
+        """Those of `subsets` that contain no other."""
         sets = [{int(i) for i in subset} for subset in self.subsets()]
         return [np.array(sorted(a)) for a in sets if not any(b < a for b in sets)]
+
+    def richer_subsets(self, subset: tuple[int, ...]) -> list[np.ndarray]:
+        """What variants and extensions add to a subset that they contain."""
+        names = [p.name for p in self.coefficients]
+        sets = [{int(i) for i in s} for s in self.subsets()]
+        sets += [{names.index(name) for name in extension} for extension in self.extensions]
+        return [np.array(sorted(s - set(subset))) for s in sets if set(subset) < s]
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressors along signals.

@@ -20,8 +20,8 @@ EFFECT = PayloadEffect(
     source="Swevers et al. 2007, IEEE Control Systems 27(5), payload identification",
     depends_on=("load_{joint}",),
     spread=True,
-    variants=(
-        ("mass", "moment_x", "moment_y", "moment_z"),
+    variants=(("mass", "moment_x", "moment_y", "moment_z"),),
+    extensions=(
         (
             *("mass", "moment_x", "moment_y", "moment_z"),
             *("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz"),
