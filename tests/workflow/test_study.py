@@ -361,7 +361,12 @@ def make_dataset(folder: Path, name: str) -> Path:
 def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
     folder = make_dataset(tmp_path / "machine", "my-robot")
     text = run_well(clone, "-n", "closed_loop", "--config", f"dataset={folder}")
-    assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {"close_loop", "closed_loop", "total"}
+    assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {
+        "close_loop",
+        "report_loop",
+        "closed_loop",
+        "total",
+    }
     assert "Close the loop on" in text
     text = run_well(clone, "-n", "results/closed_loop/my-robot/verdict.json", "--config", f"dataset={folder}")
     assert "close_loop" in text
