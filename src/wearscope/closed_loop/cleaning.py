@@ -16,8 +16,10 @@ from wearscope.errors import InputError
 _ODD, _USUAL = 10.0, 98.0
 #: ... and beyond this share of the largest speed, or of the torque's span.
 _OF_SPEED, _OF_SPAN = 0.25, 0.5
-#: Widest spike [samples]; seconds at either end of a run that may be cut off; shortest frozen stretch.
-_SPIKE, _START, _FROZEN_TIME, _FROZEN_ROWS = 4, 1.5, 0.2, 20
+#: Widest spike [samples].
+LONGEST_SPIKE = 4
+#: Seconds at either end of a run that may be cut off; shortest frozen stretch.
+_START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 #: Share of a position's span beyond which a step is a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
 #: Most spikes of one channel that are still mended, as a share of its rows.
@@ -86,7 +88,7 @@ def _clean_position(
     notes: list[str] = []
     first, after, wraps, spikes = 0, len(q), 0, 0
     odd = _odd_steps(q)
-    for low, high in _stretches(odd != 0.0, apart=_SPIKE):
+    for low, high in _stretches(odd != 0.0, apart=LONGEST_SPIKE):
         path = np.cumsum(odd[low : high + 1])
         net, largest = float(path[-1]), float(np.abs(path).max())
         if abs(net) < 0.2 * largest:
@@ -126,12 +128,12 @@ def _clean_torque(run: Run, j: int, joint: str, where: str, faulty: np.ndarray) 
     """Bridge spikes of a torque in place and mark frozen stretches."""
     tau = run.tau[:, j]
     notes: list[str] = []
-    odd = np.abs(tau - ndimage.median_filter(tau, 2 * _SPIKE + 1, mode="nearest"))
+    odd = np.abs(tau - ndimage.median_filter(tau, 2 * LONGEST_SPIKE + 1, mode="nearest"))
     span = float(np.ptp(np.percentile(tau, [1, 99])))
     spiky = odd > max(_ODD * float(np.percentile(odd, _USUAL)), _OF_SPAN * span, 1e-12)
     for low, high in _stretches(spiky):
         beside = abs(tau[min(high + 1, len(tau) - 1)] - tau[max(low - 1, 0)])
-        if high - low >= _SPIKE or beside > 0.3 * odd[low : high + 1].max():
+        if high - low >= LONGEST_SPIKE or beside > 0.3 * odd[low : high + 1].max():
             spiky[low : high + 1] = False
             continue
         _bridge(tau, low, high)

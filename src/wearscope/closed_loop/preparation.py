@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.closed_loop.cleaning import clean_run
+from wearscope.closed_loop.cleaning import LONGEST_SPIKE, clean_run
 from wearscope.closed_loop.conditioning import (
     Band,
     Motion,
@@ -25,6 +25,8 @@ from wearscope.robots.urdf_file import write_urdf
 
 #: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
 _EDGE_PERIODS = 1.0
+#: Share of a joint's training torque that may be clipped or frozen.
+_MOST_FAULTY = 0.2
 
 
 @dataclass
@@ -176,7 +178,8 @@ def _prepare_run(
     signals.sign[rest] = 0.0
     bad = slow | spread_out(rest, width)
     if faulty.any():
-        bad |= spread_out(faulty, width)
+        # A spike is bridged without a trace; a gap by a rough prediction, whose error reaches a whole period.
+        bad |= faulty | spread_out(_lasting(faulty, LONGEST_SPIKE), 2 * width)
     prepared = PreparedRun(
         run.file,
         run.use,
@@ -190,6 +193,19 @@ def _prepare_run(
     )
     prepared.measured = prepared.reduce(motion.tau)
     return prepared
+
+
+def _check_share(dataset: Dataset, runs: list[Run], faulty: list[np.ndarray]) -> None:
+    """Refuse a joint of whose training torque too much is clipped or frozen: the rest is a biased choice."""
+    share = np.mean(
+        np.concatenate([bad for run, bad in zip(runs, faulty, strict=True) if run.use == "train"]), axis=0
+    )
+    for joint, part in zip(dataset.joints, share, strict=True):
+        if part > _MOST_FAULTY:
+            raise InputError(
+                f"{dataset.folder}: 'tau_{joint}' is clipped or frozen in {100 * part:.0f} % of the train "
+                "runs; record them with a higher torque limit, slower, or leave the joint out."
+            )
 
 
 def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
@@ -271,6 +287,7 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
         faulty[k] = faulty[k] | clipped
         uniform[k] = replace(run, tau=bridge_torque(run.tau, rough[k], faulty[k]))
         motions[k].tau = uniform[k].tau
+    _check_share(dataset, uniform, faulty)
     pairs = _predict_roughly(
         [m for m, use in zip(made, is_train, strict=True) if use],
         [m.tau for m, use in zip(motions, is_train, strict=True) if use],
@@ -281,6 +298,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     band = Band(rate, min(max(edge, 3.0 * torque_cutoff), 0.4 * rate), torque_cutoff)
     if band.motion != edge:
         motions, made = differentiate(band.motion)
+    for signals, _ in made:
+        signals.bandwidth = band.torque
     notes.append(
         f"motion filtered at {band.motion:.3g} Hz, torque and regressors at {band.torque:.3g} Hz, zero phase."
     )
