@@ -1,0 +1,198 @@
+"""Some forty kinds of damaged folder: a clear refusal, or the answer that the whole folder gets."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.attribution_board.damage import DAMAGES, damage
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from wearscope.closed_loop.run import close_loop
+from wearscope.errors import InputError
+
+PLANS = (
+    RunPlan("train", "fourier", 0, 24.0),
+    RunPlan("train", "sweep", 1, 52.0),
+    RunPlan("train", "points", 2, 31.0),
+    RunPlan("test", "points", 3, 47.0),
+)
+JOINT = "slide"
+Q, TAU = f"q_{JOINT}", f"tau_{JOINT}"
+
+
+def answer(folder, out):
+    """Named effects, each with those that the runs cannot tell apart from it."""
+    verdict = close_loop(folder, out, light=True)["verdict"]
+    return [(entry["joint"], {entry["effect"], *entry["equivalent"]}) for entry in verdict]
+
+
+def alike(found, wanted):
+    return len(found) == len(wanted) and all(
+        a[0] == b[0] and a[1] & b[1] for a, b in zip(found, wanted, strict=True)
+    )
+
+
+@pytest.fixture(scope="module")
+def wholes(tmp_path_factory):
+    """A folder with a planted effect and one without, with what is to be answered."""
+    made = {}
+    for name, planted in (("planted", [Planted("stribeck", JOINT, 8.0)]), ("null", [])):
+        folder = tmp_path_factory.mktemp(name) / "d"
+        generate_dataset(folder, "stage", planted, 5, Recipe(duration=8.0, plans=PLANS))
+        made[name] = folder, answer(folder, folder.parent / "out")
+    assert alike(made["planted"][1], [(JOINT, {"stribeck"})]) and made["null"][1] == []
+    return made
+
+
+def at(rows, column, value):
+    """Set rows of a column; a callable gets the column."""
+
+    def change(table):
+        table = table.copy()
+        new = value(table[column]) if callable(value) else value
+        table.loc[table.index[rows], column] = new if np.isscalar(new) else np.asarray(new)[rows]
+        return table
+
+    return change
+
+
+def clip(share, noise):
+    def change(table):
+        limit = share * table[TAU].abs().max()
+        rng = np.random.default_rng(0)
+        return table.assign(**{TAU: table[TAU].clip(-limit, limit) + noise * rng.normal(size=len(table))})
+
+    return change
+
+
+def drop_rows(table):
+    fastest = int(np.argmax(np.abs(np.diff(table[Q].to_numpy()[100:-100])))) + 100
+    left = table.drop(index=range(fastest - 30, fastest + 30)).reset_index(drop=True)
+    return left.assign(t=table["t"][: len(left)])
+
+
+MEND = {
+    "position_spike": at(1100, Q, lambda q: q + 1.0),
+    "small_position_spike": at(1100, Q, lambda q: q + 0.01),
+    "position_spike_at_start": at(60, Q, 0.0),
+    "encoder_zero_at_start": at(slice(0, 200), Q, 0.0),
+    "encoder_offset_at_start": at(slice(0, 240), Q, lambda q: q + 0.3),
+    "torque_spike": at(1100, TAU, lambda tau: tau + 10 * tau.abs().max()),
+    "torque_burst_of_three": at(slice(1100, 1103), TAU, lambda tau: tau - 3 * tau.abs().max()),
+    "torque_zero_at_start": at(slice(0, 250), TAU, 0.0),
+    "torque_frozen_in_part": at(slice(800, 1100), TAU, lambda tau: np.full(len(tau), tau.iloc[800])),
+    "torque_clipped": clip(0.7, 0.0),
+    "torque_clipped_under_noise": clip(0.7, 0.2),
+    "clock_of_the_epoch": lambda table: table.assign(t=table["t"] + 1.7e9),
+    "single_precision": lambda table: table.astype({Q: "float32", TAU: "float32"}),
+    "columns_in_other_order": lambda table: table[table.columns[::-1]],
+    "channels_held_for_four_samples": lambda table: table.assign(
+        **{c: table[c].to_numpy()[np.arange(len(table)) // 4 * 4] for c in (Q, TAU)}
+    ),
+}
+
+
+def change_runs(folder, change, first):
+    runs = yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]
+    for run in runs[:1] if first else runs:
+        file = folder / run["file"]
+        change(pd.read_parquet(file)).to_parquet(file, index=False)
+
+
+@pytest.mark.parametrize("kind", MEND)
+def test_what_can_be_mended_gets_the_right_answer(wholes, tmp_path, kind):
+    whole, wanted = wholes["planted"]
+    folder = shutil.copytree(whole, tmp_path / "d")
+    change_runs(folder, MEND[kind], first=False)
+    assert alike(answer(folder, tmp_path / "out"), wanted)
+
+
+@pytest.mark.parametrize("kind", ["encoder_zero_at_start", "torque_zero_at_start"])
+def test_damage_is_never_named_as_an_effect(wholes, tmp_path, kind):
+    folder = shutil.copytree(wholes["null"][0], tmp_path / "d")
+    change_runs(folder, MEND[kind], first=False)
+    assert answer(folder, tmp_path / "out") == []
+
+
+REFUSE = {
+    "position_step": (at(slice(900, None), Q, lambda q: q + 0.2), "steps by 0.2"),
+    "rows_lost": (drop_rows, "steps by"),
+    "newton_millimetres": (
+        lambda table: table.assign(**{TAU: 1000 * table[TAU]}),
+        "times what the rigid body",
+    ),
+    "motor_side": (
+        lambda table: table.assign(**{TAU: table[TAU] / 628.0}),
+        "multiply it with the gear ratio",
+    ),
+    "position_sign": (lambda table: table.assign(**{Q: -table[Q]}), "opposite sign"),
+    "backwards": (
+        lambda table: table.iloc[::-1].reset_index(drop=True).assign(t=table["t"]),
+        "sort the rows by time",
+    ),
+    "late_torque": (
+        lambda table: table.assign(**{TAU: np.roll(table[TAU], 25)})[30:].reset_index(drop=True),
+        " ms late",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSE)
+@pytest.mark.parametrize("first", [True, False], ids=["one_run", "all_runs"])
+def test_what_cannot_be_mended_is_refused(wholes, tmp_path, kind, first):
+    change, told = REFUSE[kind]
+    folder = shutil.copytree(wholes["planted"][0], tmp_path / "d")
+    change_runs(folder, change, first)
+    with pytest.raises(InputError) as caught:
+        close_loop(folder, tmp_path / "out", light=True)
+    assert told in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_torque_that_is_mostly_clipped_is_refused(wholes, tmp_path):
+    folder = shutil.copytree(wholes["planted"][0], tmp_path / "d")
+    change_runs(folder, clip(0.35, 0.0), first=False)
+    with pytest.raises(InputError, match=r"'tau_slide' is clipped or frozen in \d\d % of the train runs"):
+        close_loop(folder, tmp_path / "out", light=True)
+
+
+def test_robot_that_stands_still_in_one_run_is_left_out(wholes, tmp_path):
+    whole, wanted = wholes["planted"]
+    folder = shutil.copytree(whole, tmp_path / "d")
+    rng = np.random.default_rng(0)
+    change_runs(
+        folder,
+        lambda t: t.assign(**{Q: 0.1 + 1e-6 * rng.normal(size=len(t)), TAU: 3 + rng.normal(size=len(t))}),
+        first=True,
+    )
+    assert alike(answer(folder, tmp_path / "out"), wanted)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in DAMAGES if kind != "degrees_for_radians"])
+def test_kinds_of_the_board_get_no_wrong_answer(wholes, tmp_path, kind):
+    whole, wanted = wholes["planted"]
+    folder = shutil.copytree(whole, tmp_path / "d")
+    damage(folder, kind)
+    try:
+        found = answer(folder, tmp_path / "out")
+    except InputError as error:
+        assert str(error).startswith(str(folder)) and "\n" not in str(error)
+        assert not (tmp_path / "out").exists()
+    else:
+        assert kind == "standing_still", "expected a refusal"
+        assert alike(found, wanted)
+
+
+@pytest.mark.parametrize(
+    "kind", ["degrees_for_radians", "swapped_columns", "stuck_encoder", "flipped_torque_sign"]
+)
+def test_kinds_of_the_board_on_an_arm_are_refused(tmp_path, kind):
+    folder = tmp_path / "d"
+    generate_dataset(folder, "arm3", [], 2, Recipe(duration=6.0, plans=PLANS))
+    damage(folder, kind)
+    with pytest.raises(InputError):
+        close_loop(folder, tmp_path / "out", light=True)
+    assert not (tmp_path / "out").exists()
