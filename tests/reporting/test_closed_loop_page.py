@@ -1,0 +1,242 @@
+"""The closed loop's page on outcomes made by hand: what it says, and that it needs nothing else."""
+
+import copy
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope import tables
+from wearscope.errors import InputError
+from wearscope.reporting.closed_loop import (
+    against_signal,
+    dominant_signals,
+    gap_closed,
+    read_closed_loop,
+)
+from wearscope.reporting.closed_loop_page import write_closed_loop_page
+from wearscope.reporting.figures.closed_loop import bin_medians
+
+JOINTS = ["a", "b"]
+RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
+T = np.arange(200) / 25.0
+
+
+def one_joint(before, after, floor):
+    return {
+        "unit": "N m", "rms_as_declared": before * 1.1, "rms_before": before, "rms_after": after,
+        "rms_before_ci95": [0.9 * before, 1.1 * before], "rms_after_ci95": [0.9 * after, 1.1 * after],
+        "noise_floor": floor, "test_runs": {"runs/r2.parquet": [before, after]},
+        "relative_error_percent": {"runs/r2.parquet": [10 * before, 10 * after]},
+    }  # fmt: skip
+
+
+ENTRY = {
+    "joint": "a", "effect": "stribeck", "equivalent": ["concave_viscous"],
+    "depends_on": ["qd_a", "sign_qd_a"],
+    "parameters": {"level": {"value": 2.5, "ci95": [2.0, 3.0], "unit": "N m"}}, "fixed": {"exponent": 2.0},
+    "error_reduction": 0.62,
+}  # fmt: skip
+UNKNOWN = {
+    "joint": "b", "effect": "unknown", "equivalent": [], "depends_on": ["q_a", "sign_qd_b"],
+    "parameters": {
+        f"height{k}": {"value": k - 3.0, "ci95": [k - 4.0, k - 2.0], "unit": "N m"} for k in range(8)
+    },
+    "fixed": {}, "error_reduction": 0.4,
+}  # fmt: skip
+VERDICT = {
+    "dataset": "made <by> hand",
+    "verdict": [ENTRY, UNKNOWN],
+    "joints": {"a": one_joint(2.0, 1.0, 0.5), "b": one_joint(1.5, 1.6, None)},
+    "band": {"motion_hz": 20.0, "torque_hz": 6.0},
+    "notes": ["runs/r1.parquet: spikes of tau_a in 3 rows <were> bridged."],
+    "advice": [{"motion": "move slowly", "separates": ["a: stribeck / concave_viscous"]}],
+    "undetermined": [
+        {"joint": "b", "effect": "warm_up_drift", "reason": "too short", "motion": "record for longer"}
+    ],
+    "forward": {
+        joint: {
+            stage: {"torque_rms": 1.0, "motion_rms": 1e-3, "outcome": "ok"} for stage in ("before", "after")
+        }
+        for joint in JOINTS
+    },
+}
+
+
+def write(folder, verdict, light=False, failed=False):
+    rng = np.random.default_rng(0)
+    tables.write_text(folder / "verdict.json", json.dumps(verdict))
+    keys = [(run, use, joint) for run, use in RUNS.items() for joint in JOINTS]
+    frames, own = [], []
+    for run, use, joint in keys:
+        noise = rng.standard_normal((3, len(T)))
+        frames.append(
+            pd.DataFrame(
+                {
+                    "t": T + 5.0, "run": run, "use": use, "joint": joint, "measured": 10 * noise[0],
+                    "residual_before": noise[1], "residual_after": noise[2], "counts": np.arange(len(T)) > 60,
+                }
+            )
+        )  # fmt: skip
+        own.append(
+            pd.DataFrame(
+                {"t": T + 5.0, "run": run, "joint": joint, "q": np.sin(T), "qd": np.cos(T), "temp": np.nan}
+            ).assign(qdd=-np.sin(T), load=3 * np.cos(T), sign_qd=np.sign(np.cos(T)))
+        )
+    tables.write_table(folder / "residual.parquet", pd.concat(frames))
+    candidate = {
+        "step": 0, "joint": "a", "effect": "stribeck", "coefficients": "level", "shape": "0.1 1",
+        "cv_gain": 0.5,
+        "p_value": 0.001, "p_runs": 0.01, "isolability": 0.4, "taken": True, "reason": "taken",
+    }  # fmt: skip
+    loser = candidate | {
+        "effect": "viscous",
+        "cv_gain": -0.02,
+        "taken": False,
+        "reason": "runs <do not> agree",
+    }
+    later = loser | {"step": 1}
+    tables.write_table(folder / "candidates.parquet", pd.DataFrame([loser, candidate, later]))
+    if light:
+        return
+    tables.write_table(folder / "signals.parquet", pd.concat(own))
+    pair = {"effect_a": "stribeck", "effect_b": "viscous", "angle_deg": 3.0, "largest_angle_deg": 5.0}
+    pair |= {"sine_a": 0.9, "sine_b": 0.02}
+    tables.write_table(folder / "isolability.parquet", pd.DataFrame([{"joint": j} | pair for j in JOINTS]))
+    stages = [(joint, stage) for joint in JOINTS for stage in ("before", "after")]
+    dependence = [
+        {"joint": joint, "stage": stage, "signal": signal, "share": 0.5, "share_held_out": share,
+         "p_value": 0.001, "p_adjusted": 0.002}
+        for joint, stage in stages for signal, share in (("qd_b sign_qd_a", 0.4), ("q_a", 0.3))
+    ]  # fmt: skip
+    tables.write_table(folder / "dependence.parquet", pd.DataFrame(dependence))
+    box = {"rms": 1.0, "rms_low": 0.9, "rms_high": 1.1, "rms_black_box": 0.8, "rms_black_box_low": 0.7}
+    box |= {"rms_black_box_high": 0.9, "share_removed": 0.36, "trees": 12}
+    tables.write_table(
+        folder / "black_box.parquet", pd.DataFrame([{"joint": j, "stage": s} | box for j, s in stages])
+    )
+    rows = []
+    for run in ("runs/r2.parquet", "all"):
+        for joint, stage in stages:
+            lost = failed and stage == "after"
+            value = np.nan if lost else 1.0
+            sizes = {f"{k}_rms{e}": value for k in ("torque", "motion") for e in ("", "_low", "_high")}
+            outcome = "failed: the robot fell over" if lost else "ok"
+            rows.append(
+                {"joint": joint, "run": run, "stage": stage, "seconds": 8.0, "outcome": outcome} | sizes
+            )
+    tables.write_table(folder / "forward.parquet", pd.DataFrame(rows))
+    series = pd.concat(frames)[["t", "run", "joint", "measured", "counts"]]
+    series = series[series["run"] == "runs/r2.parquet"]
+    series = series.assign(
+        simulated_before=series["measured"] + 1.0, simulated_after=np.nan if failed else series["measured"]
+    )
+    tables.write_table(folder / "forward_series.parquet", series)
+
+
+def page(folder):
+    write_closed_loop_page(folder)
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def text_of(html):
+    plain = re.sub(r"<[^>]+>", " ", re.sub(r"(?s)<style>.*?</style>", "", html))
+    return re.sub(r"[ \n]+", " ", plain.replace("\N{NO-BREAK SPACE}", " "))
+
+
+def test_page_needs_nothing_else_and_escapes_what_it_is_given(tmp_path):
+    write(tmp_path, VERDICT)
+    html = page(tmp_path)
+    assert "<script" not in html and "@import" not in html
+    for link in re.findall(r'(?:src|href)="([^"]*)"', html):
+        assert link.startswith(("data:", "#")), link
+    assert not re.search(r"url\((?!['\"]?data:)", html)
+    assert "made &lt;by&gt; hand" in html and "<by>" not in html and "<were>" not in html
+    # Links lead to sections, and every image says what it shows.
+    for anchor in re.findall(r'href="#([^"]*)"', html):
+        assert f'id="{anchor}"' in html
+    assert all(alt for alt in re.findall(r'<img [^>]*alt="([^"]*)"', html))
+    assert "&lt;span" not in html and "nan" not in text_of(html)
+
+
+def test_page_says_name_equivalent_unknown_and_what_got_worse(tmp_path):
+    write(tmp_path, VERDICT)
+    text = text_of(page(tmp_path))
+    assert "stribeck , depending on qd_a and sign_qd_a, removes 62 %" in text
+    assert "equivalent these runs cannot tell it from concave_viscous" in text
+    assert "unknown structure that no named effect explains, depending on q_a and sign_qd_b" in text
+    assert "8 heights of a spline −3 to 4" in text
+    assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
+    assert "80 % of the gap to the noise floor closed" in text
+    assert "no motion repeated" in text
+    assert "runs/r2.parquet 15 16 larger" in text and "runs/r2.parquet 20 10 smaller" in text
+    assert "30 % of the rows of a do not count" in text
+    assert "move slowly" in text and "record for longer" in text
+    assert "stribeck and viscous" in text
+
+
+def test_page_of_none_says_so(tmp_path):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    write(tmp_path, verdict)
+    text = text_of(page(tmp_path))
+    assert "None: the declared model suffices." in text
+    assert text.count("nothing added.") == 2
+    assert "unknown structure" not in text
+
+
+def test_failed_simulation_is_an_alarm(tmp_path):
+    verdict = copy.deepcopy(VERDICT)
+    for joint in JOINTS:
+        verdict["forward"][joint]["after"] = {
+            "torque_rms": None, "motion_rms": None, "outcome": "1 of 1 runs: failed: the robot fell over",
+        }  # fmt: skip
+    write(tmp_path, verdict, failed=True)
+    html = page(tmp_path)
+    assert html.count('<div class="alarm">') == 2
+    assert "model after: failed: the robot fell over" in html
+
+
+def test_light_loop_has_a_page_that_says_what_is_missing(tmp_path):
+    verdict = {k: v for k, v in VERDICT.items() if k not in ("advice", "undetermined", "forward")}
+    write(tmp_path, verdict, light=True)
+    text = text_of(page(tmp_path))
+    assert text.count("the loop was closed without it") == 6
+
+
+def test_equal_tables_give_equal_pages(tmp_path):
+    write(tmp_path, VERDICT)
+    assert page(tmp_path) == page(tmp_path)
+
+
+def test_folder_without_a_loop_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"verdict\.json.*close the loop first"):
+        write_closed_loop_page(tmp_path)
+
+
+def test_gap_is_a_share_of_variance_and_not_told_without_a_floor():
+    assert gap_closed(one_joint(2.0, 1.0, 0.0))[0] == pytest.approx(0.75)
+    share, said = gap_closed(one_joint(1.0, 1.0, 0.99))
+    assert np.isnan(share) and said == "no gap"
+    share, said = gap_closed(one_joint(1.0, 0.5, None))
+    assert np.isnan(share) and said == "no motion repeated"
+
+
+def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):
+    write(tmp_path, VERDICT)
+    loop = read_closed_loop(tmp_path)
+    # The verdict's signals first, the direction as speed, then the free-form ranking.
+    assert dominant_signals(loop, "b") == ["q_a", "qd_b"]
+    assert dominant_signals(loop, "a") == ["qd_a", "qd_b", "q_a"]
+    rows = against_signal(loop, "b", "load_a")
+    assert len(rows) == 2 * 139
+    assert np.allclose(rows["x"], np.tile(3 * np.cos(T[61:]), 2))
+    assert against_signal(loop, "b", "t")["x"].max() == pytest.approx(T[-1])
+    assert len(against_signal(loop, "b", "temp_a")) == 0
+
+
+def test_medians_of_bins_follow_a_line():
+    x = np.linspace(-1, 1, 1000)
+    centre, middle = bin_medians(x, 3.0 * x)
+    assert np.allclose(middle, 3.0 * centre, atol=0.02)
