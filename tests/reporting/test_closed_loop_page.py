@@ -76,7 +76,7 @@ def write(folder, verdict, light=False, failed=False):
             pd.DataFrame(
                 {
                     "t": T + 5.0, "run": run, "use": use, "joint": joint, "measured": 10 * noise[0],
-                    "residual_before": noise[1], "residual_after": noise[2], "counts": np.arange(len(T)) > 60,
+                    "residual_before": noise[1], "residual_after": noise[2], "counts": np.arange(len(T)) >= 60,
                 }
             )
         )  # fmt: skip
@@ -230,8 +230,8 @@ def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):
     assert dominant_signals(loop, "b") == ["q_a", "qd_b"]
     assert dominant_signals(loop, "a") == ["qd_a", "qd_b", "q_a"]
     rows = against_signal(loop, "b", "load_a")
-    assert len(rows) == 2 * 139
-    assert np.allclose(rows["x"], np.tile(3 * np.cos(T[61:]), 2))
+    assert len(rows) == 2 * 140
+    assert np.allclose(rows["x"], np.tile(3 * np.cos(T[60:]), 2))
     assert against_signal(loop, "b", "t")["x"].max() == pytest.approx(T[-1])
     assert len(against_signal(loop, "b", "temp_a")) == 0
 
