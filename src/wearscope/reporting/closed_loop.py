@@ -108,7 +108,7 @@ def gap_closed(joint: Mapping[str, Any]) -> tuple[float, str]:
     if not gap > 0.1 * floor**2:
         return np.nan, "no gap"
     share = (before**2 - after**2) / gap
-    return share, f"{100 * share:.0f} %"
+    return share, f"{round(100 * share)} %".replace("-", "\N{MINUS SIGN}")
 
 
 def bounded(value: float, interval: Sequence[Any] | None, text: Any) -> str:

@@ -93,9 +93,12 @@ def _outcome(loop: ClosedLoop) -> Markup:
 def _joint_outcome(loop: ClosedLoop, joint: str) -> Markup:
     one = loop.verdict["joints"][joint]
     before, after = number(one.get("rms_before")), number(one.get("rms_after"))
-    change = Markup("")
-    if np.isfinite(before):
-        _, gap = gap_closed(one)
+    floor = number(one.get("noise_floor"))
+    if abs(after - before) <= 1e-6 * before:
+        told = f", noise floor {write_value(floor)}" if np.isfinite(floor) else ""
+        change = Markup(" RMS error {} {}{}.").format(write_value(before), one["unit"], told)
+    else:
+        gap = gap_closed(one)[1]
         told = f", {gap} of the gap to the noise floor closed" if gap.endswith("%") else ""
         change = Markup(" RMS error {} → {} {}{}.").format(
             write_value(before), write_value(after), one["unit"], unbreak(told)
