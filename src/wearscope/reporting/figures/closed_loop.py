@@ -63,7 +63,7 @@ def _draw_joint_errors(ax: Axes, loop: ClosedLoop, joint: str) -> None:
         if np.isfinite(interval).all():
             ax.plot([x, x], interval, color="black", lw=1.0)
         top = np.nanmax([value, *interval])
-        ax.text(x, top, format_number(value), ha="center", va="bottom", fontsize=7.5)
+        ax.text(x - 0.14, top, format_number(value), ha="center", va="bottom", fontsize=7.5)
         if loop.black_box is not None:
             row = loop.black_box[(loop.black_box["joint"] == joint) & (loop.black_box["stage"] == stage)]
             if len(row) and np.isfinite(row["rms_black_box"].iloc[0]):
