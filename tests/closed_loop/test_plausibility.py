@@ -1,5 +1,6 @@
 """Columns that are not what they are said to be are refused with the right remedy; good data never are."""
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -264,3 +265,15 @@ def test_good_data_are_never_refused(tmp_path, robot, seed):
         recipe = Recipe(duration=6.0, plans=PLANS, noise=noise, noise_level=0.02, inertia_error=0.05 * seed)
         generate_dataset(tmp_path / f"d{k}", robot, planted, seed, recipe)
         check(tmp_path / f"d{k}")
+
+
+DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+@pytest.mark.parametrize("name", ["emps", "kr300"])
+def test_real_machines_are_believed(name):
+    if not (DATA / name).is_dir():
+        pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
+    prepared = check(DATA / name)
+    assert prepared.moving.all()
+    assert not any("at a limit" in note or "cut off" in note for note in prepared.notes)

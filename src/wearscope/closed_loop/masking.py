@@ -12,7 +12,7 @@ from wearscope.effects.base import Signals
 #: Least share of a run's rows that must lie at a level before it is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
 #: Share of a torque's span by which the rough prediction must exceed a limit.
-_BEYOND = 0.03
+_BEYOND = 0.02
 
 
 def _columns(signals: Signals, known: np.ndarray, j: int) -> np.ndarray:
@@ -75,7 +75,7 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     spread = 1.4826 * float(np.median(np.abs(x[beyond] - level)))
     width = max(4.0 * noise, 0.01 * span)
     stays = spread < 0.5 * width and np.mean(np.abs(x[beyond] - level) < width) > 0.9
-    moves = float(np.std(predicted[beyond])) > max(5.0 * spread, 0.02 * span)
+    moves = float(np.std(predicted[beyond])) > max(5.0 * spread, 0.007 * span)
     if not (stays and moves and top - level < width):
         return none
     return x > level - width
