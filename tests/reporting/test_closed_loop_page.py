@@ -76,7 +76,8 @@ def write(folder, verdict, light=False, failed=False):
             pd.DataFrame(
                 {
                     "t": T + 5.0, "run": run, "use": use, "joint": joint, "measured": 10 * noise[0],
-                    "residual_before": noise[1], "residual_after": noise[2], "counts": np.arange(len(T)) >= 60,
+                    "residual_before": noise[1], "residual_after": noise[2],
+                    "counts": np.arange(len(T)) >= 60,
                 }
             )
         )  # fmt: skip
