@@ -258,7 +258,7 @@ class StudyConfig(Section):
     """The design matrix."""
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
-    max_failed_share: Share = 0.05
+    max_failed_share: Share = 0.1
     """Largest share of a cell's points for which a detector may fail; above it the study is refused."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
