@@ -41,6 +41,10 @@ class Entry:
         return full
 
 
+#: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets.
+_BLOCK_PERIODS = 4.0
+
+
 @dataclass(frozen=True)
 class Block:
     """Rows `start` to `stop` of training run `run`."""
@@ -76,8 +80,7 @@ class Folds:
 def make_blocks(prepared: Prepared) -> list[Block]:
     """Contiguous blocks of the training runs, long against the correlation of the residual."""
     runs = prepared.runs_for("train")
-    total = sum(run.t[-1] - run.t[0] for run in runs)
-    length = float(np.clip(total / 40, 0.5, 3.0))
+    length = max(0.4, _BLOCK_PERIODS / prepared.band.torque)
     blocks = []
     for r, run in enumerate(runs):
         count = max(2, round((run.t[-1] - run.t[0]) / length))
@@ -208,6 +211,11 @@ class Regression:
             self.score[b] = x.T @ y.reshape(-1)
             self.power[b] = (y**2).sum(axis=0)
         self.prior = self._make_prior()
+        self.lower, self.upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            parameters = [entry.effect.coefficients[k] for k in entry.subset]
+            self.lower[span] = [parameter.lower for parameter in parameters]
+            self.upper[span] = [parameter.upper for parameter in parameters]
 
     def _make_prior(self) -> np.ndarray:
         """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
@@ -223,9 +231,24 @@ class Regression:
         return np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
 
     def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
-        """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
+        """Parameters (P,) from the blocks of `mask` (all blocks where None), within their physical bounds."""
         pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
-        return np.linalg.solve(self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0))
+        a = self.gram[pick].sum(axis=0) + self.prior
+        b = self.score[pick].sum(axis=0)
+        theta = np.linalg.solve(a, b)
+        held = np.zeros(self.p, dtype=bool)
+        for _ in range(self.p):
+            bounded = np.clip(theta, self.lower, self.upper)
+            beyond = (bounded != theta) & ~held
+            if not beyond.any():
+                break
+            held |= beyond
+            free = ~held
+            theta = bounded
+            theta[free] = np.linalg.solve(
+                a[np.ix_(free, free)], b[free] - a[np.ix_(free, held)] @ theta[held]
+            )
+        return theta
 
     def losses(self, theta: np.ndarray) -> np.ndarray:
         """Sum of squared weighted residuals by block, (B,)."""

@@ -64,7 +64,7 @@ def close_loop(
     out_dir : path-like
         Where ``verdict.json``, ``residual.parquet``, ``candidates.parquet``, ``model_before.yaml``,
         ``model_after.yaml`` and, unless `light`, ``forward.parquet``, ``isolability.parquet``,
-        ``dependence.parquet``, ``black_box.parquet`` and ``report.html`` are written.
+        ``dependence.parquet`` and ``black_box.parquet`` are written.
     light : bool
         Leave out forward simulation, diagnostics and the report.
     options : TraceOptions, optional
