@@ -54,12 +54,14 @@ def make_corrected_model(
     drive["rotor_inertia"] = known_inertia(dataset).tolist()
     train = prepared.runs_for("train")
     effects = [{"joint": joint, "effect": "rigid_body", "source": "declared"} for joint in dataset.joints]
-    for estimate in estimates:
+    theta = model.solve_bounded()
+    for estimate, span in zip(estimates, model.spans, strict=True):
+        names = [estimate.entry.effect.coefficients[k].name for k in estimate.entry.subset]
         effects.append(
             {
                 "joint": dataset.joints[estimate.entry.joint],
                 "effect": estimate.entry.effect.name,
-                "parameters": estimate.values,
+                "parameters": estimate.values | dict(zip(names, theta[span].tolist(), strict=True)),
                 "source": f"fitted on {', '.join(run.file for run in train)}",
             }
         )

@@ -211,34 +211,27 @@ class Regression:
             self.score[b] = x.T @ y.reshape(-1)
             self.power[b] = (y**2).sum(axis=0)
         self.prior = self._make_prior()
-        self.lower, self.upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
-        for entry, span in zip(self.entries, self.spans, strict=True):
-            parameters = [entry.effect.coefficients[k] for k in entry.subset]
-            self.lower[span] = [parameter.lower for parameter in parameters]
-            self.upper[span] = [parameter.upper for parameter in parameters]
-
-    def _make_prior(self) -> np.ndarray:
-        """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
-        prior = np.zeros(self.p)
-        if self.inertial:
-            body = self.prepared.runs[0].signals.rigid_body
-            parameters = body.inertial_parameters.reshape(-1, 10)
-            mass = np.maximum(parameters[:, 0], 0.02 * parameters[:, 0].max() + 1e-6)
-            lever = np.sqrt(np.maximum(np.trace(_tensor(parameters), axis1=1, axis2=2) / mass, 1e-4))
-            scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
-            prior[: scale.size] = 1.0 / (0.3 * scale.ravel()) ** 2
-        diagonal = np.einsum("bii->i", self.gram)
-        return np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
 
     def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
-        """Parameters (P,) from the blocks of `mask` (all blocks where None), within their physical bounds."""
+        """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
         pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
-        a = self.gram[pick].sum(axis=0) + self.prior
-        b = self.score[pick].sum(axis=0)
+        return np.linalg.solve(self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0))
+
+    def solve_bounded(self) -> np.ndarray:
+        """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.
+
+        An effect that the model lacks can push a declared parameter beyond its bounds; the trace must see that.
+        """
+        lower, upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            parameters = [entry.effect.coefficients[k] for k in entry.subset]
+            lower[span] = [parameter.lower for parameter in parameters]
+            upper[span] = [parameter.upper for parameter in parameters]
+        a, b = self.gram.sum(axis=0) + self.prior, self.score.sum(axis=0)
         theta = np.linalg.solve(a, b)
         held = np.zeros(self.p, dtype=bool)
         for _ in range(self.p):
-            bounded = np.clip(theta, self.lower, self.upper)
+            bounded = np.clip(theta, lower, upper)
             beyond = (bounded != theta) & ~held
             if not beyond.any():
                 break
