@@ -33,6 +33,7 @@ rule attribution_board:
         f"{BOARD}/summary.json",
 
 
+# The demonstration gives way to the study, whose later stages leave a core idle.
 rule record_demonstration:
     input:
         code=code("record_demonstration"),
@@ -45,6 +46,7 @@ rule record_demonstration:
         f"{R}/logs/record_demonstration.log",
     benchmark:
         f"{R}/benchmarks/record_demonstration.tsv"
+    priority: -1
     conda:
         ENV
     params:
@@ -67,6 +69,7 @@ rule close_demonstration:
         f"{R}/logs/close_demonstration.log",
     benchmark:
         f"{R}/benchmarks/close_demonstration.tsv"
+    priority: -1
     conda:
         ENV
     message:
@@ -91,6 +94,7 @@ rule report_demonstration:
         f"{R}/logs/report_demonstration.log",
     benchmark:
         f"{R}/benchmarks/report_demonstration.tsv"
+    priority: -1
     conda:
         ENV
     message:

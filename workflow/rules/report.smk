@@ -26,6 +26,7 @@ rule draw_setup:
         f"{R}/logs/draw_setup.log",
     benchmark:
         f"{R}/benchmarks/draw_setup.tsv"
+    priority: -1
     conda:
         ENV
     params:
