@@ -39,6 +39,8 @@ from wearscope.effects.base import load_effect
 
 #: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
 _MATERIAL = 0.02
+#: Least delay that is believed, in samples.
+_LEAST_DELAY = 0.1
 #: Effects that a joint can have several of.
 _REPEATABLE = frozenset({"torque_ripple", "cross_coupling", "unknown"})
 
@@ -246,6 +248,8 @@ class Tracer:
             s.cv_share * self.left(s) < o.minimum_share and not (s.extends and self.folds.agree_by_run)
         ):
             s.reason = "too little gained on held-out runs"
+        elif s.entry.effect.name == "time_delay" and abs(s.beta[0]) < _LEAST_DELAY / self.prepared.band.rate:
+            s.reason = "less than a tenth of a sample: within what the channels' clocks allow"
         elif s.entry.effect.name == "torque_ripple" and not self.folds.by_run:
             s.reason = "one run cannot show that its phase stays from run to run"
         elif s.p_run > (o.alpha_run if self.folds.agree_by_run else o.alpha_part):

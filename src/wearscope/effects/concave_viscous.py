@@ -11,7 +11,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
-    return np.array([[0.2], [0.35], [0.5], [0.7]])
+    return np.array([[0.35], [0.5], [0.7]])
 
 
 EFFECT = Effect(

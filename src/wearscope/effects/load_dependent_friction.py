@@ -11,7 +11,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 EFFECT = Effect(
     name="load_dependent_friction",
     form="coefficient abs(tau_rb) sign(v)",
-    coefficients=(Parameter("coefficient", "-"),),
+    coefficients=(Parameter("coefficient", "-", lower=0.0),),
     source="Gogoussis and Donath 1988; Hamon et al. 2010, IEEE IROS",
     depends_on=(
         "load_{joint}",

@@ -20,7 +20,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 EFFECT = Effect(
     name="stribeck",
     form="level exp(-abs(v/speed)^exponent) sign(v)",
-    coefficients=(Parameter("level", "{torque}"),),
+    coefficients=(Parameter("level", "{torque}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
     depends_on=(
         "qd_{joint}",
