@@ -69,7 +69,7 @@ class TraceOptions:
     alpha: float = 0.005
     alpha_run: float = 0.0025
     alpha_part: float = 1e-4
-    minimum_gain: float = 0.06
+    minimum_gain: float = 0.08
     minimum_share: float = 0.02
     minimum_unknown: float = 0.06
     flips: int = 999
