@@ -57,6 +57,7 @@ def read_jobs(results: Path) -> list[tuple[str, float, float]]:
 
 
 def main() -> None:
+    """Run the study twice in a copy and print what it cost."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--configfile", default="config/config.yaml")
     parser.add_argument("--cores", type=int, default=2)
