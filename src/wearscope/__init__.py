@@ -1,1 +1,1 @@
-"""wearscope: will a fault detector find joint wear, and can the simulator that says so be trusted?"""
+"""Will a fault detector find joint wear, and can the simulator that says so be trusted."""

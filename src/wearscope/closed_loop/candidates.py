@@ -1,4 +1,4 @@
-"""Candidates: every effect that a joint may lack, with the shapes worth trying, reduced to regression rows."""
+"""Candidates: every effect that a joint may lack, with the shapes worth trying, as regression rows."""
 
 from dataclasses import dataclass
 

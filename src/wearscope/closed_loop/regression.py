@@ -233,7 +233,7 @@ class Regression:
     def solve_bounded(self) -> np.ndarray:
         """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.
 
-        An effect that the model lacks can push a declared parameter beyond its bounds; the trace must see that.
+        An effect that the model lacks can push a declared parameter beyond them; the trace must see that.
         """
         lower, upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
         for entry, span in zip(self.entries, self.spans, strict=True):
