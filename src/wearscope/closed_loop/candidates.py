@@ -7,7 +7,7 @@ import numpy as np
 from wearscope import plugins
 from wearscope.closed_loop.preparation import Prepared, PreparedRun
 from wearscope.closed_loop.regression import Entry
-from wearscope.effects.base import Effect, MeasurementEffect, Signals, load_effect
+from wearscope.effects.base import Effect, MeasurementEffect, Signals
 
 #: Effects that contain others: declaring the first leaves nothing of the second to find.
 _CONTAINS = {
@@ -102,18 +102,6 @@ def make_family(effect: Effect, joint: int, prepared: Prepared, joined: Signals)
     shapes = effect.shapes(joined, joint)
     columns = [reduce_columns(effect, joint, shapes, run) for run in train]
     return Family(effect, joint, shapes, columns)
-
-
-def make_families(prepared: Prepared, names: list[str]) -> list[Family]:
-    """Families of all effects in `names` at every joint where they apply."""
-    joined = joined_signals(prepared.runs_for("train"))
-    families = []
-    for name in names:
-        effect = load_effect(name)
-        for joint in range(prepared.n):
-            if applies(effect, joint, prepared):
-                families.append(make_family(effect, joint, prepared, joined))
-    return families
 
 
 def follows_torque(family: Family) -> bool:

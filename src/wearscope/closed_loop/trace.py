@@ -36,7 +36,6 @@ from wearscope.closed_loop.regression import (
 from wearscope.closed_loop.scoring import Scored, Scorer, adjust_p_values, make_flips, separates
 from wearscope.effects.base import load_effect
 
-
 #: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
 _MATERIAL = 0.02
 #: Least delay that is believed, in samples.
