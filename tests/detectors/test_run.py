@@ -136,6 +136,25 @@ def test_failed_points_are_counted_and_never_zero(user_file, breaks, status):
     assert set(counts["first_reason"]) == {f"point 3: {status}"}
 
 
+def test_points_simulated_in_vain_have_no_value_and_are_none_of_the_detector_s(user_file):
+    vain = {("identification", 4): "the motor is lost", ("audit", 1): "not in this design"}
+    batches = [item for item in make_batches(DESIGNS) if item[:2] != ("identification", 4)]
+    path = user_file()
+    table = run(path, {"fail_at": [3]}, batches=batches, max_failed_share=0.1, failed_simulations=vain)
+    lost = table[(table["set"] == "identification") & (table["point"] == 4)]
+    assert len(lost) == 3 and lost["y"].isna().all()
+    assert set(lost["status"]) == {"simulation failed: the motor is lost"}
+    assert len(table) == 3 * 30 and table["y"].isna().sum() == 3 * 3
+    counts = count_failures(table)
+    assert list(counts["failed"]) == [1] * 6 and set(counts["first_reason"]) == {
+        "point 3: RuntimeError: no luck"
+    }
+    with pytest.raises(InputError, match=r"axis 1: failed at 3 of 30 points, more than the share 0.09"):
+        run(path, {"fail_at": [3]}, batches=batches, max_failed_share=0.09, failed_simulations=vain)
+    with pytest.raises(InputError, match=r"set 'identification', point 4 failed, yet it has a batch"):
+        run(path, failed_simulations=vain)
+
+
 def test_too_many_failed_points_are_refused(user_file):
     path = user_file("raise RuntimeError('no luck')")
     with pytest.raises(

@@ -103,8 +103,10 @@ def test_the_interval_does_not_hold_a_simulator_that_differs(surrogates, points)
 
 def test_failed_points_are_counted_and_never_inside(surrogates, points):
     direct = directly(surrogates, points, noise=0.0)
+    direct["status"] = np.where(direct["fda"] == "B", "simulation failed: lost", "ok")
     direct.loc[direct["fda"] == "B", "y"] = np.nan
     audit = audit_table(direct, surrogates, points)
+    assert set(audit.loc[audit["failed"], "status"]) == {"simulation failed: lost"}
     assert audit.loc[audit["fda"] == "B", "failed"].all()
     assert not audit.loc[audit["fda"] == "B", "inside"].any()
     summary = audit_summary(audit).set_index("fda")

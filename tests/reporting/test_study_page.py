@@ -63,6 +63,18 @@ def test_failed_points_are_shown_first_and_in_full(study, change):
     assert 'class="alarm"' not in clean and "No detector failed at any point." in clean
 
 
+def test_failed_simulations_are_shown_first_and_in_full(study, change):
+    failed = pd.DataFrame(
+        [("medium", "a", "validation", 3, "joint 'x' is <lost>"), ("large", "b", "nominal", 2, "fell")],
+        columns=["robot", "cycle", "set", "point", "reason"],
+    )
+    page = render(change(failed_simulations=failed))
+    first = page[: page.index('<section id="paper"')]
+    assert "2 simulations failed, the first at medium, a, validation point 3: joint" in first
+    assert page.count("is &lt;lost&gt;") == 3 and "fell" in page
+    assert "simulations failed" not in render(study)
+
+
 def test_what_was_not_done_is_said(study, change):
     page = render(change(audit=None, audit_summary=None, audit_verdicts=None))
     assert "Not audited" in page and "It was not audited." in page

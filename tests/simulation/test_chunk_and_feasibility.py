@@ -1,13 +1,15 @@
 import errno
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
+import pybullet
 import pytest
 
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation import chunk, recording
+from wearscope.simulation import chunk, recording, study
 from wearscope.simulation.feasibility import check_cycle, check_robot
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
@@ -53,19 +55,19 @@ def test_points_do_not_depend_on_how_they_are_chunked(tmp_path, model, cycle):
 
 
 def test_finished_points_are_kept_and_stale_ones_made_again(tmp_path, model, cycle):
-    prints = simulate(tmp_path, ROWS, model, cycle)
+    prints = simulate(tmp_path, ROWS, model, cycle).fingerprints
     paths = {point: point_path(tmp_path, "identification", point) for point in prints}
     assert {point: read_fingerprint(path) for point, path in paths.items()} == prints
     paths[2].write_bytes(paths[2].read_bytes()[:100])
     moments = {point: path.stat().st_mtime_ns for point, path in paths.items()}
-    assert simulate(tmp_path, ROWS, model, cycle) == prints
+    assert simulate(tmp_path, ROWS, model, cycle).fingerprints == prints
     assert [point for point, path in paths.items() if path.stat().st_mtime_ns != moments[point]] == [2]
     read_recording(paths[2])
     moments = {point: path.stat().st_mtime_ns for point, path in paths.items()}
-    changed = simulate(tmp_path, [ROWS[0], make_row(2, f=25.0), ROWS[2]], model, cycle)
+    changed = simulate(tmp_path, [ROWS[0], make_row(2, f=25.0), ROWS[2]], model, cycle).fingerprints
     assert [point for point in prints if changed[point] != prints[point]] == [2]
     assert [point for point, path in paths.items() if path.stat().st_mtime_ns != moments[point]] == [2]
-    assert simulate(tmp_path, ROWS[:1], model, cycle, common="other code")[1] != prints[1]
+    assert simulate(tmp_path, ROWS[:1], model, cycle, common="other code").fingerprints[1] != prints[1]
 
 
 def test_seed_and_identity_change_the_noise(tmp_path, model, cycle):
@@ -79,17 +81,83 @@ def test_seed_and_identity_change_the_noise(tmp_path, model, cycle):
     assert not (one == two).all() and not (one == three).all()
 
 
-def test_failed_run_is_told_after_the_others_are_written(tmp_path, model, cycle, monkeypatch):
-    genuine = chunk.simulate_points
+def fail_at(monkeypatch, number, error):
+    """Make the run with that number break off at its end."""
+    genuine = study.run_motion
 
-    def fail_second(*arguments):
-        for number, result in enumerate(genuine(*arguments)):
-            yield chunk.SimulationError("the motor is lost.") if number == 1 else result
+    def run(*arguments):
+        trace = genuine(*arguments)
+        run.count += 1
+        if run.count == number:
+            raise error
+        return trace
 
-    monkeypatch.setattr(chunk, "simulate_points", fail_second)
-    with pytest.raises(InputError, match=r"identification point 2: the motor is lost; correct the robot"):
+    run.count = 0
+    monkeypatch.setattr(study, "run_motion", run)
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (study.SimulationError("the motor is lost."), "the motor is lost"),
+        (ZeroDivisionError("no\nmass"), "ZeroDivisionError: no mass"),
+        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
+        (pybullet.error("Not connected"), "error: Not connected"),
+    ],
+)
+def test_failed_run_is_told_and_the_others_are_written(tmp_path, model, cycle, monkeypatch, error, reason):
+    whole = simulate(tmp_path / "whole", ROWS, model, cycle)
+    assert whole.failed == {}
+    simulate(tmp_path / "part", [make_row(2, f=25.0)], model, cycle)  # an older recording of the point
+    fail_at(monkeypatch, 2, error)
+    outcome = simulate(tmp_path / "part", ROWS, model, cycle)
+    assert outcome == chunk.ChunkOutcome(whole.fingerprints, {2: reason})
+    paths = [point_path(tmp_path / "part", "identification", k) for k in (1, 2, 3)]
+    assert [path.exists() for path in paths] == [True, False, True]
+    # What broke off in the midst of a run leaves no trace in those after it.
+    assert paths[2].read_bytes() == point_path(tmp_path / "whole", "identification", 3).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), MemoryError(), TypeError("a defect")]
+)
+def test_what_is_none_of_the_point_s_doing_ends_the_job(tmp_path, model, cycle, monkeypatch, error):
+    fail_at(monkeypatch, 2, error)
+    with pytest.raises(type(error)):
         simulate(tmp_path, ROWS, model, cycle)
-    assert [point_path(tmp_path, "identification", k).exists() for k in (1, 2, 3)] == [True, False, True]
+    assert [point_path(tmp_path, "identification", k).exists() for k in (1, 2, 3)] == [True, False, False]
+
+
+def test_run_that_is_not_finite_or_loses_its_reference_fails(model, cycle, monkeypatch):
+    rows = [study.Conditions(wear=(np.nan,)), study.Conditions(temperature=np.inf), study.Conditions()]
+    reference = cycle.build(model, 0.05, 0.001)
+    bad, hot, good = study.simulate_points(model, [(reference, one, 0) for one in rows])
+    assert isinstance(bad, study.SimulationError) and isinstance(hot, study.SimulationError)
+    assert np.isfinite(good.tau).all()
+    genuine = study.record
+
+    def lose(*arguments):
+        recording = genuine(*arguments)
+        recording.tau[100, 2] = np.nan
+        return recording
+
+    monkeypatch.setattr(study, "record", lose)
+    (lost,) = study.simulate_points(model, [(reference, study.Conditions(), 0)])
+    assert isinstance(lost, study.SimulationError)
+    assert str(lost) == f"the recorded tau is not finite at t = {good.t[100]:.3f} s."
+    # A motor that has no torque to speak of falls off its reference.
+    monkeypatch.setattr(study, "record", genuine)
+    monkeypatch.setattr(type(model), "torque_limit", property(lambda one: np.full(one.n, 1.0)))
+    far = load_cycle("point_to_point").build(model, 0.05, 0.001)
+    (fallen,) = study.simulate_points(model, [(far, study.Conditions(), 0)])
+    assert "off its reference" in str(fallen)
+
+
+def test_world_that_fails_its_self_test_ends_the_job(tmp_path, model, cycle, monkeypatch):
+    monkeypatch.setattr("wearscope.simulation.world.SELF_TEST_TOLERANCE", 0.0)
+    with pytest.raises(InputError, match=r"robot medium, cycle short_moves: self-test: .*correct the"):
+        simulate(tmp_path, ROWS, model, cycle)
+    assert not list(tmp_path.rglob("*.parquet"))
 
 
 def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monkeypatch):

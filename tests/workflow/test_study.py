@@ -349,6 +349,44 @@ def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
     assert {name for name in before if name.startswith("traces/")} <= after.keys()
 
 
+def test_failed_simulation_is_counted_left_out_and_refused_above_the_share(finished, tmp_path):
+    folder = tmp_path / "one-fails"
+    shutil.copytree(finished, folder, ignore=shutil.ignore_patterns("results", ".snakemake"))
+    edit(
+        folder / "src/wearscope/simulation/study.py",
+        "        check_temperature(",
+        '        if conditions.temperature == 70.0:\n            raise SimulationError("the oil boils.")\n'
+        "        check_temperature(",
+    )
+    config = yaml.safe_load((folder / TINY / "config.yaml").read_text())
+    (folder / "strict.yaml").write_text(yaml.safe_dump({**config, "max_failed_share": 0.02}))
+    done = run(folder, "test_quantities", study="strict.yaml")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    sentence = (
+        "robot medium, cycle short_moves: the simulation failed at 1 of 30 points, more than the share 0.02 "
+        "allowed; first at identification point "
+    )
+    assert sentence in done.stderr and "the oil boils; correct the robot" in done.stderr
+    results = folder / "results" / "tiny"
+    recordings = {path: path.stat().st_mtime_ns for path in results.glob("traces/**/*.parquet")}
+    assert len(recordings) == 15 + 14 + 1
+
+    run_well(folder, "validate", "snr", "scope", str((results / "figures/recording.svg").relative_to(folder)))
+    assert {path: path.stat().st_mtime_ns for path in recordings} == recordings
+    failed = tables.read_table(results / "failed_simulations.parquet")
+    assert list(failed["reason"]) == ["the oil boils"] and list(failed["set"]) == ["identification"]
+    quantities = tables.read_table(results / "test_quantities.parquet")
+    lost = quantities[quantities["y"].isna()]
+    assert set(lost["fda"]) == {"A", "own"} and set(lost["point"]) == set(failed["point"])
+    assert set(lost["status"]) == {"simulation failed: the oil boils"} and set(lost["w3"]) == {2.0}
+    assert tables.read_table(results / "failures.parquet").empty
+    surrogates = tables.read_table(results / "surrogates.parquet")
+    assert set(surrogates["n_failed"]) == {1} and set(surrogates["n_points"]) == {14}
+    assert surrogates["theta"].notna().all()
+    assert tables.read_table(results / "snr.parquet")["snr_exact"].notna().all()
+    assert tables.read_table(results / "scope.parquet")["p_d"].notna().all()
+
+
 def make_dataset(folder: Path, name: str) -> Path:
     (folder / "runs").mkdir(parents=True)
     (folder / "runs" / "a.parquet").write_bytes(b"")

@@ -39,7 +39,8 @@ use rule compute_test_quantities as compute_audit_quantities with:
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:
-        f"{R}/parts/audit_quantities/{{robot}}/{{cycle}}.parquet",
+        table=f"{R}/parts/audit_quantities/{{robot}}/{{cycle}}.parquet",
+        failed=f"{R}/parts/audit_failed_simulations/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/compute_audit_quantities/{{robot}}/{{cycle}}.log",
     benchmark:

@@ -81,6 +81,7 @@ rule write_report:
         ranking=f"{R}/ranking.parquet",
         scope=f"{R}/scope.parquet",
         failures=f"{R}/failures.parquet",
+        failed_simulations=f"{R}/failed_simulations.parquet",
         checks=f"{R}/design/checks.parquet",
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         figures=[f"{R}/figures/{name}.svg" for name in SETUP_FIGURES + FINDING_FIGURES],

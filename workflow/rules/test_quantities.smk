@@ -13,7 +13,8 @@ rule compute_test_quantities:
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:
-        f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
+        table=f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
+        failed=f"{R}/parts/failed_simulations/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/compute_test_quantities/{{robot}}/{{cycle}}.log",
     benchmark:
@@ -36,10 +37,12 @@ rule compute_test_quantities:
 rule join_test_quantities:
     input:
         parts=expand("{R}/parts/test_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
+        failed=expand("{R}/parts/failed_simulations/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
         code=code("join_test_quantities"),
     output:
         table=f"{R}/test_quantities.parquet",
         failures=f"{R}/failures.parquet",
+        failed_simulations=f"{R}/failed_simulations.parquet",
     log:
         f"{R}/logs/join_test_quantities.log",
     benchmark:

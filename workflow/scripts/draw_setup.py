@@ -13,6 +13,7 @@ from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.style import save_figure
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
+from wearscope.simulation.failures import read_failures
 from wearscope.simulation.traces import read_points
 
 with run_job(snakemake):
@@ -34,7 +35,9 @@ with run_job(snakemake):
     robot, model = next(iter(models.items()))
     joint = model.joints.index(model.wear_joints[params.axis - 1])
     traces = Path(snakemake.input.traces[0]).parents[1]
-    pair = choose_pair(designs["identification"], factors)
+    failed = [point for _, point in read_failures(snakemake.input.traces)]
+    identification = designs["identification"]
+    pair = choose_pair(identification[~identification["point"].isin(failed)], factors)
     less, more = (one for _, one in read_points(traces, "identification", pair, model))
     coded = designs["identification"].set_index("point")["f_natural"]
     figure = draw_recording(

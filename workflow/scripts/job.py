@@ -1,15 +1,18 @@
 """What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
 
+import errno
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from wearscope.errors import InputError
 
 Say = Callable[[str], None]
+#: The disk is full, or its user's share of it is.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
@@ -17,25 +20,36 @@ def run_job(snakemake: Any) -> Iterator[Say]:
     """Log a job, and end it where its input is bad.
 
     Yields a function that writes one line to the log and, under the rule's name, to the terminal. An
-    `InputError` is told as its one sentence; anything else is a defect, with its traceback in the log too.
+    `InputError` or a full disk is told in one sentence; anything else is a defect, with its traceback in the
+    log too.
     """
     name = " ".join([snakemake.rule, *map(str, snakemake.wildcards)])
     start = time.monotonic()
-    with open(snakemake.log[0], "w", encoding="utf-8", buffering=1) as log:
 
-        def say(text: str) -> None:
-            print(f"[{time.monotonic() - start:6.1f} s] {text}", file=log)
-            print(f"{name}: {text}", file=sys.stderr, flush=True)
+    def note(text: str) -> None:
+        with suppress(OSError), open(snakemake.log[0], "a", encoding="utf-8") as log:
+            print(text, file=log)
 
-        try:
-            yield say
-        except InputError as error:
-            say(str(error))
-            sys.exit(1)
-        except Exception:
-            traceback.print_exc(file=log)
+    def say(text: str) -> None:
+        print(f"{name}: {text}", file=sys.stderr, flush=True)
+        note(f"[{time.monotonic() - start:6.1f} s] {text}")
+
+    try:
+        open(snakemake.log[0], "w", encoding="utf-8").close()
+        yield say
+    except InputError as error:
+        say(str(error))
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in FULL:
+            note(traceback.format_exc())
             raise
-        print(f"[{time.monotonic() - start:6.1f} s] done", file=log)
+        say(f"{error.filename or 'a file'} cannot be written ({error.strerror}); free disk space.")
+        sys.exit(1)
+    except Exception:
+        note(traceback.format_exc())
+        raise
+    note(f"[{time.monotonic() - start:6.1f} s] done")
 
 
 def count_progress(say: Say, total: int, what: str, every: float = 5.0) -> Callable[[int], None]:

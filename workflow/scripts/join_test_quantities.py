@@ -1,4 +1,4 @@
-"""One table of all test quantities, and one of the points at which a detector failed."""
+"""One table of all test quantities, and what failed: simulations by point, detectors by cell."""
 
 import pandas as pd
 
@@ -7,12 +7,17 @@ from wearscope import tables
 from wearscope.detectors.run import count_failures
 
 with run_job(snakemake) as say:
-    table = pd.concat([tables.read_table(part) for part in snakemake.input.parts], ignore_index=True)
+    given, made = snakemake.input, snakemake.output
+    table = pd.concat([tables.read_table(part) for part in given.parts], ignore_index=True)
+    failed = pd.concat([tables.read_table(part) for part in given.failed], ignore_index=True)
     failures = count_failures(table)
+    for row in failed.itertuples():
+        say(f"the simulation of {row.robot}, {row.cycle}, {row.set} point {row.point} failed: {row.reason}")
     for row in failures.itertuples():
         say(
             f"fda {row.fda} failed at {row.failed} of {row.points} {row.set} points of {row.robot}, "
             f"{row.cycle}, axis {row.axis}; first {row.first_reason}"
         )
-    tables.write_table(snakemake.output.table, table)
-    tables.write_table(snakemake.output.failures, failures)
+    tables.write_table(made.table, table)
+    tables.write_table(made.failures, failures)
+    tables.write_table(made.failed_simulations, failed)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -21,7 +22,7 @@ with run_job(snakemake) as say:
     common = hashlib.sha256()
     for file in [*snakemake.input.robot, *snakemake.input.code]:
         common.update(Path(file).read_bytes())
-    fingerprints = simulate_chunk(
+    outcome = simulate_chunk(
         Path(snakemake.output[0]).parents[1],
         w.set,
         rows,
@@ -31,4 +32,6 @@ with run_job(snakemake) as say:
         common.hexdigest(),
         count_progress(say, len(rows), "points"),
     )
-    tables.write_text(snakemake.output[0], json.dumps(fingerprints, indent=1) + "\n")
+    for point, reason in outcome.failed.items():
+        say(f"point {point} failed: {reason}")
+    tables.write_text(snakemake.output[0], json.dumps(asdict(outcome), indent=1) + "\n")

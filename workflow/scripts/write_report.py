@@ -14,7 +14,8 @@ from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 
 TABLES = (
-    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures", "checks"
+    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures",
+    "failed_simulations", "checks",
 )  # fmt: skip
 
 with run_job(snakemake):

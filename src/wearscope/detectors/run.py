@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 OK = "ok"
+#: How the status of a point begins that no detector could be asked for.
+NOT_SIMULATED = "simulation failed: "
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ def compute_test_quantities(
     designs: Mapping[str, pd.DataFrame],
     factors: Sequence[Factor] = PAPER_FACTORS,
     max_failed_share: float = 0.05,
+    failed_simulations: Mapping[tuple[str, int], str] | None = None,
     report: Callable[[int], None] | None = None,
 ) -> pd.DataFrame:
     """Fit every detector to the nominal batches of each axis, then ask it for each batch.
@@ -71,7 +74,9 @@ def compute_test_quantities(
         Design table by set, with `point` and the coded factors; each point must have its batch.
     factors : sequence of Factor
     max_failed_share : float
-        Largest share of a cell's points at which its detector may fail.
+        Largest share of a cell's points that may fail, in simulation or in the detector.
+    failed_simulations : mapping of (set, point) to str, optional
+        Reason by design point that was simulated in vain and has no batch.
     report : callable, optional
         Called with the number of batches done, after each.
 
@@ -86,15 +91,21 @@ def compute_test_quantities(
     ------
     InputError
         Where a detector cannot be made or fitted, returns no number, or fails at more than the share; where a
-        design point has no batch or a batch no design point.
+        design point has no batch or a batch no design point, or a failed simulation has a batch.
     """
     where = f"robot {robot}, cycle {cycle}"
     _check_specs(detectors, axes, model, where)
     fitted = _fit_all(detectors, axes, model, nominal, where)
     wanted = {(name, int(point)) for name, design in designs.items() for point in design["point"]}
-    results: dict[tuple[str, int], list[tuple[float, str]]] = {}
+    failed = {key: reason for key, reason in (failed_simulations or {}).items() if key in wanted}
+    results = {key: [(math.nan, f"{NOT_SIMULATED}{failed[key]}")] * len(fitted) for key in sorted(failed)}
     for done, (set_name, point, batch) in enumerate(batches, start=1):
         key = (set_name, int(point))
+        if key in failed:
+            raise InputError(
+                f"{where}: the simulation of set '{set_name}', point {point} failed, yet it has a batch; "
+                "delete the trace."
+            )
         if key in results:
             raise InputError(f"{where}: point {point} of set '{set_name}' has two batches; keep one.")
         if key not in wanted:
@@ -126,7 +137,9 @@ def compute_test_quantities(
 
 
 def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
-    """Failed points by cell and set, with the first reason.
+    """Points by cell and set at which the detector failed, with the first reason.
+
+    Points whose simulation failed are not among them: they are none of the detector's doing.
 
     Parameters
     ----------
@@ -141,7 +154,7 @@ def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
     keys = ["robot", "cycle", "axis", "fda", "set"]
     rows: list[dict[str, Any]] = []
     for values, group in test_quantities.groupby(keys, sort=False):
-        failed = group[group["status"] != OK]
+        failed = group[(group["status"] != OK) & ~group["status"].str.startswith(NOT_SIMULATED)]
         if len(failed):
             first = f"point {failed['point'].iloc[0]}: {failed['status'].iloc[0]}"
             counts = {"points": len(group), "failed": len(failed), "first_reason": first}
@@ -235,5 +248,5 @@ def _check_failed_share(cell: pd.DataFrame, where: str, max_failed_share: float)
         raise InputError(
             f"{where}: failed at {len(failed)} of {len(cell)} points, more than the share "
             f"{max_failed_share:g} allowed; first at {first['set']} point {first['point']}: "
-            f"{first['status']}; mend the detector or raise max_failed_share."
+            f"{first['status']}; mend the detector, what is simulated, or raise max_failed_share."
         )

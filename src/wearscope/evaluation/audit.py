@@ -144,8 +144,8 @@ def audit_table(
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``,
         ``low``, ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is
-        NaN), ``leverage`` (variance of the predicted mean over that of a run), ``extrapolated``
-        (leverage > 1); then what `points` says.
+        NaN), ``status`` where the test quantities have it, ``leverage`` (variance of the predicted mean over
+        that of a run), ``extrapolated`` (leverage > 1); then what `points` says.
 
     Raises
     ------
@@ -175,6 +175,8 @@ def audit_table(
         slack = 1e-9 * np.maximum(np.abs(direct), np.abs(part["y_surrogate"].to_numpy()))
         part["inside"] = (direct >= low - slack) & (direct <= high + slack)
         part["failed"] = ~np.isfinite(direct)
+        if "status" in cell:
+            part["status"] = cell["status"]
         part["leverage"] = leverage
         part["extrapolated"] = leverage > 1
         parts.append(part)

@@ -22,6 +22,8 @@ class Study:
     factors : sequence of Factor
     surrogates, validation, fits, sensitivity, snr, ranking, scope, failures, checks : DataFrame
         As the stages write them.
+    failed_simulations : DataFrame
+        ``robot``, ``cycle``, ``set``, ``point``, ``reason``: points that were simulated in vain.
     audit, audit_summary, audit_verdicts : DataFrame or None
         None where the audit is switched off.
     loops : mapping of str to mapping
@@ -49,6 +51,9 @@ class Study:
     scope: pd.DataFrame
     failures: pd.DataFrame
     checks: pd.DataFrame
+    failed_simulations: pd.DataFrame = field(
+        default_factory=lambda: pd.DataFrame(columns=["robot", "cycle", "set", "point", "reason"])
+    )
     audit: pd.DataFrame | None = None
     audit_summary: pd.DataFrame | None = None
     audit_verdicts: pd.DataFrame | None = None

@@ -104,7 +104,8 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ),
     ]
     cards = [(title, list(map(unbreak, _shorten(said))), link, more) for title, said, link, more in cards]
-    alarms = [*trust.doubts(study), *([] if study.failures.empty else [trust.failed_points(study)])]
+    alarms = [*trust.doubts(study), *trust.failed_simulations(study)]
+    alarms += [] if study.failures.empty else [trust.failed_points(study)]
     alarms = list(map(unbreak, alarms))
     return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
 
@@ -333,12 +334,14 @@ def _trust(study: Study) -> Markup:
 
 
 def _failures(study: Study) -> Markup:
-    text = _paragraphs([trust.failed_points(study)])
-    if study.failures.empty:
-        return text
-    return Markup("{}{}").format(
-        text, render_table(study.failures, "Every cell and set with a failed point.")
-    )
+    parts = [_paragraphs([*trust.failed_simulations(study), trust.failed_points(study)])]
+    if len(study.failed_simulations):
+        parts.append(render_table(study.failed_simulations, "Every point whose simulation failed."))
+    if len(study.failures):
+        parts.append(
+            render_table(study.failures, "Every cell and set at a point of which the detector failed.")
+        )
+    return Markup("").join(parts)
 
 
 def _simulated(study: Study) -> Markup:

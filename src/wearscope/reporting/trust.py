@@ -53,7 +53,9 @@ def audit_outcome(study: Study) -> list[str]:
         sentences.append(f"By detector: {', '.join(by_detector)}.")
     failed = len(audit) - len(good)
     if failed:
-        sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}.")
+        reason = audit.loc[audit["failed"], "status"].iloc[0] if "status" in audit else ""
+        why = f" (first: {reason})" if reason else ""
+        sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}{why}.")
     if study.audit_verdicts is not None and len(study.audit_verdicts):
         agrees = study.audit_verdicts["agrees"]
         sentences.append(f"{_share(agrees, 'scope verdict')} checked in that way agree.")
@@ -69,8 +71,21 @@ def _share(flags: pd.Series, noun: str = "") -> str:
     return f"{int(flags.sum())} of {count_text(n, noun) if noun else n}{percent}"
 
 
+def failed_simulations(study: Study) -> list[str]:
+    """How many points were simulated in vain, where and why; [] where none was."""
+    failed = study.failed_simulations
+    if failed.empty:
+        return []
+    first = failed.iloc[0]
+    return [
+        f"{count_text(len(failed), 'simulation')} failed, the first at {first['robot']}, "
+        f"{first['cycle']}, {first['set']} point {first['point']}: {first['reason']}. No detector has "
+        "a value there; surrogates, validation and all that follows rest on the other points."
+    ]
+
+
 def failed_points(study: Study) -> str:
-    """How many points failed, and where most."""
+    """How many points failed for a detector, and where most."""
     if study.failures.empty:
         return "No detector failed at any point."
     worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]

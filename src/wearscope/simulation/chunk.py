@@ -10,7 +10,7 @@ from typing import Any
 from wearscope.cycles.base import Cycle, Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
-from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import make_conditions, simulate_points
@@ -44,6 +44,22 @@ class Plan:
     seed: int
     step: float
     sample_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class ChunkOutcome:
+    """What became of a chunk's points.
+
+    Attributes
+    ----------
+    fingerprints : dict
+        Of every point, by point.
+    failed : dict
+        Reason in one line by failed point; these have no recording.
+    """
+
+    fingerprints: dict[int, str]
+    failed: dict[int, str]
 
 
 def natural_levels(row: Mapping[str, Any], kinds: Mapping[str, str]) -> dict[str, float]:
@@ -90,11 +106,12 @@ def simulate_chunk(
     plan: Plan,
     common: str,
     report: Callable[[int], None] | None = None,
-) -> dict[int, str]:
+) -> ChunkOutcome:
     """Simulate those of a chunk's points that are not there yet.
 
     Each recording is written whole as soon as it is made, so that a chunk that was killed goes on where it
-    was. Its bytes depend on the point alone.
+    was. Its bytes depend on the point alone. A point whose run fails is left without a recording, an older
+    one included, and told in the outcome; it fails the same each time it is simulated.
 
     Parameters
     ----------
@@ -113,45 +130,44 @@ def simulate_chunk(
 
     Returns
     -------
-    dict
-        Fingerprint by point.
+    ChunkOutcome
 
     Raises
     ------
     InputError
-        Where a run fails, after the others have been written.
+        Where a point does not fit the robot, PyBullet cannot be trusted with it, or the disk refuses a file.
     """
     fingerprints = {int(row["point"]): fingerprint_point(common, plan, set_name, row) for row in rows}
     paths = {point: point_path(folder, set_name, point) for point in fingerprints}
     missing = [
         row for row in rows if read_fingerprint(paths[int(row["point"])]) != fingerprints[int(row["point"])]
     ]
-    failed: list[str] = []
+    failed: dict[int, str] = {}
     done = len(rows) - len(missing)
     inputs = _prepare_points(missing, set_name, model, cycle, plan)
-    for row, result in zip(missing, simulate_points(model, inputs, plan.sample_rate), strict=True):
-        point = int(row["point"])
-        if isinstance(result, SimulationError):
-            failed.append(f"point {point}: {result}")
-        else:
-            write_recording(
-                paths[point],
-                result,
-                model.joints,
-                model.position_units,
-                model.torque_units,
-                fingerprints[point],
-            )
-        done += 1
-        if report is not None:
-            report(done)
-    if failed:
+    try:
+        for row, result in zip(missing, simulate_points(model, inputs, plan.sample_rate), strict=True):
+            point = int(row["point"])
+            if isinstance(result, SimulationError):
+                failed[point] = str(result).rstrip(".")
+                paths[point].unlink(missing_ok=True)
+            else:
+                write_recording(
+                    paths[point],
+                    result,
+                    model.joints,
+                    model.position_units,
+                    model.torque_units,
+                    fingerprints[point],
+                )
+            done += 1
+            if report is not None:
+                report(done)
+    except SelfTestError as error:
         raise InputError(
-            f"robot {plan.robot}, cycle {plan.cycle}, {set_name} {failed[0].rstrip('.')}"
-            + (f" (and {len(failed) - 1} more points)" if len(failed) > 1 else "")
-            + "; correct the robot, slow the test-cycle down, or narrow the factors' ranges."
-        )
-    return fingerprints
+            f"robot {plan.robot}, cycle {plan.cycle}: {str(error).rstrip('.')}; correct the robot's URDF."
+        ) from error
+    return ChunkOutcome(fingerprints, failed)
 
 
 def _prepare_points(

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pybullet
 
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
@@ -13,7 +14,7 @@ from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import run_motion
@@ -22,6 +23,9 @@ from wearscope.simulation.world import World, prove_world
 
 #: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
+#: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
+#: of memory, says nothing about the point and ends the job.
+PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,11 @@ class Simulator:
     def __exit__(self, *_: object) -> None:
         self.world.close()
 
+    def renew_world(self) -> None:
+        """Take a new PyBullet client, where a run broke off in the midst of the old one."""
+        self.world.close()
+        self.world = World()
+
     def _law(self, reference: Reference) -> Law:
         # Points that share a dwell share their reference, whose torque costs as much as a tenth of a run.
         kept = self._laws.get(id(reference))
@@ -176,7 +185,8 @@ class Simulator:
         InputError
             Where reference or conditions do not fit the robot.
         SimulationError
-            Where the run fails.
+            Where the run fails: see `wearscope.simulation.run.run_motion`; a joint leaves its limits, or what
+            is recorded is not finite.
         """
         model = self.model
         _check_reference(reference, model)
@@ -207,7 +217,7 @@ class Simulator:
                 f"joint '{model.joints[j]}' leaves its limits {lower[j]:g} to {upper[j]:g} at "
                 f"t = {row * dt:.3f} s."
             )
-        return record(
+        recording = record(
             trace,
             dt,
             self.sample_rate,
@@ -217,6 +227,13 @@ class Simulator:
             self.plant.torque_delay,
             seed,
         )
+        for name in ("q", "qd", "tau"):
+            lost = ~np.isfinite(getattr(recording, name)).all(axis=1)
+            if lost.any():
+                raise SimulationError(
+                    f"the recorded {name} is not finite at t = {recording.t[lost.argmax()]:.3f} s."
+                )
+        return recording
 
 
 def _check_reference(reference: Reference, model: RobotModel) -> None:
@@ -268,10 +285,26 @@ def simulate_points(
     ------
     InputError
         Where a point does not fit the robot.
+    SelfTestError
+        Where PyBullet cannot be trusted with this robot.
     """
     with Simulator(model, sample_rate, friction_feedforward) as simulator:
         for reference, conditions, seed in points:
-            try:
-                yield simulator.run(reference, conditions, seed)
-            except SimulationError as error:
-                yield error
+            yield _run_or_fail(simulator, reference, conditions, seed)
+
+
+def _run_or_fail(
+    simulator: Simulator,
+    reference: Reference,
+    conditions: Conditions,
+    seed: int | np.random.SeedSequence | None,
+) -> Recording | SimulationError:
+    try:
+        return simulator.run(reference, conditions, seed)
+    except (InputError, SelfTestError):
+        raise
+    except SimulationError as error:
+        return error
+    except PHYSICS_ERRORS as error:
+        simulator.renew_world()
+        return SimulationError(" ".join(f"{type(error).__name__}: {error}".split()))

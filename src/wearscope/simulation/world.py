@@ -10,7 +10,7 @@ import pybullet as pb
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
 from wearscope.simulation.chain import write_plant_urdf
-from wearscope.simulation.errors import SimulationError
+from wearscope.simulation.errors import SelfTestError, SimulationError
 
 #: Faster than any joint: PyBullet clips joint speeds at 100 rad/s by default.
 MAX_JOINT_VELOCITY = 1e6
@@ -154,7 +154,7 @@ def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> 
 
     Raises
     ------
-    SimulationError
+    SelfTestError
         Where the difference exceeds `SELF_TEST_TOLERANCE`.
     """
     world.load(write_plant_urdf(body), body.names, body.gravity, dt)
@@ -174,7 +174,7 @@ def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> 
             float(np.abs(arrived - (q + dt * speed)).max() / (1.0 + np.abs(q).max())),
         )
     if not worst <= SELF_TEST_TOLERANCE:
-        raise SimulationError(
+        raise SelfTestError(
             f"self-test: the torque applied in PyBullet differs from inverse dynamics by {worst:.2g} of it, "
             f"more than {SELF_TEST_TOLERANCE:g}; PyBullet adds something that the model has not."
         )

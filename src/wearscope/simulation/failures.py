@@ -1,0 +1,95 @@
+"""Design points whose simulation failed: read from the chunks, counted, refused where too many."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from wearscope.errors import InputError
+
+#: Reason in one line by set and point.
+Failures = dict[tuple[str, int], str]
+
+
+def read_failures(markers: Iterable[str | Path]) -> Failures:
+    """Failed points of some chunks, from what `workflow/scripts/simulate_points.py` writes when one is done.
+
+    Parameters
+    ----------
+    markers : iterable of path-like
+        ``<set>/_chunk-<number>.json``, with the reasons by point under ``failed``.
+
+    Raises
+    ------
+    InputError
+        Where a marker is not there or is no such file.
+    """
+    failures: Failures = {}
+    for marker in map(Path, markers):
+        try:
+            failed = json.loads(marker.read_text(encoding="utf-8"))["failed"]
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(
+                f"{marker}: not a marker of simulated points ({type(error).__name__}); delete it and "
+                "simulate them again."
+            ) from error
+        failures |= {(marker.parent.name, int(point)): str(reason) for point, reason in failed.items()}
+    return failures
+
+
+def check_failures(
+    failures: Mapping[tuple[str, int], str],
+    points: Mapping[str, Sequence[int]],
+    where: str,
+    max_failed_share: float,
+) -> None:
+    """Refuse a robot and test-cycle whose simulation failed too often.
+
+    Parameters
+    ----------
+    failures : mapping
+        See `read_failures`.
+    points : mapping of str to sequence of int
+        All points by set. Those of the set ``nominal``, that detectors learn from, are counted by themselves.
+    where : str
+        Robot and test-cycle.
+    max_failed_share : float
+        Largest share of points whose simulation may fail.
+
+    Raises
+    ------
+    InputError
+        Above the share.
+    """
+    for nominal in (True, False):
+        wanted = [
+            (name, int(point)) for name in points if (name == "nominal") == nominal for point in points[name]
+        ]
+        failed = [key for key in wanted if key in failures]
+        if len(failed) > max_failed_share * len(wanted):
+            name, point = failed[0]
+            raise InputError(
+                f"{where}: the simulation failed at {len(failed)} of {len(wanted)} "
+                f"{'nominal ' if nominal else ''}points, more than the share {max_failed_share:g} allowed; "
+                f"first at {name} point {point}: {failures[name, point]}; correct the robot, slow the "
+                "test-cycle down, narrow the factors' ranges or raise max_failed_share."
+            )
+
+
+def failure_table(
+    failures: Mapping[tuple[str, int], str], points: Mapping[str, Sequence[int]], robot: str, cycle: str
+) -> pd.DataFrame:
+    """Failed points of a robot and test-cycle.
+
+    Returns
+    -------
+    DataFrame
+        `robot`, `cycle`, `set`, `point`, `reason`, one row a failed point in the order of set and point;
+        empty where none failed.
+    """
+    wanted = {(name, int(point)) for name in points for point in points[name]}
+    rows = [(robot, cycle, *key, failures[key]) for key in sorted(wanted & failures.keys())]
+    table = pd.DataFrame(rows, columns=["robot", "cycle", "set", "point", "reason"])
+    # An empty table has its columns' types too.
+    return table.astype({**dict.fromkeys(("robot", "cycle", "set", "reason"), "str"), "point": "int64"})

@@ -1,0 +1,61 @@
+"""Failed points read back from the chunks' markers, counted and refused."""
+
+import json
+
+import pytest
+
+from wearscope.errors import InputError
+from wearscope.simulation.failures import check_failures, failure_table, read_failures
+
+POINTS = {"identification": [1, 2, 3, 4], "validation": [1, 2, 3, 4], "nominal": [1]}
+WHERE = "robot medium, cycle sweep"
+
+
+def write_marker(folder, set_name, number, failed):
+    path = folder / set_name / f"_chunk-{number}.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps({"fingerprints": {"1": "a"}, "failed": failed}))
+    return path
+
+
+def test_failures_of_all_chunks_are_read(tmp_path):
+    markers = [
+        write_marker(tmp_path, "validation", 0, {}),
+        write_marker(tmp_path, "identification", 0, {"2": "lost"}),
+        write_marker(tmp_path, "identification", 1, {"4": "fell"}),
+    ]
+    failures = read_failures(markers)
+    assert failures == {("identification", 2): "lost", ("identification", 4): "fell"}
+    table = failure_table(failures, POINTS, "medium", "sweep")
+    assert list(table.itertuples(index=False, name=None)) == [
+        ("medium", "sweep", "identification", 2, "lost"),
+        ("medium", "sweep", "identification", 4, "fell"),
+    ]
+    empty = failure_table({("audit", 1): "of a set not asked for"}, POINTS, "medium", "sweep")
+    assert empty.empty and (empty.dtypes == table.dtypes).all()
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"1": "print"}'])
+def test_marker_of_another_kind_is_told(tmp_path, text):
+    path = tmp_path / "_chunk-0.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"_chunk-0.json: not a marker of simulated points .*delete it"):
+        read_failures([path])
+
+
+def test_too_many_failed_simulations_are_refused():
+    one = {("validation", 3): "lost"}
+    check_failures(one, POINTS, WHERE, 0.125)
+    with pytest.raises(
+        InputError,
+        match=r"robot medium, cycle sweep: the simulation failed at 2 of 8 points, more than the share 0.125 "
+        r"allowed; first at identification point 4: fell; correct the robot, slow",
+    ):
+        check_failures(one | {("identification", 4): "fell"}, POINTS, WHERE, 0.125)
+
+
+def test_nominal_runs_are_counted_by_themselves():
+    nominal = {("nominal", 1): "lost"}
+    with pytest.raises(InputError, match=r"at 1 of 1 nominal points, .*first at nominal point 1: lost"):
+        check_failures(nominal, POINTS, WHERE, 0.5)
+    check_failures(nominal, {**POINTS, "nominal": [1, 2]}, WHERE, 0.5)
