@@ -258,8 +258,9 @@ class StudyConfig(Section):
     """The design matrix."""
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
-    max_failed_share: Share = 0.1
-    """Largest share of a cell's points for which a detector may fail; above it the study is refused."""
+    max_failed_share: Share = 0.05
+    """Largest share of a cell's points that may fail, in simulation or in a detector; above it the study is
+    refused."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()

@@ -5,6 +5,7 @@ import pytest
 
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
+from wearscope.detectors.wear_temperature_fit import _Misfit
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import make_model
 
@@ -125,6 +126,42 @@ def test_slow_motion_does_not_trap_the_search(wear, temperature):
     planted = simulate(wear=wear, temperature=temperature, pace=0.2)
     detector = fitted("wear_temperature_fit", simulate(pace=0.2))
     assert detector.estimate(planted) == pytest.approx((wear, temperature), abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("wear", "temperature", "pace"),
+    [(50, 60, 0.2), (12.5, 40, 0.05), (25, 70, 0.05), (37.5, 60, 0.05), (50, 40, 0.05), (50, 70, 0.05)],
+)
+def test_search_finds_the_lowest_of_many_minima(wear, temperature, pace):
+    # From any one start the search ends in a valley at no or negative wear, or swings across one.
+    planted = simulate(wear=wear, temperature=temperature, pace=pace)
+    detector = fitted("wear_temperature_fit", simulate(pace=pace))
+    assert detector.estimate(planted) == pytest.approx((wear, temperature), abs=1.0)
+
+
+def test_misfit_is_the_sum_of_squares_that_a_payload_and_an_offset_leave():
+    rng = np.random.default_rng(4)
+    nodes = np.array([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
+    speed, residual, load = rng.uniform(-2, 2, 80), rng.normal(size=80), rng.normal(size=80)
+    basis = np.linalg.qr(np.column_stack([np.ones(80), load]))[0]
+    misfit = _Misfit(speed, nodes, residual, basis)
+    values = rng.normal(size=(3, 6))
+    for row, cost in zip(values, misfit.cost(values), strict=True):
+        left = residual - np.interp(speed, nodes, row)
+        _, (direct,), _, _ = np.linalg.lstsq(np.column_stack([np.ones(80), load]), left)
+        assert cost == pytest.approx(direct)
+    normal, gradient = misfit.normal_equations(values[0], values[1:].T)
+    step = np.array([1e-3, -2e-3])
+    foreseen = misfit.cost(values[0]) + 2 * gradient @ step + step @ normal @ step
+    assert misfit.cost(values[0] + step @ values[1:]) == pytest.approx(foreseen, rel=1e-12)
+    assert misfit.size(values[1:].T) == pytest.approx(
+        [np.linalg.norm(np.interp(speed, nodes, row)) for row in values[1:]]
+    )
+
+
+def test_batch_faster_than_the_nominal_ones_is_read_too():
+    detector = fitted("wear_temperature_fit", simulate(pace=0.5))
+    assert detector.estimate(simulate(wear=20.0, temperature=45.0)) == pytest.approx((20, 45), abs=0.3)
 
 
 def test_wear_estimate_does_not_clip_noise_at_no_wear():

@@ -1,11 +1,12 @@
 """Joint estimate of wear, temperature and payload error under the declared friction law (detector D)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wearscope.detectors.base import Array, Batch, check_nominal
 from wearscope.detectors.motion import (
@@ -20,8 +21,11 @@ FRICTION_LAW = "friction_wear_temperature"
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64
-# Of the search for f [-] and T [deg C]: difference steps, the change at which it ends, and what counts as
-# not told apart: the share of a slope that offset and payload leave, the condition of the normal equations.
+# Of the search for f [-] and T [deg C]: where it looks first (how many temperatures), difference steps, the
+# change at which it ends, and what counts as not told apart: the share of a slope that offset and payload
+# leave, the condition of the normal equations.
+FIRST_WEARS = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0)
+FIRST_TEMPERATURES = 16
 STEPS = np.diag([0.5, 0.25])
 TOLERANCE = 1e-4
 MIN_SHARE = 1e-6
@@ -38,8 +42,11 @@ class WearTemperatureFit:
     over the samples in motion: r is the residual of the tested axis (recorded torque minus inverse dynamics
     with the declared payload, rotor inertia and the other declared effects), :math:`\tau_f` the declared
     eq. (17) of Samuelsson et al. (2014), :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
-    payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out,
-    f and T found by damped Gauss-Newton (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973; Marquardt, 1963).
+    payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out
+    (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in
+    f and T: damped Gauss-Newton (Marquardt, 1963) starts at the best place of a grid, and its damping follows
+    how well a step's gain was foreseen (Nielsen, Damping parameter in Marquardt's method, DTU, 1999), so that
+    it does not swing across a valley where wear and temperature nearly trade their terms.
     The test quantity is f less its estimate on nominal data [-]; negative estimates extend eq. (17) oddly
     in f, so that noise around no wear is not clipped.
 
@@ -55,8 +62,9 @@ class WearTemperatureFit:
     estimate_payload : bool
         Whether :math:`\mu` is estimated.
     start_temperature : float
-        Where the search starts [deg C]. It starts anew where wear and temperature have traded the speeds of
-        their low-speed terms, the one local minimum that eq. (17) invites; the better fit is taken.
+        A temperature at which the law holds [deg C]. The search starts anew where wear and temperature have
+        traded the speeds of their low-speed terms, the local minimum that eq. (17) invites; the better fit is
+        taken.
     temperature_limit : float
         Highest temperature searched [deg C]; the lowest is where the declared Stribeck speed falls to 1 % of
         its value at `start_temperature`, or `start_temperature` less 100.
@@ -77,7 +85,9 @@ class WearTemperatureFit:
     model: Any = field(default=None, init=False, repr=False)
     law: dict[str, float] = field(default_factory=dict, init=False, repr=False)
     rest_speed: float = field(default=0.0, init=False)
+    top_speed: float = field(default=0.0, init=False)
     lowest: float = field(default=0.0, init=False)
+    grids: dict[float, "_Grid"] = field(default_factory=dict, init=False, repr=False)
     nominal_wear: float = field(default=0.0, init=False)
     varying: list[tuple[Effect, dict[str, float]]] = field(default_factory=list, init=False, repr=False)
     steady: list[tuple[Effect, dict[str, float]]] = field(default_factory=list, init=False, repr=False)
@@ -113,6 +123,9 @@ class WearTemperatureFit:
         self.rest_speed = self.rest_share * float(np.quantile(speed, 0.99))
         if not self.rest_speed > 0:
             raise ValueError("the tested axis does not move in the nominal data")
+        # All batches of a test-cycle are about as fast: one grid serves them.
+        self.top_speed = 1.1 * float(speed.max())
+        self.grids = {}
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
     def _lowest_temperature(self) -> float:
@@ -147,24 +160,27 @@ class WearTemperatureFit:
         if payload is not None:
             columns.append(payload[moving, self.axis])
         basis = _orthonormal(np.column_stack(columns))
-
-        def project(torque: Array) -> Array:
-            return torque - basis @ (basis.T @ torque)
-
-        table = _SpeedTable(batch.qd[moving, self.axis], self.rest_speed)
-
-        def friction(x: Array) -> Array:
-            return table.interpolate(self._evaluate_friction(table.nodes, x))
-
-        task = (residual[moving], friction, project)
-        x, cost = self._minimise(np.array([1.0, self.start_temperature]), *task)
+        speed = batch.qd[moving, self.axis]
+        grid = self._make_grid(max(self.top_speed, float(np.abs(speed).max())))
+        misfit = _Misfit(speed, grid.nodes, residual[moving], basis)
+        x, cost = self._minimise(grid.places[int(np.argmin(misfit.cost(grid.values)))], misfit)
         traded = self._trade_speeds(x)
         if traded is not None:
             with suppress(ValueError):  # where this search finds nothing, the first one holds
-                other, other_cost = self._minimise(traded, *task)
+                other, other_cost = self._minimise(traded, misfit)
                 if other_cost < cost:
                     x = other
         return float(x[0]), float(x[1])
+
+    def _make_grid(self, top_speed: float) -> "_Grid":
+        """Nodes, geometric in each direction, and the friction there at the first places of the search."""
+        if top_speed not in self.grids:
+            half = np.geomspace(self.rest_speed, top_speed, NODES)
+            nodes = np.concatenate([-half[::-1], half])
+            temperatures = np.linspace(self.lowest, self.temperature_limit, FIRST_TEMPERATURES)
+            places = np.array([(wear, temperature) for wear in FIRST_WEARS for temperature in temperatures])
+            self.grids[top_speed] = _Grid(nodes, places, self._evaluate_friction(nodes, places))
+        return self.grids[top_speed]
 
     def _trade_speeds(self, x: Array) -> Array | None:
         """Wear and temperature whose low-speed terms have each other's speeds, None without such terms."""
@@ -188,59 +204,55 @@ class WearTemperatureFit:
         It is that of the declared effects which wear or temperature change.
         """
         levels = np.vstack([x * (0.0, 1.0), np.column_stack([np.abs(x[:, 0]), x[:, 1]])])
-        samples = np.repeat(levels, len(speed), axis=0)
-        shape = (len(samples), self.model.n)
-        at_rest, v = np.zeros(shape), np.zeros(shape)
-        v[:, self.axis] = np.tile(speed, len(levels))
-        wear, temperature = (np.tile(column[:, None], shape[1]) for column in samples.T)
-        t = np.arange(len(samples), dtype=float)
-        signals = Signals(t, at_rest, v, at_rest, np.sign(v), at_rest, temperature, wear)
-        torque = np.zeros(len(samples))
+        # These effects see nothing but the axis: one column stands for it.
+        wear, temperature = np.repeat(levels, len(speed), axis=0).T[:, :, None]
+        v = np.tile(speed, len(levels))[:, None]
+        still = np.zeros_like(v)
+        signals = Signals(
+            np.arange(len(v), dtype=float), still, v, still, np.sign(v), still, temperature, wear
+        )
+        torque = np.zeros(len(v))
         for effect, values in self.varying:
-            torque += effect.torque(signals, self.axis, values)
+            torque += effect.torque(signals, 0, values)
         unworn, worn = torque.reshape(2, len(x), len(speed))
         return unworn + np.sign(x[:, :1]) * (worn - unworn)
 
-    def _minimise(
-        self,
-        start: Array,
-        residual: Array,
-        friction: Callable[[Array], Array],
-        project: Callable[[Array], Array],
-    ) -> tuple[Array, float]:
+    def _minimise(self, start: Array, misfit: "_Misfit") -> tuple[Array, float]:
         """Damped Gauss-Newton on f and T (2,) with difference quotients; T is kept in its range.
 
         Returns the place and the sum of squares there.
         """
         low, high = np.array([-np.inf, self.lowest]), np.array([np.inf, self.temperature_limit])
         x = start
-        misfit = project(residual - friction(x[None])[0])
-        cost, damping = float(misfit @ misfit), 1e-3
+        here = self._evaluate_friction(misfit.nodes, x[None])[0]
+        cost, damping = float(misfit.cost(here)), 1e-3
         for _ in range(self.max_iterations):
             ahead, behind = np.minimum(x + STEPS, high), np.maximum(x - STEPS, low)
-            values = friction(np.concatenate([ahead, behind]))
+            values = self._evaluate_friction(misfit.nodes, np.concatenate([ahead, behind]))
             slopes = ((values[:2] - values[2:]) / np.sum(ahead - behind, axis=1)[:, None]).T
-            jacobian = -project(slopes)
-            normal, gradient = jacobian.T @ jacobian, jacobian.T @ misfit
+            normal, gradient = misfit.normal_equations(here, slopes)
             size = np.sqrt(np.diag(normal))
-            seen = size > MIN_SHARE * np.linalg.norm(slopes, axis=0)
+            seen = size > MIN_SHARE * misfit.size(slopes)
             if not (seen.all() and np.linalg.cond(normal / np.outer(size, size)) < MAX_CONDITION):
                 raise ValueError("the motion of the tested axis does not tell wear and temperature apart")
             # An unknown at its bound that the gradient pushes outward stays there.
             free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
             part = normal[np.ix_(free, free)]
-            moved = np.zeros(2)
+            moved, growth = np.zeros(2), 2.0
             while damping < MAX_DAMPING:
                 trial = x.copy()
                 trial[free] -= np.linalg.solve(part + damping * np.diag(np.diag(part)), gradient[free])
                 trial = np.clip(trial, low, high)
-                misfit_there = project(residual - friction(trial[None])[0])
-                cost_there = float(misfit_there @ misfit_there)
+                there = self._evaluate_friction(misfit.nodes, trial[None])[0]
+                cost_there = float(misfit.cost(there))
                 if cost_there <= cost:
                     moved = trial - x
-                    x, misfit, cost, damping = trial, misfit_there, cost_there, max(damping / 10, 1e-9)
+                    foreseen = -float(moved @ (2.0 * gradient + normal @ moved))
+                    gain = (cost - cost_there) / foreseen if foreseen > 0 else 1.0
+                    x, here, cost = trial, there, cost_there
+                    damping = max(damping * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3), 1e-9)
                     break
-                damping *= 10
+                damping, growth = damping * growth, 2.0 * growth
             if np.all(np.abs(moved) < TOLERANCE):
                 return x, cost
         raise ValueError(f"no wear and temperature found in {self.max_iterations} iterations")
@@ -250,23 +262,63 @@ class WearTemperatureFit:
         return self.estimate(batch)[0] - self.nominal_wear
 
 
-class _SpeedTable:
-    """Linear interpolation of a function of speed from nodes, geometric in each direction, to samples.
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Speeds `nodes` (K,), wears and temperatures `places` (m, 2), friction there `values` (m, K)."""
 
-    Between nodes a ratio r apart, exp(-v/s) is missed by at most 0.07 (r - 1)^2, 4e-4 here.
+    nodes: Array
+    places: Array
+    values: Array
+
+
+class _Misfit:
+    """Sum of squares that a friction curve over speed leaves of a residual, less what a basis takes.
+
+    The curve is interpolated linearly between nodes, so that the sum is a quadratic form in its values there;
+    between nodes a ratio r apart, exp(-v/s) is missed by at most 0.07 (r - 1)^2. With S the interpolation and
+    P the projection that takes the basis away, it is c - 2 b'x + x'A x, A = S'P S, b = S'P r, c = r'P r.
+
+    Parameters
+    ----------
+    speed, residual : array (N,)
+    nodes : array (K,)
+        Rising speeds that enclose all others.
+    basis : array (N, k)
+        Orthonormal.
     """
 
-    def __init__(self, speed: Array, rest_speed: float) -> None:
-        half = np.geomspace(rest_speed, max(np.abs(speed).max(), 2 * rest_speed), NODES)
-        self.nodes = np.concatenate([-half[::-1], half])
-        left = np.clip(np.searchsorted(self.nodes, speed) - 1, 0, len(self.nodes) - 2)
-        self.left = left
-        self.share = (speed - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left])
+    def __init__(self, speed: Array, nodes: Array, residual: Array, basis: Array) -> None:
+        self.nodes = nodes
+        left = np.clip(np.searchsorted(self.nodes, speed) - 1, 0, len(nodes) - 2)
+        right_share = (speed - nodes[left]) / (nodes[left + 1] - nodes[left])
+        left_share = 1.0 - right_share
 
-    def interpolate(self, values: Array) -> Array:
-        """Values (m, N) at the samples of values (m, K) at the nodes."""
-        left = values[:, self.left]
-        return left + self.share * (values[:, self.left + 1] - left)
+        def gather(place: NDArray[np.integer], values: Array) -> Array:
+            return np.bincount(place, values, len(nodes)).astype(float, copy=False)
+
+        def to_nodes(values: Array) -> Array:
+            return gather(left, left_share * values) + gather(left + 1, right_share * values)
+
+        between = gather(left, left_share * right_share)[:-1]
+        self.gram = np.diag(gather(left, left_share**2) + gather(left + 1, right_share**2))
+        self.gram += np.diag(between, 1) + np.diag(between, -1)
+        seen = np.column_stack([to_nodes(column) for column in basis.T])
+        taken = basis.T @ residual
+        self.matrix = self.gram - seen @ seen.T
+        self.vector = to_nodes(residual) - seen @ taken
+        self.constant = float(residual @ residual - taken @ taken)
+
+    def cost(self, values: Array) -> Array:
+        """Sum of squares (...) for values (..., K) at the nodes."""
+        return self.constant + np.sum((values @ self.matrix - 2.0 * self.vector) * values, axis=-1)
+
+    def normal_equations(self, values: Array, slopes: Array) -> tuple[Array, Array]:
+        """Matrix (p, p) and gradient (p,) of Gauss-Newton at values (K,) that change with slopes (K, p)."""
+        return slopes.T @ self.matrix @ slopes, slopes.T @ (self.matrix @ values - self.vector)
+
+    def size(self, slopes: Array) -> Array:
+        """Norm (p,) over the samples of slopes (K, p), nothing taken away."""
+        return np.sqrt(np.einsum("kp,kl,lp->p", slopes, self.gram, slopes))
 
 
 def _orthonormal(columns: Array) -> Array:

@@ -127,7 +127,7 @@ def usable_points(rows: pd.DataFrame, key: Sequence[object], max_failed_share: f
 
 
 def fit_surrogates(
-    test_quantities: pd.DataFrame, models: Sequence[str] = MODELS, max_failed_share: float = 0.1
+    test_quantities: pd.DataFrame, models: Sequence[str] = MODELS, max_failed_share: float = 0.05
 ) -> pd.DataFrame:
     """Surrogates of every cell.
 

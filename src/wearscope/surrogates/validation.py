@@ -149,7 +149,7 @@ def diagnose(
 
 
 def validate_surrogates(
-    test_quantities: pd.DataFrame, surrogates: pd.DataFrame, max_failed_share: float = 0.1
+    test_quantities: pd.DataFrame, surrogates: pd.DataFrame, max_failed_share: float = 0.05
 ) -> pd.DataFrame:
     """Validate every cell and model.
 
