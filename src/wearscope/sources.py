@@ -62,7 +62,11 @@ def _collect(nodes: Iterable[ast.AST], names: set[str]) -> None:
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
             _collect(node.orelse, names)
         else:
-            _collect(ast.iter_child_nodes(node), names)
+            # Imports are statements: what is within expressions need not be looked at.
+            for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+                inner = getattr(node, part, ())
+                if isinstance(inner, list):
+                    _collect(inner, names)
 
 
 def _module_files(name: str) -> list[Path]:

@@ -19,6 +19,21 @@ def test_modules_named_as_attributes_and_inside_functions_are_found(tmp_path):
     assert {"bases.py", "tables.py", "script.py"} <= names
 
 
+def test_imports_in_every_kind_of_block_are_found(tmp_path):
+    blocks = {
+        "tables": "try:\n    {0}\nexcept OSError:\n    pass",
+        "plugins": "try:\n    pass\nexcept OSError:\n    {0}",
+        "errors": "try:\n    pass\nfinally:\n    {0}",
+        "compare": "for k in ():\n    pass\nelse:\n    {0}",
+        "archive": "with open('x'):\n    if 0:\n        pass\n    elif 1:\n        {0}",
+        "provenance": "class A:\n async def f(self):\n  match 1:\n   case 1:\n    {0}",
+    }
+    for name, block in blocks.items():
+        script = tmp_path / f"{name}_script.py"
+        script.write_text(block.format(f"import wearscope.{name}") + "\n(lambda: 0)()\n")
+        assert sources.ROOT / f"{name}.py" in sources.find_sources(script), name
+
+
 def test_imports_for_type_checking_do_not_count(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

@@ -4,6 +4,7 @@ import glob
 import os
 import re
 import sys
+from functools import cache
 
 import yaml
 
@@ -77,6 +78,9 @@ wildcard_constraints:
     chunk=r"\d+",
 
 
+# Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
+# while it makes its plan.
+@cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
     files = [f"workflow/scripts/{script}.py", "workflow/scripts/job.py"]
@@ -84,8 +88,9 @@ def code(script, *plugins):
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
 
 
-def robot_files(reference):
-    """Model file and URDF of a robot, and the effects that its model lists; [] where there is none."""
+@cache
+def read_robot(reference):
+    """Path and content of a robot's model file; ends the run in one sentence where there is none."""
     for path in (
         reference,
         os.path.join(reference, "model.yaml"),
@@ -99,7 +104,12 @@ def robot_files(reference):
             f"file; choose among {', '.join(sorted(os.listdir('config/robots')))}, or correct the path."
         )
     with open(path, encoding="utf-8") as file:
-        model = yaml.safe_load(file)
+        return path, yaml.safe_load(file)
+
+
+def robot_files(reference):
+    """Model file and URDF of a robot."""
+    path, model = read_robot(reference)
     files = [path]
     if isinstance(model, dict) and isinstance(model.get("urdf"), str):
         files.append(os.path.join(os.path.dirname(path), model["urdf"]))
@@ -108,9 +118,7 @@ def robot_files(reference):
 
 def robot_effects(reference):
     """Files of the effects that a robot's model lists."""
-    with open(robot_files(reference)[0], encoding="utf-8") as file:
-        model = yaml.safe_load(file)
-    names = {entry["effect"] for entry in model.get("effects") or []}
+    names = {entry["effect"] for entry in read_robot(reference)[1].get("effects") or []}
     return [plugin_file(name, "effects") for name in sorted(names)]
 
 
