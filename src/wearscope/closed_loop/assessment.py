@@ -6,6 +6,13 @@ import numpy as np
 
 from wearscope.closed_loop.preparation import Prepared, PreparedRun
 from wearscope.closed_loop.regression import Entry, Regression
+from wearscope.closed_loop.transmission import (
+    estimate_transmission,
+    find_held,
+    solve_transmission,
+    transmits,
+    trust_jumps,
+)
 from wearscope.effects.base import MeasurementEffect
 
 
@@ -24,48 +31,82 @@ def is_late(entry: Entry) -> bool:
     return isinstance(entry.effect, MeasurementEffect)
 
 
-def predict_motor(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
-    """Full-rate torque (N, n) of the motors, before errors of the measurement."""
+def predict_motor(
+    model: Regression, theta: np.ndarray, run: PreparedRun, shares: dict[int, float] | None = None
+) -> np.ndarray:
+    """Full-rate torque (N, n) of the motors, before errors of the measurement.
+
+    Of the entries in `shares`, by index, only a share of the torque is taken.
+    """
     s = run.signals
+    kept = s.transmitted
+    if any(transmits(entry) for entry in model.entries):
+        s.transmitted = solve_transmission(model, theta, run)
     torque = run.known.copy()
     if model.inertial:
         count = 10 * model.prepared.n
         torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[:count]
-    for entry, span in zip(model.entries, model.spans, strict=True):
+    for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
         if not is_late(entry):
-            torque += entry.columns(run) @ theta[span]
+            torque += (shares or {}).get(i, 1.0) * (entry.columns(run) @ theta[span])
+    s.transmitted = kept
     return torque
 
 
 def predict_full(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
     """Full-rate torque (N, n) that a model predicts to be recorded along a run."""
-    torque = predict_motor(model, theta, run)
-    kept, run.signals.torque = run.signals.torque, torque.copy()
+    return _record(model, theta, run, predict_motor(model, theta, run, trust_jumps(model, theta)))
+
+
+def _record(model: Regression, theta: np.ndarray, run: PreparedRun, motor: np.ndarray) -> np.ndarray:
+    """Recorded torque (N, n) of motors that give the torque `motor`."""
+    s = run.signals
+    torque = motor.copy()
+    kept = s.torque, s.lag
+    s.torque, s.lag = motor, find_lags(model, theta)
     for entry, span in zip(model.entries, model.spans, strict=True):
         if is_late(entry):
             torque += entry.columns(run) @ theta[span]
-    run.signals.torque = kept
+    s.torque, s.lag = kept
     return torque
 
 
+def find_lags(model: Regression, theta: np.ndarray) -> np.ndarray:
+    """Delay [s] of each torque channel (n,) in a model."""
+    lags = np.zeros(model.prepared.n)
+    for entry, span in zip(model.entries, model.spans, strict=True):
+        if entry.effect.name == "time_delay":
+            lags[entry.joint] = theta[span][0]
+    return lags
+
+
 def update_prediction(model: Regression) -> None:
-    """Give the training signals the motor torque of a model, for errors of the measurement."""
+    """Give the training signals the motors' and the gears' torque of a model.
+
+    Errors of the measurement act on the first, deflections of the gears on the second.
+    """
     theta = model.solve()
+    soft = any(transmits(entry) for entry in model.entries)
     for run in model.prepared.runs_for("train"):
-        run.signals.torque = predict_motor(model, theta, run)
+        s = run.signals
+        s.torque, s.lag = predict_motor(model, theta, run), find_lags(model, theta)
+        s.transmitted = solve_transmission(model, theta, run) if soft else None
+        s.transmitted = estimate_transmission(model, theta, run, _record(model, theta, run, s.torque))
 
 
 def refit(base: Regression, entries: list[Entry]) -> Regression:
     """Regression like `base` with other entries.
 
-    Errors of the measurement multiply the motor torque, which the other parameters give: the fit is repeated
-    until both agree.
+    Errors of the measurement multiply the motor torque, and gears bend under a torque, that the other
+    parameters give: the fit is repeated until both agree.
     """
     model = Regression(base.prepared, entries, base.sigma, base.inertial, base.blocks)
-    if any(is_late(entry) for entry in entries):
+    if any(is_late(entry) or transmits(entry) for entry in entries):
         for _ in range(4):
             update_prediction(model)
-            model = Regression(base.prepared, entries, base.sigma, base.inertial, base.blocks)
+            model = Regression(
+                base.prepared, entries, base.sigma, base.inertial, base.blocks, find_held(model)
+            )
     return model
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from wearscope import plugins
 from wearscope.closed_loop.preparation import Prepared, PreparedRun
 from wearscope.closed_loop.regression import Entry
-from wearscope.effects.base import Effect, MeasurementEffect, Signals
+from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
 #: Effects that contain others: declaring the first leaves nothing of the second to find.
 _CONTAINS = {
@@ -106,4 +106,4 @@ def make_family(effect: Effect, joint: int, prepared: Prepared, joined: Signals)
 
 def follows_torque(family: Family) -> bool:
     """Whether a family's regressors change with the model's prediction."""
-    return isinstance(family.effect, MeasurementEffect)
+    return isinstance(family.effect, MeasurementEffect | TransmissionEffect)

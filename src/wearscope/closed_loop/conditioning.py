@@ -14,6 +14,7 @@ import numpy as np
 from scipy import signal
 
 from wearscope.closed_loop.dataset import Run
+from wearscope.differentiation import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, _REST_SHARE = 5.0, 0.01
@@ -37,6 +38,11 @@ class Band:
     torque: float
 
     @property
+    def gear(self) -> float:
+        """Cut-off [Hz] of the torque that bends the gears: not felt below the common one."""
+        return min(2.0 * self.torque, self.motion)
+
+    @property
     def stride(self) -> int:
         """Every how many samples a row is kept, so that rows come at four times the common cut-off."""
         return max(1, int(self.rate / (4.0 * self.torque)))
@@ -55,6 +61,8 @@ class Motion:
         NaN where not measured.
     rest_speed : ndarray (n,)
         Speed below which a joint counts as at rest.
+    sure_speed : ndarray (n,)
+        Speed above which the direction of motion is known.
     """
 
     t: np.ndarray
@@ -64,6 +72,7 @@ class Motion:
     tau: np.ndarray
     temperature: np.ndarray
     rest_speed: np.ndarray
+    sure_speed: np.ndarray
 
 
 @lru_cache(maxsize=32)
@@ -172,22 +181,6 @@ def choose_torque_cutoff(pairs: list[tuple[np.ndarray, np.ndarray]], rate: float
     return float(np.clip(np.median(edges), 4.0, highest))
 
 
-_CENTRAL = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0]) / 60.0
-
-
-def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
-    """Central difference of sixth order along the first axis, of second order at the ends.
-
-    The plain central difference loses (w h)^2/6 of a signal at w; after two of them the acceleration of a
-    stiff robot looks like that of one with elastic joints.
-    """
-    slope = np.gradient(x, 1.0 / rate, axis=0)
-    if len(x) >= 7:
-        inner = sum(c * x[6 - k : len(x) - k] for k, c in enumerate(_CENTRAL))
-        slope[3:-3] = inner * rate
-    return slope
-
-
 def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
     """Speed and acceleration of a run by the motion filter and central differences.
 
@@ -206,6 +199,7 @@ def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
     a = differentiate(v, rate)
     density, _ = position_noise(run.q, rate)
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
-    rest = np.maximum(_REST_NOISE * speed_noise, _REST_SHARE * np.abs(v).max(axis=0))
+    sure = _REST_NOISE * speed_noise
+    rest = np.maximum(sure, _REST_SHARE * np.abs(v).max(axis=0))
     temperature = np.full(q.shape, np.nan) if run.temperature is None else run.temperature
-    return Motion(run.t, q, v, a, run.tau, temperature, rest)
+    return Motion(run.t, q, v, a, run.tau, temperature, rest, sure)

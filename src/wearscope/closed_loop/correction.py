@@ -91,7 +91,7 @@ def corrected_urdf(prepared: Prepared, model: Regression) -> str:
     dataset = prepared.dataset
     body = RigidBody(prepared.urdf, dataset.joints, tuple(dataset.fields.robot.gravity))
     parameters = body.inertial_parameters + model.solve()[: 10 * prepared.n]
-    hessian = (model.gram.sum(axis=0) + model.prior)[: 10 * prepared.n, : 10 * prepared.n]
+    hessian = model.moments()[0][: 10 * prepared.n, : 10 * prepared.n]
     return body.with_inertial_parameters(
         nearest_consistent(parameters, body.inertial_parameters, hessian)
     ).urdf_text()

@@ -7,6 +7,7 @@ from scipy import stats
 
 from wearscope.closed_loop.candidates import reduce_columns
 from wearscope.closed_loop.regression import Entry, Regression
+from wearscope.closed_loop.transmission import make_instruments
 
 #: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
 FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high"})
@@ -68,7 +69,8 @@ def estimate(model: Regression) -> list[Estimate]:
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
     1986), scaled by B/(B - p) for B blocks; intervals take Student's t with the number of clusters that
-    carry the parameter's information, less one, as degrees of freedom.
+    carry the parameter's information, less one, as degrees of freedom. Where a regressor was made from the
+    measured torque, its noise-free instrument takes its place in the scores.
 
     Returns
     -------
@@ -77,11 +79,12 @@ def estimate(model: Regression) -> list[Estimate]:
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
+    instruments = make_instruments(model)
     residuals = model.residuals(theta)
     p = model.p + len(owners)
     blocks = len(model.blocks)
     hessian = np.zeros((p, p))
-    hessian[: model.p, : model.p] = model.prior
+    hessian[: model.p, : model.p] = model.weak_prior
     scores = np.zeros((blocks, p))
     information = np.zeros((blocks, p))
     for b, block in enumerate(model.blocks):
@@ -89,16 +92,16 @@ def estimate(model: Regression) -> list[Estimate]:
         w = model.weights[block.run][rows]
         x = np.concatenate([model.columns[block.run][rows], extra[block.run][rows]], axis=2) * w[:, :, None]
         x = x.reshape(-1, p)
+        z = x.copy()
+        z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(-1, model.p)
         e = (residuals[block.run][rows] * w).reshape(-1)
-        hessian += x.T @ x
-        information[b] = (x**2).sum(axis=0)
-        scores[b] = x.T @ e
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(
-        scale, scale
-    )
+        hessian += z.T @ x
+        information[b] = (z**2).sum(axis=0)
+        scores[b] = z.T @ e
+    scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
+    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1)
-    error = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+    error = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse.T), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
     estimates = []

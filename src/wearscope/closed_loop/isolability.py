@@ -74,7 +74,7 @@ def _project(model: Regression, candidates: list[_Candidate], joint: int) -> tup
             gram[here, there], gram[there, here] = product, product.T
     if not model.p:
         return gram, gram
-    inner = gram - cross @ np.linalg.solve(model.gram.sum(axis=0) + model.prior, cross.T)
+    inner = gram - cross @ np.linalg.solve(model.moments()[0], cross.T)
     return gram, 0.5 * (inner + inner.T)
 
 

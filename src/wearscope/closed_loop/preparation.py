@@ -25,6 +25,9 @@ from wearscope.robots.urdf_file import write_urdf
 
 #: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
 _EDGE_PERIODS = 1.0
+#: Widths of the friction's reversal that are tried, over the joint's largest speed: none is wide enough to be
+#: an effect of its own.
+_REVERSALS = (0.0, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3)
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
 
@@ -168,6 +171,52 @@ def _predict_roughly(
     return [(tau[:, moving], out[:, moving]) for tau, out in zip(measured, predicted, strict=True)]
 
 
+def _soften_reversals(
+    made: list[tuple[Signals, np.ndarray]],
+    motions: list[Motion],
+    is_train: list[bool],
+    moving: np.ndarray,
+    band: Band,
+) -> None:
+    """Give the direction of motion the width at reversals that fits each joint's training torque best.
+
+    A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks
+    like friction at low speed.
+    """
+    train = [(s, known, m) for (s, known), m, use in zip(made, motions, is_train, strict=True) if use]
+    for j in np.flatnonzero(moving):
+        fastest = max(float(np.abs(m.v[:, j]).max()) for _, _, m in train)
+        losses = []
+        for share in _REVERSALS:
+            x, y = [], []
+            for s, known, m in train:
+                sign = _direction(m.v[:, j], share * fastest, s.sign[:, j])
+                columns = np.column_stack(
+                    [m.tau[:, j], known[:, j], s.a[:, j], sign, s.v[:, j], np.ones(len(sign))]
+                )
+                reduced = low_pass(columns, band.torque, band.rate)[rows(band, len(columns))]
+                x.append(reduced[:, 1:])
+                y.append(reduced[:, 0])
+            design, target = np.vstack(x), np.concatenate(y)
+            losses.append(
+                float(((target - design @ np.linalg.lstsq(design, target, rcond=None)[0]) ** 2).sum())
+            )
+        width = _REVERSALS[int(np.argmin(losses))] * fastest
+        for s, _ in made:
+            s.sign[:, j] = _direction(s.v[:, j], width, s.sign[:, j])
+
+
+def _direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
+    return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
+
+
+def _mark_rest(signals: Signals, motion: Motion, band: Band) -> None:
+    """Set the direction of motion to 0 where a joint is at rest for longer than the filter's reach."""
+    slow = np.abs(motion.v) < motion.sure_speed
+    signals.sign[_lasting(slow, int(0.5 * band.rate / band.torque))] = 0.0
+
+
 def _prepare_run(
     run: Run, motion: Motion, signals: Signals, known: np.ndarray, faulty: np.ndarray, band: Band
 ) -> PreparedRun:
@@ -175,7 +224,6 @@ def _prepare_run(
     # The filter carries friction at rest, which is not determined, into the rows beside a rest.
     width = int(0.5 * band.rate / band.torque)
     rest = _lasting(slow, width)
-    signals.sign[rest] = 0.0
     bad = slow | spread_out(rest, width)
     if faulty.any():
         # A spike is bridged without a trace; a gap by a rough prediction, whose error reaches a whole period.
@@ -300,6 +348,9 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
         motions, made = differentiate(band.motion)
     for signals, _ in made:
         signals.bandwidth = band.torque
+    for (signals, _), motion in zip(made, motions, strict=True):
+        _mark_rest(signals, motion, band)
+    _soften_reversals(made, motions, is_train, moving, band)
     notes.append(
         f"motion filtered at {band.motion:.3g} Hz, torque and regressors at {band.torque:.3g} Hz, zero phase."
     )

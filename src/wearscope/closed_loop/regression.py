@@ -1,6 +1,7 @@
 """Weighted least squares by blocks: everything asked of the data is answered from block Gram matrices."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,6 +42,8 @@ class Entry:
         return full
 
 
+#: Weight with which a coefficient is held, of the runs' own information on it.
+_HOLD = 1e8
 #: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets.
 _BLOCK_PERIODS = 4.0
 
@@ -85,7 +88,7 @@ def make_blocks(prepared: Prepared) -> list[Block]:
     for r, run in enumerate(runs):
         count = max(2, round((run.t[-1] - run.t[0]) / length))
         edges = np.linspace(0, len(run.t), count + 1).astype(int)
-        blocks += [Block(r, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        blocks += [Block(r, a, b) for a, b in pairwise(edges)]
     return blocks
 
 
@@ -153,6 +156,10 @@ class Regression:
         Residual scale by joint, whose inverse square weighs the rows.
     inertial : bool
         Whether deviations of the inertial parameters are among the columns, first.
+    held : dict of int to ndarray
+        Coefficients of entries, by their index, that are known otherwise and not fitted.
+    trusted : dict of int to float, optional
+        Shares of entries' torque that a prediction takes, once known; see `transmission.trust_jumps`.
     """
 
     prepared: Prepared
@@ -160,6 +167,8 @@ class Regression:
     sigma: np.ndarray
     inertial: bool
     blocks: list[Block]
+    held: dict[int, np.ndarray] = field(default_factory=dict)
+    trusted: dict[int, float] | None = None
     columns: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -210,7 +219,20 @@ class Regression:
             self.gram[b] = x.T @ x
             self.score[b] = x.T @ y.reshape(-1)
             self.power[b] = (y**2).sum(axis=0)
-        self.prior = self._make_prior()
+        self.weak_prior = self._make_prior()
+        hold = np.zeros(self.p)
+        value = np.zeros(self.p)
+        for i, coefficients in self.held.items():
+            span = self.spans[i]
+            hold[span] = _HOLD * np.maximum(np.einsum("bii->i", self.gram)[span], 1e-12)
+            value[span] = coefficients
+        self.prior = self.weak_prior + np.diag(hold)
+        self.pull = hold * value
+
+    def moments(self, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations (P, P), (P,) over the blocks of `mask` (all blocks where None)."""
+        pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
+        return self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0) + self.pull
 
     def _make_prior(self) -> np.ndarray:
         """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
@@ -227,8 +249,7 @@ class Regression:
 
     def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
         """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
-        pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
-        return np.linalg.solve(self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0))
+        return np.linalg.solve(*self.moments(mask))
 
     def solve_bounded(self) -> np.ndarray:
         """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.
@@ -240,7 +261,7 @@ class Regression:
             parameters = [entry.effect.coefficients[k] for k in entry.subset]
             lower[span] = [parameter.lower for parameter in parameters]
             upper[span] = [parameter.upper for parameter in parameters]
-        a, b = self.gram.sum(axis=0) + self.prior, self.score.sum(axis=0)
+        a, b = self.moments()
         theta = np.linalg.solve(a, b)
         held = np.zeros(self.p, dtype=bool)
         for _ in range(self.p):
@@ -346,15 +367,13 @@ class Partial:
 def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None = None) -> Partial:
     """Fit each shape of a family beside the current model (Frisch-Waugh-Lovell)."""
     pick = np.ones(len(model.blocks), dtype=bool) if mask is None else mask
-    a = model.gram[pick].sum(axis=0) + model.prior
+    a, known = model.moments(pick)
     c = family.cross[pick].sum(axis=0)
     h = family.gram[pick].sum(axis=0)
     g = family.score[pick].sum(axis=0)
     s, m, p = c.shape
     if p:
-        solved = np.linalg.solve(
-            a, np.concatenate([c.reshape(-1, p).T, model.score[pick].sum(axis=0)[:, None]], 1)
-        )
+        solved = np.linalg.solve(a, np.concatenate([c.reshape(-1, p).T, known[:, None]], 1))
         inner = h - np.einsum("smp,psn->smn", c, solved[:, :-1].reshape(p, s, m))
         reduced = g - c @ solved[:, -1]
     else:
@@ -369,15 +388,15 @@ def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None =
 
 
 def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -> np.ndarray:
-    """Held-out losses by block (B,) with the family's best shape, chosen anew in each fold's training blocks."""
+    """Held-out losses by block (B,) with the family's best shape, chosen anew in each fold."""
     losses = np.full(len(model.blocks), np.nan)
     for train, test in zip(folds.train, folds.test, strict=True):
         fit = partial_fit(model, family, train)
         k = int(np.argmax(fit.gain))
         beta = fit.beta[k]
-        a = model.gram[train].sum(axis=0) + model.prior
+        a, known = model.moments(train)
         theta = (
-            np.linalg.solve(a, model.score[train].sum(axis=0) - family.cross[train, k].sum(axis=0).T @ beta)
+            np.linalg.solve(a, known - family.cross[train, k].sum(axis=0).T @ beta)
             if model.p
             else np.zeros(0)
         )
@@ -399,8 +418,8 @@ def block_scores(model: Regression, family: Regressors, beta: np.ndarray | None 
     model : Regression
     family : Regressors
     beta : ndarray (s, m), optional
-        Where given, the residual is that left when the family is fitted too, and scores sum to zero; else that
-        of the model alone.
+        Where given, the residual is that left when the family is fitted too, and scores sum to zero; else
+        that of the model alone.
 
     Returns
     -------
@@ -412,7 +431,7 @@ def block_scores(model: Regression, family: Regressors, beta: np.ndarray | None 
         scores -= np.einsum("bsij,sj->bsi", family.gram, beta)
     if not p:
         return scores
-    a = model.gram.sum(axis=0) + model.prior
+    a, _ = model.moments()
     onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
     theta = np.repeat(model.solve()[:, None], s, axis=1)
     own = model.score[:, :, None]

@@ -18,9 +18,9 @@ from wearscope.closed_loop.regression import (
 
 #: Share of a regressor that must stay after the current model is projected out.
 ISOLABLE = 1e-3
-#: Least number of blocks, effectively, that the information on a candidate must come from: of a single run,
-#: and of several.
-_LEAST_BLOCKS = (4.0, 2.0)
+#: Least number of blocks, effectively, that the information on a candidate must come from where there is one
+#: run; of several, a held-out one must have it too.
+_LEAST_BLOCKS = 4.0
 #: Student's t at which runs agree, however few.
 _ENOUGH = 7.5
 #: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
@@ -174,7 +174,7 @@ class Scorer:
     def _object(self, scored: Scored, own: np.ndarray, blocks: float) -> str:
         if scored.isolability < ISOLABLE:
             return "the declared model absorbs it on these runs"
-        if blocks < _LEAST_BLOCKS[self.folds.by_run]:
+        if not self.folds.by_run and blocks < _LEAST_BLOCKS:
             return f"all its evidence lies in {blocks:.1f} blocks of the runs"
         beta = scored.beta
         parts = np.sqrt(np.maximum(np.diag(own), 0)) * np.abs(beta)

@@ -23,6 +23,7 @@ EFFECT = TransmissionEffect(
     shape=(Parameter("mesh_torque", "{torque}", lower=1e-9, default=1.0),),
     spread=True,
     bend=_take_up,
+    abrupt=True,
     installs=("lost_motion", "mesh_torque"),
     search=_search,
 )

@@ -13,8 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numba import njit, types
+from scipy.interpolate import CubicSpline
 
 from wearscope import plugins
+from wearscope.differentiation import differentiate
 from wearscope.errors import InputError
 
 _VECTOR = types.Array(types.float64, 1, "C")
@@ -89,6 +91,10 @@ class Signals:
         Torque predicted by the model without the effect, for errors of the measurement itself.
     bandwidth : float
         Frequency [Hz] above which the signals are not used.
+    transmitted : ndarray (N, n) or None
+        Torque through each gear, where more is known of it than `load`.
+    lag : ndarray (n,) or None
+        Delay [s] of each torque channel about which one is sought; about none where None.
     """
 
     t: np.ndarray
@@ -102,6 +108,22 @@ class Signals:
     rigid_body: Any = None
     torque: np.ndarray | None = None
     bandwidth: float = np.inf
+    transmitted: np.ndarray | None = None
+    lag: np.ndarray | None = None
+    _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint."""
+        if joint not in self._slopes:
+            move = np.zeros(self.q.shape[1])
+            move[joint] = 1e-5
+            along = self.rigid_body.inverse_dynamics
+            self._slopes[joint] = (
+                (along(self.q + move, self.v, self.a) - self.load) / 1e-5,
+                (along(self.q, self.v + move, self.a) - self.load) / 1e-5,
+                (along(self.q, self.v, self.a + move) - self.load) / 1e-5,
+            )
+        return self._slopes[joint]
 
     @property
     def dt(self) -> float:
@@ -354,34 +376,31 @@ class PayloadEffect(Effect):
         plant.payload += self.pack(values)[0]
 
 
-def differentiate(x: np.ndarray, dt: float) -> np.ndarray:
-    """Central difference along the first axis."""
-    return np.gradient(x, dt, axis=0) if len(x) > 2 else np.zeros_like(x)
-
-
 @dataclass(frozen=True)
 class TransmissionEffect(Effect):
     """Deflection of the gear between motor (measured) and link, delta(tau) = coefficient * `bend`(tau).
 
     The link lags the motor by delta; its torque is that of the rigid body along the link's motion, so that
-    the regressor is the derivative of inverse dynamics along the deflection, at every joint.
+    the regressor is the derivative of inverse dynamics along the deflection, at every joint. tau is the
+    torque through the gear where it is known, else that of the rigid body along the motor's motion. The
+    deflection of an `abrupt` one jumps.
     """
 
     bend: Callable = field(default=lambda torque, shape: torque)
+    abrupt: bool = False
     installs: tuple[str, ...] = ()
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressor at every joint, (N, n, 1)."""
-        body, dt = signals.rigid_body, signals.dt
-        delta = np.zeros_like(signals.q)
-        delta[:, joint] = self.bend(signals.load[:, joint], shape)
-        speed = differentiate(delta, dt)
-        acceleration = differentiate(speed, dt)
-        step = 1e-4 / max(np.abs(acceleration).max(), 1e-12)
-        moved = body.inverse_dynamics(
-            signals.q - step * delta, signals.v - step * speed, signals.a - step * acceleration
+        torque = signals.load if signals.transmitted is None else signals.transmitted
+        delta = self.bend(torque[:, joint], shape)
+        speed = differentiate(delta, 1.0 / signals.dt)
+        acceleration = differentiate(speed, 1.0 / signals.dt)
+        by_position, by_speed, by_acceleration = signals.load_slopes(joint)
+        lag = (
+            by_position * delta[:, None] + by_speed * speed[:, None] + by_acceleration * acceleration[:, None]
         )
-        return ((moved - body.inverse_dynamics(signals.q, signals.v, signals.a)) / step)[:, :, None]
+        return -lag[:, :, None]
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Set the transmission's deflection law."""
@@ -397,10 +416,16 @@ class MeasurementEffect(Effect):
     kind: Literal["gain", "lag"] = "gain"
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressor, (N, 1): the predicted torque, or minus its time derivative."""
+        """Regressor, (N, 1): the predicted torque, or its change by a delay, per delay."""
         assert signals.torque is not None
         torque = signals.torque[:, joint]
-        return (torque if self.kind == "gain" else -differentiate(torque, signals.dt))[:, None]
+        if self.kind == "gain":
+            return torque[:, None]
+        lag = 0.0 if signals.lag is None else float(signals.lag[joint])
+        if abs(lag) < 1e-3 * signals.dt:
+            return -differentiate(torque, 1.0 / signals.dt)[:, None]
+        late = CubicSpline(signals.t, torque)(np.clip(signals.t - lag, signals.t[0], signals.t[-1]))
+        return ((late - torque) / lag)[:, None]
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Set the recording's gain error or lag."""
