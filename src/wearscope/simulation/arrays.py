@@ -1,8 +1,17 @@
 """The arrays that the compiled step reads and writes, by what they belong to."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+#: How functions are compiled that only compiled code calls: wrappers for calls from Python would take as long
+#: to compile as they themselves.
+INNER: dict[str, Any] = {
+    "error_model": "numpy",
+    "forceinline": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 
 
 class Law(NamedTuple):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from wearscope.simulation.arrays import INNER
 from wearscope.simulation.chain import Chain
 
 
@@ -35,7 +36,7 @@ def make_scratch(n: int) -> Scratch:
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _place(chain: Chain, q, w, j):
     """Orientation, origin and screw of joint `j` in the world."""
     p = chain.parent[j]
@@ -82,7 +83,7 @@ def _place(chain: Chain, q, w, j):
         screw[j, 5] = px * zy - py * zx
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _place_inertia(chain: Chain, w, j):
     """Mass, first moment and tensor (xx, xy, xz, yy, yz, zz) of link `j` about the world's origin."""
     t, c, tensor, m, g = w.turn, chain.com, chain.tensor, chain.mass[j], w.composite
@@ -109,7 +110,7 @@ def _place_inertia(chain: Chain, w, j):
     g[j, 9] += m * (cx * cx + cy * cy)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _apply_inertia(g, j, x0, x1, x2, x3, x4, x5):
     """Spatial inertia (10,) times a motion vector, (moment, force)."""
     m, hx, hy, hz = g[j, 0], g[j, 1], g[j, 2], g[j, 3]
@@ -123,7 +124,7 @@ def _apply_inertia(g, j, x0, x1, x2, x3, x4, x5):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _newton_euler(chain: Chain, qd, w, j):
     """Velocity, acceleration without joint acceleration, and the force that link `j` needs."""
     p = chain.parent[j]

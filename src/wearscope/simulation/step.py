@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from wearscope.simulation.arrays import INNER
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.gear import deflection_slope, invert_deflection
 from wearscope.simulation.terms import evaluate_terms
@@ -38,7 +39,7 @@ PATIENCE = 25
 SAFETY, TRUST = 3.0, 50.0
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _solve(a, b):
     """Solve a x = b in place, without pivoting; False where a pivot vanishes or is negative."""
     n = len(b)
@@ -59,13 +60,13 @@ def _solve(a, b):
     return True
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _set_speed(motion, state, j, speed, dt):
     motion.speed[j] = speed
     motion.acceleration[j] = (speed - state.y[j]) / dt
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _learn_slopes(terms, state, work, motion):
     """Take the slopes of the effects' torques from the last two iterates."""
     mode, y = state.mode, motion.speed
@@ -76,7 +77,7 @@ def _learn_slopes(terms, state, work, motion):
         work.old_speed[j], work.old_torque[j], work.old_mode[j] = y[j], work.high[j], mode[j]
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _balance(law, gears, state, work, motion, w, k, dt):
     """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
     n = len(state.mode)
@@ -109,7 +110,7 @@ def _balance(law, gears, state, work, motion, w, k, dt):
     return missing
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _release(gears, state, work, motion, single):
     """Release motors at rest that need more than friction can give; say whether any was."""
     worst, beyond = -1, 0.0
@@ -130,14 +131,14 @@ def _release(gears, state, work, motion, single):
     return any_released
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _let_go(state, work, motion, j):
     state.mode[j] = 1 if work.need[j] > work.high[j] else -1
     motion.sign[j] = state.mode[j]
     state.slope[j] = np.nan
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _correct(gears, terms, state, work, motion, w, dt):
     """One Newton step of speeds; motors whose direction would turn come to rest.
 
@@ -204,7 +205,7 @@ def _correct(gears, terms, state, work, motion, w, dt):
     return turned
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _shorten(gears, state, work, motion, dt):
     """Share of the Newton step that no gear's torque answers by far more than its slope says.
 
@@ -227,7 +228,7 @@ def _shorten(gears, state, work, motion, dt):
     return share
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _begin(state, work, motion, gears, w, dt):
     """First iterate: the acceleration of the step before goes on."""
     n = len(state.mode)
@@ -248,7 +249,7 @@ def _begin(state, work, motion, gears, w, dt):
         work.old_mode[j] = 0
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**INNER)
 def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, temperature, wear, may_trust):
     """Iterate until the torques balance; False where they do not.
 
@@ -287,49 +288,6 @@ def _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, tempe
                 return True
             before = 0.0
     return False
-
-
-@njit(error_model="numpy")
-def _advance(
-    rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
-    temperature, wear, t0, dt, first, last,
-):  # fmt: skip
-    """See `advance_block`."""
-    n = len(state.q)
-    # Memory and coupling are taken from the last evaluation.
-    may_trust = not (terms.remembers.any() or terms.coupled.any())
-    for k in range(first, last):
-        mass_and_bias(plant, state.q, state.v, w)
-        warm = temperature[min(k, len(temperature) - 1)]
-        worn = wear[min(k, len(wear) - 1)]
-        t = t0 + k * dt
-        if not _solve_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, warm, worn, may_trust):
-            return k
-        for j in range(n):
-            log.position[k, j] = motion.position[j]
-            log.speed[k, j] = motion.speed[j]
-            log.torque[k, j] = work.motor[j]
-            log.applied[k, j] = work.links[j]
-        for i in range(len(terms.joint)):
-            if terms.remembers[i]:
-                terms.state[i, :] = terms.next_state[i, :]
-        if ghost:
-            mass_and_bias(bodies, state.q, state.v, v)
-            for j in range(n):
-                torque = v.bias[j]
-                for c in range(n):
-                    torque += v.mass_matrix[j, c] * (work.x[c] - state.v[c]) / dt
-                log.applied[k, j] = torque
-        for j in range(n):
-            state.a[j] = (work.x[j] - state.v[j]) / dt
-            state.a_before[j] = state.a_motor[j]
-            state.a_motor[j] = motion.acceleration[j]
-            if gears.flexible[j]:
-                state.gap[j] += dt * (motion.speed[j] - work.x[j])
-            state.v[j] = work.x[j]
-            state.y[j] = motion.speed[j]
-            state.q[j] += dt * work.x[j]
-    return -1
 
 
 def _stamp_sources() -> int:
@@ -373,10 +331,45 @@ def _compile_advance(stamp: int) -> Callable:
         """
         if stamp < 0:
             return first
-        return _advance(
-            rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
-            temperature, wear, t0, dt, first, last,
-        )  # fmt: skip
+        n = len(state.q)
+        # Memory and coupling are taken from the last evaluation.
+        may_trust = not (terms.remembers.any() or terms.coupled.any())
+        for k in range(first, last):
+            mass_and_bias(plant, state.q, state.v, w)
+            warm = temperature[min(k, len(temperature) - 1)]
+            worn = wear[min(k, len(wear) - 1)]
+            t = t0 + k * dt
+            if not _solve_step(
+                rows, terms, law, gears, state, work, motion, w, k, t, dt, warm, worn, may_trust
+            ):
+                return k
+            for j in range(n):
+                log.position[k, j] = motion.position[j]
+                log.speed[k, j] = motion.speed[j]
+                log.torque[k, j] = work.motor[j]
+                log.applied[k, j] = work.links[j]
+            for i in range(len(terms.joint)):
+                if terms.remembers[i]:
+                    # One by one: the assignment of a whole row takes 3 s more to compile.
+                    for c in range(terms.state.shape[1]):
+                        terms.state[i, c] = terms.next_state[i, c]
+            if ghost:
+                mass_and_bias(bodies, state.q, state.v, v)
+                for j in range(n):
+                    torque = v.bias[j]
+                    for c in range(n):
+                        torque += v.mass_matrix[j, c] * (work.x[c] - state.v[c]) / dt
+                    log.applied[k, j] = torque
+            for j in range(n):
+                state.a[j] = (work.x[j] - state.v[j]) / dt
+                state.a_before[j] = state.a_motor[j]
+                state.a_motor[j] = motion.acceleration[j]
+                if gears.flexible[j]:
+                    state.gap[j] += dt * (motion.speed[j] - work.x[j])
+                state.v[j] = work.x[j]
+                state.y[j] = motion.speed[j]
+                state.q[j] += dt * work.x[j]
+        return -1
 
     return advance_block
 

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, typed, types
 
 from wearscope.effects.base import ROW, Plant, Term
+from wearscope.simulation.arrays import INNER
 
 #: Difference of speed over which a slope is taken.
 PROBE = 1e-7
@@ -97,7 +98,7 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
     """Torque of term `i` at joint `j`; its memory goes to `after`."""
     sign, q, y, a, load = motion
@@ -111,7 +112,7 @@ def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
     return torque
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear):
     """Add the torque on either side of rest; leave the memory of rest itself."""
     motion.sign[j] = -1.0
@@ -138,7 +139,7 @@ def _probe_slopes(row, terms, i, here, mode, speed_before, jacobian, j, t, dt, m
         jacobian[j, other] += (probed - here) / probe
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, **INNER)
 def evaluate_terms(
     rows, terms, mode, speed_before, slope, jacobian, motion, low, high, t, dt, temperature, wear
 ):
