@@ -10,7 +10,7 @@ from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation import chunk, recording, study
-from wearscope.simulation.feasibility import check_cycle, check_robot
+from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
 
@@ -219,3 +219,19 @@ def test_cycle_that_raises_or_goes_too_far_is_told(model, cycle):
 
     with pytest.raises(InputError, match=r"test-cycle 'mine' on robot 'medium'.* beyond its limit"):
         check_cycle(model, Cycle("mine", "Mine.", far), "mine", RANGES, 0.001)
+
+
+def test_simulation_that_does_not_start_is_told(model, cycle, monkeypatch):
+    check_start(model, cycle, "mine", 0.001)
+
+    def outside(model, dwell, step):
+        good = cycle.build(model, dwell, step)
+        return Reference(good.t, good.q + 5.0, good.v, good.a)
+
+    with pytest.raises(
+        InputError, match=r"'mine' on robot 'medium': the simulation fails at its start, j"
+    ):
+        check_start(model, Cycle("mine", "Mine.", outside), "mine", 0.001)
+    monkeypatch.setattr("wearscope.simulation.world.SELF_TEST_TOLERANCE", 0.0)
+    with pytest.raises(InputError, match=r"fails at its start, self-test: .*; correct the robot"):
+        check_start(model, cycle, "mine", 0.001)

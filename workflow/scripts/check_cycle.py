@@ -7,7 +7,7 @@ from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation.feasibility import check_cycle, check_robot
+from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
@@ -15,6 +15,8 @@ with run_job(snakemake) as say:
     if max(params.axes) > model.n:
         raise InputError(f"axes: robot '{w.robot}' has {model.n} axes; drop axis {max(params.axes)}.")
     check_robot(model, params.ranges, params.step, params.sample_rate)
-    seconds = check_cycle(model, load_cycle(params.cycle), w.cycle, params.ranges, params.step)
+    cycle = load_cycle(params.cycle)
+    seconds = check_cycle(model, cycle, w.cycle, params.ranges, params.step)
+    check_start(model, cycle, w.cycle, params.step, params.sample_rate)
     say(f"feasible, {seconds:.1f} s")
     tables.write_text(snakemake.output[0], json.dumps({"duration_s": round(seconds, 6)}) + "\n")

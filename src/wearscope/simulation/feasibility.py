@@ -2,14 +2,18 @@
 
 from collections.abc import Mapping
 
-from wearscope.cycles.base import Cycle, check_reference
+from wearscope.cycles.base import Cycle, Reference, check_reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, check_effects
 from wearscope.simulation.chunk import DEFAULT_DWELL
+from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.sensors import find_stride
+from wearscope.simulation.study import Conditions, simulate_points
 
 FRICTION_LAW = "friction_wear_temperature"
 _NOMINAL_TEMPERATURE = 50.0
+#: How much of a test-cycle `check_start` simulates [s].
+START = 0.1
 
 Ranges = Mapping[str, tuple[str, float, float]]
 
@@ -115,3 +119,41 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
         )
         duration = float(reference.t[-1])
     return duration
+
+
+def check_start(
+    model: RobotModel, cycle: Cycle, label: str, step: float, sample_rate: float | None = None
+) -> None:
+    """Refuse a robot whose simulation does not even start, by its first tenth of a second.
+
+    This proves PyBullet with the robot (`wearscope.simulation.world.prove_world`). It also leaves the step
+    compiled for the jobs that follow: two of them at once would each compile it.
+
+    Parameters
+    ----------
+    model : RobotModel
+    cycle : Cycle
+    label : str
+        What messages call the test-cycle.
+    step : float
+        [s]
+    sample_rate : float, optional
+        [Hz]
+
+    Raises
+    ------
+    InputError
+        Where the self-test or the run fails.
+    """
+    whole = cycle.build(model, DEFAULT_DWELL, step)
+    few = slice(0, max(round(START / step), 2) + 1)
+    start = Reference(whole.t[few], whole.q[few], whole.v[few], whole.a[few])
+    try:
+        (outcome,) = simulate_points(model, [(start, Conditions(), None)], sample_rate)
+    except SelfTestError as error:
+        outcome = error
+    if isinstance(outcome, SimulationError):
+        raise InputError(
+            f"test-cycle '{label}' on robot '{model.name}': the simulation fails at its start, "
+            f"{str(outcome).rstrip('.')}; correct the robot or the test-cycle."
+        )
