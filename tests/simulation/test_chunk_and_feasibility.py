@@ -228,9 +228,7 @@ def test_simulation_that_does_not_start_is_told(model, cycle, monkeypatch):
         good = cycle.build(model, dwell, step)
         return Reference(good.t, good.q + 5.0, good.v, good.a)
 
-    with pytest.raises(
-        InputError, match=r"'mine' on robot 'medium': the simulation fails at its start, j"
-    ):
+    with pytest.raises(InputError, match=r"'mine' on robot 'medium': the simulation fails at its start, j"):
         check_start(model, Cycle("mine", "Mine.", outside), "mine", 0.001)
     monkeypatch.setattr("wearscope.simulation.world.SELF_TEST_TOLERANCE", 0.0)
     with pytest.raises(InputError, match=r"fails at its start, self-test: .*; correct the robot"):

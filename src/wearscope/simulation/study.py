@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet
 
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
@@ -13,6 +12,7 @@ from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
+from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.plant import build_plant

@@ -5,10 +5,10 @@ import tempfile
 from collections.abc import Sequence
 
 import numpy as np
-import pybullet as pb
 
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
+from wearscope.simulation.bullet import pybullet as pb
 from wearscope.simulation.chain import write_plant_urdf
 from wearscope.simulation.errors import SelfTestError, SimulationError
 
