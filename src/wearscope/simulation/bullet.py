@@ -13,8 +13,8 @@ BANNER = b"pybullet build time:"
 def drop_banner() -> Iterator[None]:
     """Hold back what is written to standard error, also by C code, and pass on all but PyBullet's banner.
 
-    What was held back is passed on too where the body raises. Without a standard error, or room for a temporary
-    file, nothing is held back.
+    What was held back is passed on too where the body raises. Without a standard error, or room for a
+    temporary file, nothing is held back.
     """
     try:
         held = tempfile.TemporaryFile()
