@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from wearscope.designs.factors import (
     CODED_HIGH,
@@ -91,7 +91,7 @@ def choose_audit_points(
     names = [factor.name for factor in factors]
     wear = wear_names(factors)
     nominal = nominal_levels(factors)
-    reach = float(stats.norm.ppf(detection))
+    reach = float(special.ndtri(detection))
     first: list[tuple[dict[str, float], dict[str, object]]] = [
         (dict(nominal), dict(zip(_ABOUT, ["nominal point", "H0", "", 0.0, 0.0, 0], strict=True)))
     ]

@@ -6,7 +6,6 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
@@ -261,7 +260,7 @@ def rank_by_median(
     tail = 0.5 - level / 2
     order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
     filled = np.where(np.isnan(boot), -np.inf, boot)
-    ranks = stats.rankdata(-filled, method="min", axis=1)
+    ranks = 1 + np.sum(filled[:, None, :] > filled[:, :, None], axis=2)  # equals share the better rank
     tied: list[list[str]] = [[] for _ in keys]
     for i, j in combinations(range(len(keys)), 2):
         difference = boot[:, i] - boot[:, j]

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from wearscope.designs.bases import linear_names, model_matrix, term_exponents
 from wearscope.designs.factors import FAULT
@@ -96,7 +96,7 @@ class Surrogate:
         if self.dof < 1 and self.status != "constant":
             return np.full_like(value, np.nan), np.full_like(value, np.nan)
         width = np.hypot(self.standard_error(z), self.sigma)
-        half = width * stats.t.ppf(0.5 + level / 2, max(self.dof, 1))
+        half = width * special.stdtrit(max(self.dof, 1), 0.5 + level / 2)
         return value - half, value + half
 
     def draw_coefficients(self, rng: np.random.Generator, draws: int) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from wearscope.designs.bases import model_matrix
 from wearscope.designs.factors import FAULT
@@ -90,20 +90,20 @@ def lack_of_fit(
     error, error_dof = pure_error(z, y)
     if error_dof > 0 and error > 0 and surrogate.dof > error_dof:
         f = (rss - error) / (surrogate.dof - error_dof) / (error / error_dof)
-        return f, float(stats.f.sf(f, surrogate.dof - error_dof, error_dof)), "pure error"
+        return f, float(special.fdtrc(surrogate.dof - error_dof, error_dof, f)), "pure error"
     if larger is not None and 0 < larger.dof < surrogate.dof and set(surrogate.terms) < set(larger.terms):
         more = float(np.sum((y - larger.predict(z)) ** 2))
         extra = surrogate.dof - larger.dof
         if more > 0:
             f = (rss - more) / extra / (more / larger.dof)
-            return f, float(stats.f.sf(f, extra, larger.dof)), "full model"
+            return f, float(special.fdtrc(extra, larger.dof, f)), "full model"
     if z_validation is not None and y_validation is not None and len(np.asarray(y_validation)) > 0:
         if surrogate.dof > 0 and surrogate.sigma > 0:
             phi = model_matrix(z_validation, surrogate.names, surrogate.terms)
             e = np.asarray(y_validation, dtype=float) - surrogate.predict(z_validation)
             v = np.eye(len(e)) + phi @ surrogate.covariance @ phi.T / surrogate.sigma**2
             f = float(e @ np.linalg.solve(v, e)) / len(e) / surrogate.sigma**2
-            return f, float(stats.f.sf(f, len(e), surrogate.dof)), "validation runs"
+            return f, float(special.fdtrc(len(e), surrogate.dof, f)), "validation runs"
     return np.nan, np.nan, "nothing"
 
 
@@ -116,7 +116,7 @@ def fault_effect(surrogate: Surrogate, level: float = 0.95) -> str:
     value, error = surrogate.theta[k], np.sqrt(surrogate.covariance[k, k])
     if value == 0:
         return "none"
-    if surrogate.dof < 1 or abs(value) <= stats.t.ppf(0.5 + level / 2, surrogate.dof) * error:
+    if surrogate.dof < 1 or abs(value) <= special.stdtrit(surrogate.dof, 0.5 + level / 2) * error:
         return "unclear"
     return "rises" if value > 0 else "falls"
 
