@@ -155,7 +155,7 @@ def test_touched_files_and_other_files_rerun_nothing(changed):
 AFTER_SNR = {"compute_snr", "draw_findings", "write_report", "report", "all"}
 AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
-    "audit_surrogates", "draw_findings", "write_report", "report", "all",
+    "audit_surrogates", "draw_audit", "draw_findings", "write_report", "report", "all",
 }  # fmt: skip
 AFTER_SURROGATES = AFTER_SNR | AFTER_SCOPE | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
 AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}

@@ -16,6 +16,7 @@ rule choose_audit_points:
         f"{R}/logs/choose_audit_points.log",
     benchmark:
         f"{R}/benchmarks/choose_audit_points.tsv"
+    priority: 1
     conda:
         ENV
     params:

@@ -50,8 +50,7 @@ AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
 SETUP_FIGURES = ["design", "recording", "friction"]
 FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
-if STUDY.audit.enabled:
-    FINDING_FIGURES.append("audit")
+FIGURES = [*SETUP_FIGURES, *FINDING_FIGURES, *(["audit"] if STUDY.audit.enabled else [])]
 CATEGORIES = {
     "sensitivity": "Q-1: which factors matter",
     "snr": "Q-2: which detector is best",

@@ -59,6 +59,7 @@ rule compute_snr:
         "../scripts/compute_snr.py"
 
 
+# Ahead of what else the surrogates allow, since the audit waits for it.
 rule compute_scope:
     input:
         surrogates=f"{R}/surrogates.parquet",
@@ -69,6 +70,7 @@ rule compute_scope:
         f"{R}/logs/compute_scope/{{robot}}.log",
     benchmark:
         f"{R}/benchmarks/compute_scope/{{robot}}.tsv"
+    priority: 1
     conda:
         ENV
     params:
@@ -93,6 +95,7 @@ rule join_scope:
         f"{R}/logs/join_scope.log",
     benchmark:
         f"{R}/benchmarks/join_scope.tsv"
+    priority: 1
     conda:
         ENV
     params:

@@ -7,7 +7,7 @@ rule report:
 
 rule figures:
     input:
-        expand(f"{R}/figures/{{name}}.{{kind}}", name=SETUP_FIGURES + FINDING_FIGURES, kind=["svg", "png"]),
+        expand(f"{R}/figures/{{name}}.{{kind}}", name=FIGURES, kind=["svg", "png"]),
 
 
 rule draw_setup:
@@ -47,7 +47,6 @@ rule draw_findings:
         ranking=f"{R}/ranking.parquet",
         scope=f"{R}/scope.parquet",
         fits=f"{R}/fit_table.parquet",
-        audit=[f"{R}/audit.parquet"] if STUDY.audit.enabled else [],
         code=code("draw_findings"),
         style=REPORT_FILES,
     output:
@@ -71,6 +70,26 @@ rule draw_findings:
         "../scripts/draw_findings.py"
 
 
+# Apart from the other findings, which are drawn while the audit's points are simulated.
+rule draw_audit:
+    input:
+        audit=f"{R}/audit.parquet",
+        code=code("draw_audit"),
+        style=REPORT_FILES,
+    output:
+        **figure_files(["audit"]),
+    log:
+        f"{R}/logs/draw_audit.log",
+    benchmark:
+        f"{R}/benchmarks/draw_audit.tsv"
+    conda:
+        ENV
+    message:
+        "Draw the figure of the audit"
+    script:
+        "../scripts/draw_audit.py"
+
+
 rule write_report:
     input:
         surrogates=f"{R}/surrogates.parquet",
@@ -84,7 +103,7 @@ rule write_report:
         failed_simulations=f"{R}/failed_simulations.parquet",
         checks=f"{R}/design/checks.parquet",
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
-        figures=[f"{R}/figures/{name}.svg" for name in SETUP_FIGURES + FINDING_FIGURES],
+        figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
         loop=[
             *(DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else []),
             *(LOOP[:1] if STUDY.dataset is not None else []),

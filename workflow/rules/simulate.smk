@@ -82,6 +82,7 @@ rule simulate_points:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     benchmark:
         f"{R}/benchmarks/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.tsv"
+    priority: 1
     conda:
         ENV
     resources:

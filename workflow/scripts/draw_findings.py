@@ -1,9 +1,8 @@
-"""The paper's Figs. 2, 3 and 4, and the figures that tell how far they can be trusted."""
+"""The paper's Figs. 2, 3 and 4, and how well the surrogates fit."""
 
 from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor
-from wearscope.reporting.figures.audit import draw_audit
 from wearscope.reporting.figures.fit import draw_fit
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
@@ -27,5 +26,3 @@ with run_job(snakemake) as say:
     for name in params.scope_factors:
         save(f"scope_{name}", draw_scope(scope, name, factors, params.scope_by))
     save("fit", draw_fit(tables.read_table(given.fits)))
-    for file in given.get("audit", []):
-        save("audit", draw_audit(tables.read_table(file)))
