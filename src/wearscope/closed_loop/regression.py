@@ -1,5 +1,6 @@
 """Weighted least squares by blocks: everything asked of the data is answered from block Gram matrices."""
 
+from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from wearscope.closed_loop.preparation import Prepared, PreparedRun
 from wearscope.effects.base import Effect
+from wearscope.effects.unknown import COARSE
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,23 @@ class Folds:
     agree_by_run: bool
 
 
+#: Weights against the mean square of a hat function: of the squared differences of neighbouring heights of a
+#: coarse spline, of the squared heights of a fine one.
+_ROUGHNESS, _SHRINKAGE = 0.001, 0.01
+
+
+def regularise(knots: int) -> np.ndarray:
+    """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
+
+    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and a
+    fine one, which describes what is local, goes to zero.
+    """
+    if knots > COARSE:
+        return _SHRINKAGE * np.eye(knots)
+    difference = np.diff(np.eye(knots), axis=0)
+    return _ROUGHNESS * difference.T @ difference
+
+
 def make_blocks(prepared: Prepared) -> list[Block]:
     """Contiguous blocks of the training runs, long against the correlation of the residual."""
     runs = prepared.runs_for("train")
@@ -123,16 +142,20 @@ class Regressors:
         Among themselves.
     score : ndarray (B, s, m)
         With the torque to explain.
+    penalty : ndarray (s, m, m) or None
+        Added to the Gram matrix of any set of blocks.
     """
 
     cross: np.ndarray
     gram: np.ndarray
     score: np.ndarray
+    penalty: np.ndarray | None = None
 
     def select(self, subset: np.ndarray) -> "Regressors":
         """The same with a subset of the columns."""
+        penalty = None if self.penalty is None else self.penalty[:, subset][..., subset]
         return Regressors(
-            self.cross[:, :, subset], self.gram[:, :, subset][..., subset], self.score[:, :, subset]
+            self.cross[:, :, subset], self.gram[:, :, subset][..., subset], self.score[:, :, subset], penalty
         )
 
     def at(self, shape: int) -> "Regressors":
@@ -141,7 +164,25 @@ class Regressors:
             self.cross[:, shape : shape + 1],
             self.gram[:, shape : shape + 1],
             self.score[:, shape : shape + 1],
+            None if self.penalty is None else self.penalty[shape : shape + 1],
         )
+
+    def combine(self, onto: np.ndarray) -> "Regressors":
+        """The same for the columns' linear combinations `onto` (m, k), heights of a spline."""
+        gram = onto.T @ self.gram @ onto
+        weight = np.einsum("bsii->s", gram) / onto.shape[1]
+        return Regressors(
+            onto.T @ self.cross,
+            gram,
+            self.score @ onto,
+            weight[:, None, None] * regularise(onto.shape[1]),
+        )
+
+
+    def reweigh(self, weights: np.ndarray) -> "Regressors":
+        """The same with each block weighed anew, (B,)."""
+        w = weights[:, None, None]
+        return Regressors(self.cross * w[..., None], self.gram * w[..., None], self.score * w, self.penalty)
 
 
 @dataclass
@@ -245,7 +286,11 @@ class Regression:
             scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
             prior[: scale.size] = 1.0 / (0.3 * scale.ravel()) ** 2
         diagonal = np.einsum("bii->i", self.gram)
-        return np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
+        precision = np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            if entry.effect.name == "unknown":
+                precision[span, span] += diagonal[span].mean() * regularise(len(entry.subset))
+        return precision
 
     def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
         """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
@@ -282,6 +327,18 @@ class Regression:
         return (
             self.power.sum(axis=1) - 2 * self.score @ theta + np.einsum("i,bij,j->b", theta, self.gram, theta)
         )
+
+    def reweigh(self, weights: np.ndarray) -> "Regression":
+        """The same normal equations with each block weighed anew, (B,)."""
+        other = copy(self)
+        w = weights[:, None]
+        other.gram, other.score, other.power = self.gram * w[..., None], self.score * w, self.power * w
+        return other
+
+    def block_power(self, theta: np.ndarray) -> np.ndarray:
+        """Sum of squared weighted residuals by block and joint, (B, n)."""
+        power = [(r * w) ** 2 for r, w in zip(self.residuals(theta), self.weights, strict=True)]
+        return np.array([power[b.run][b.start : b.stop].sum(axis=0) for b in self.blocks])
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residual torque (M, n) of each training run, all rows."""
@@ -383,6 +440,8 @@ def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None =
     inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.einsum(
         "si,ij->sij", 1e-7 * diagonal + 1e-30, np.eye(m)
     )
+    if family.penalty is not None:
+        inner = inner + family.penalty
     beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
     return Partial(beta, np.einsum("sm,sm->s", beta, reduced), inner)
 

@@ -35,7 +35,8 @@ class Scored:
     ----------
     entry : Entry
     odds : float
-        Loss it removes over the loss that is left, on the blocks it is fitted on.
+        Loss it removes over the loss that is left, on the blocks it is fitted on; the loss it removes where
+        blocks are capped.
     cv_gain : float
         Reduction of the held-out loss.
     cv_share : float
@@ -92,16 +93,15 @@ class Scorer:
     folds: Folds
     flips: np.ndarray
     joint_loss: np.ndarray = field(init=False)
+    block_loss: np.ndarray = field(init=False)
     sample_loss: np.ndarray = field(init=False)
     base: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.base = self.model.cross_validate(self.folds)
         self.joint_loss = self.model.cross_validate_joints(self.folds)
-        residuals = self.model.residuals(self.model.solve())
-        self.sample_loss = np.zeros(self.model.prepared.n)
-        for r, w in zip(residuals, self.model.weights, strict=True):
-            self.sample_loss += ((r * w) ** 2).sum(axis=0)
+        self.block_loss = self.model.block_power(self.model.solve())
+        self.sample_loss = self.block_loss.sum(axis=0)
 
     def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
         """Score variants of a family: those given, or all (of a single run only the plain ones)."""
@@ -109,31 +109,63 @@ class Scorer:
             effect = family.effect
             subsets = effect.subsets() if self.folds.by_run else effect.plain_subsets()
         regressors = self.model.correlate(family.columns, family.joint, family.count)
-        return [self._score_subset(family, regressors.select(s), s) for s in subsets]
+        return [self.score_regressors(family, regressors.select(s), s) for s in subsets]
 
-    def _score_subset(self, family: Family, regressors: Regressors, subset: np.ndarray) -> Scored:
-        model = self.model
-        fit = partial_fit(model, regressors)
-        scores = block_scores(model, regressors)
-        inner = fit.inner
-        best = int(np.argmax(fit.gain))
-        beta = fit.beta[best]
+    def cap_blocks(self, joint: int) -> np.ndarray:
+        """Weights (B,) with which no block has more residual at a joint than the middle one.
+
+        They are the same whatever the residual's signs, so that a test by random signs may use them: a few
+        loud blocks have few signs, and alone can be significant of nothing.
+        """
+        loss = self.block_loss[:, joint]
+        return np.sqrt(np.minimum(1.0, np.median(loss[loss > 0.0]) / np.maximum(loss, 1e-300)))
+
+    def _flip_blocks(self, scores: np.ndarray, inner: np.ndarray) -> tuple[float, np.ndarray]:
+        """Largest reduction of the loss over the shapes, and the same when blocks change sign at random."""
         inverse = np.linalg.inv(inner)
+        total = scores.sum(axis=0)
         flips = np.zeros(len(self.flips))
         for start in range(0, len(inverse), 64):
             part = slice(start, start + 64)
             flipped = np.tensordot(self.flips, scores[:, part], axes=(1, 0))
             value = np.einsum("fsm,smn,fsn->fs", flipped, inverse[part], flipped, optimize=True)
             flips = np.maximum(flips, value.max(axis=1))
+        return float(np.einsum("sm,smn,sn->s", total, inverse, total).max()), flips
+
+    def score_regressors(
+        self, family: Family, regressors: Regressors, subset: np.ndarray, capped: Regression | None = None
+    ) -> Scored:
+        """Score one variant of a family, of which the regressors are given.
+
+        Parameters
+        ----------
+        family : Family
+        regressors : Regressors
+            Of the columns `subset`.
+        subset : ndarray
+        capped : Regression, optional
+            The model with its blocks weighed by `cap_blocks`, for a test of significance that is weighed so.
+        """
+        model = self.model
+        fit = partial_fit(model, regressors)
+        inner = fit.inner
+        best = int(np.argmax(fit.gain))
+        beta = fit.beta[best]
         losses = cross_validate_family(model, regressors, self.folds)
         own = regressors.gram[:, best].sum(axis=0)
         isolability = float(np.sqrt(max(beta @ inner[best] @ beta, 0.0) / max(beta @ own @ beta, 1e-300)))
         scale = self._loss_at(family, best, subset, beta, self.joint_loss)
-        sample = self._loss_at(family, best, subset, beta, self.sample_loss)
+        if capped is None:
+            sample = self._loss_at(family, best, subset, beta, self.sample_loss)
+            scores = block_scores(model, regressors)
+            odds, flips = (_odds(np.asarray(x), sample) for x in self._flip_blocks(scores, inner))
+        else:
+            scores = block_scores(capped, regressors.reweigh(self.cap_blocks(family.joint)))
+            odds, flips = self._flip_blocks(scores, inner)
         gain = float(np.nansum(self.base - losses))
         scored = Scored(
             entry=family.entry(best, subset),
-            odds=_odds(fit.gain[best], sample),
+            odds=float(odds),
             cv_gain=gain,
             cv_share=gain / max(float(scale), 1e-300),
             cv_loss=losses,
@@ -142,7 +174,7 @@ class Scorer:
             ),
             isolability=isolability,
             beta=beta,
-            flips=_odds(flips, sample),
+            flips=np.asarray(flips),
         )
         information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))

@@ -9,6 +9,7 @@ described by an empirical term, and named effects that the empirical term makes 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
@@ -23,6 +24,7 @@ from wearscope.closed_loop.candidates import (
     make_family,
     reduce_columns,
 )
+from wearscope.closed_loop.empirical import SplineFamily, make_spline_families, score_splines
 from wearscope.closed_loop.estimation import free_shapes
 from wearscope.closed_loop.preparation import Prepared
 from wearscope.closed_loop.regression import (
@@ -184,12 +186,16 @@ class Tracer:
             for joint in range(prepared.n)
             if applies(effect, joint, prepared)
         ]
-        self.unknown = [
-            make_family(load_effect("unknown"), joint, prepared, self.joined)
-            for joint in range(prepared.n)
-            if prepared.moving[joint]
-        ]
         self.rows: list[dict] = []
+
+    @cached_property
+    def splines(self) -> list[SplineFamily]:
+        """Families of the empirical term."""
+        return [
+            family
+            for joint in map(int, np.flatnonzero(self.prepared.moving))
+            for family in make_spline_families(joint, self.prepared, self.joined)
+        ]
 
     def fit(self, entries: list[Entry]) -> Regression:
         """Regression of the declared entries and further ones."""
@@ -214,6 +220,14 @@ class Tracer:
                     for run in self.prepared.runs_for("train")
                 ]
             scored += scorer.score(family)
+        adjust_p_values(scored)
+        return scored
+
+    def score_rest(self, model: Regression) -> list[Scored]:
+        """Score the empirical term beside a model, p-values adjusted over all signals, levels and joints."""
+        scorer = Scorer(model, self.folds, self.flips)
+        self.current = scorer.joint_loss
+        scored = [s for family in self.splines for s in score_splines(scorer, family)]
         adjust_p_values(scored)
         return scored
 
@@ -324,7 +338,7 @@ class Tracer:
         """Candidate family that an entry was chosen from."""
         return next(
             f
-            for f in self.families + self.unknown
+            for f in self.families
             if f.effect.name == entry.effect.name and f.joint == entry.joint
         )
 
@@ -442,12 +456,12 @@ class Tracer:
         """Describe what no name explains; take back names that the description makes superfluous."""
         o = self.options
         for _ in range(3):
-            scored = self.score_all(model, self.unknown)
+            scored = self.score_rest(model)
             taken = None
             able = [s for s in scored if self.passes(s, o.minimum_gain)]
             able = [s for s in able if s.cv_share * self.left(s) >= o.minimum_unknown]
             if able:
-                taken = max(able, key=lambda s: s.cv_gain)
+                taken = plainest(able)
             self.record(step, scored, taken)
             step += 1
             if taken is None:
@@ -470,6 +484,14 @@ class Tracer:
             if not separates(a, b, 0.0) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
                 kept = others
         return kept
+
+
+def plainest(able: list[Scored]) -> Scored:
+    """Empirical term with the largest gain, with as few hat functions as do as well."""
+    best = max(able, key=lambda s: s.cv_gain)
+    same = [s for s in able if s.entry.joint == best.entry.joint and s.entry.shape[:3] == best.entry.shape[:3]]
+    like = [s for s in same if not separates(best.cv_loss, s.cv_loss, _MATERIAL * best.cv_gain)]
+    return min([best, *like], key=lambda s: s.size)
 
 
 def touches(a: Entry, b: Entry) -> bool:

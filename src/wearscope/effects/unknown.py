@@ -1,15 +1,18 @@
 """Structure outside the vocabulary: an empirical torque on the signal that it depends on.
 
-A linear spline of `KNOTS` hat functions between the least and the largest value seen, held constant outside
-of it, times 1, the direction of motion or the speed.
+A linear spline of hat functions between the least and the largest value seen, held constant outside of it,
+times 1, the direction of motion or the speed. The knots of each number in `LEVELS` are among those of the
+next one, so that the columns of a fine spline give those of the coarse ones.
 """
 
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
-#: Number of hat functions.
-KNOTS = 8
+#: Numbers of hat functions worth trying.
+LEVELS = (5, 9, 17, 33)
+#: Finest level tried for most signals; that of the joint's own position and speed is the last one.
+COARSE = 9
 #: Signals by code.
 SIGNALS = ("q", "qd", "qdd", "load", "temp", "t")
 #: What the spline is multiplied with, by code: nothing, the direction of motion, the speed.
@@ -36,10 +39,13 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
         factor = sign[j]
     elif modulator == 2:
         factor = v[j]
-    place = (x - shape[3]) / (shape[4] - shape[3]) * (KNOTS - 1)
-    place = min(max(place, 0.0), KNOTS - 1.0)
-    for k in range(KNOTS):
-        out[k] = factor * max(0.0, 1.0 - abs(place - k))
+    knots = int(shape[5])
+    place = (x - shape[3]) / (shape[4] - shape[3]) * (knots - 1)
+    place = min(max(place, 0.0), knots - 1.0)
+    out[:] = 0.0
+    below = min(int(place), knots - 2)
+    out[below] = factor * (below + 1 - place)
+    out[below + 1] = factor * (place - below)
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
@@ -49,7 +55,8 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     def add(code: int, source: int, modulator: int, x: np.ndarray) -> None:
         low, high = np.quantile(x, [0.002, 0.998])
         if high - low > 1e-9 * (1.0 + abs(high)):
-            found.append((code, source, modulator, low, high))
+            local = source == joint and code < 2 and modulator < 2
+            found.append((code, source, modulator, low, high, LEVELS[-1] if local else COARSE))
 
     for source in [joint, *(i for i in range(n) if i != joint)]:
         own = source == joint
@@ -62,7 +69,13 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
                 add(4, source, modulator, signals.temperature[:, source])
     for modulator in range(2):
         add(5, joint, modulator, signals.t)
-    return np.array(found, dtype=float).reshape(-1, 5)
+    return np.array(found, dtype=float).reshape(-1, 6)
+
+
+def coarsen(knots: int, fewer: int) -> np.ndarray:
+    """Hat functions of a coarser level as sums of those of a finer one, (knots, fewer)."""
+    place = np.linspace(0.0, fewer - 1.0, knots)
+    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(fewer)))
 
 
 def name_signals(shape: tuple[float, ...], joints: list[str], joint: int) -> list[str]:
@@ -77,7 +90,7 @@ def name_signals(shape: tuple[float, ...], joints: list[str], joint: int) -> lis
 EFFECT = Effect(
     name="unknown",
     form="modulator times a linear spline of one signal",
-    coefficients=tuple(Parameter(f"height{k}", "{torque}") for k in range(KNOTS)),
+    coefficients=tuple(Parameter(f"height{k}", "{torque}") for k in range(LEVELS[-1])),
     source="de Boor 1978, A Practical Guide to Splines (linear B-splines)",
     depends_on=("{signal}",),
     shape=(
@@ -86,6 +99,7 @@ EFFECT = Effect(
         Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2),
         Parameter("low", "unit of the signal"),
         Parameter("high", "unit of the signal", default=1.0),
+        Parameter("knots", "hat functions, the heights that count", lower=2, upper=LEVELS[-1], default=COARSE),
     ),
     row=_row,
     search=_search,
