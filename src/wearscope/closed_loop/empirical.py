@@ -8,10 +8,13 @@ import numpy as np
 
 from wearscope.closed_loop.candidates import Family
 from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.scoring import Scored, Scorer
+from wearscope.closed_loop.regression import Folds, Regression, Regressors, block_scores, partial_fit
+from wearscope.closed_loop.scoring import Scored, Scorer, flip_blocks
 from wearscope.effects.base import Signals, load_effect
 from wearscope.effects.unknown import LEVELS, coarsen
 
+#: Correlation of blocks of the residual above which one remembers the other.
+_REMEMBERED = 0.2
 #: Signals whose columns are made at once: all but the hat functions in use are then dropped.
 _AT_ONCE = 8
 
@@ -56,14 +59,94 @@ def make_spline_families(joint: int, prepared: Prepared, joined: Signals) -> lis
     return families
 
 
+class SignTest:
+    """Significance of what is left at a joint by random signs of blocks.
+
+    The odds that serve for the named effects tell little of a spline with many hat functions where a few loud
+    blocks carry the residual, or where the residual drifts. Here no block has a larger weight than with the
+    middle one's residual, which is the same whatever the signs, and blocks that remember each other turn
+    their signs together.
+
+    Parameters
+    ----------
+    model : Regression
+    joint : int
+    folds : Folds
+    flips : ndarray (F, B)
+    """
+
+    def __init__(self, model: Regression, joint: int, folds: Folds, flips: np.ndarray) -> None:
+        self.model, self.joint, self.folds, self.flips = model, joint, folds, flips
+        loss = model.block_power(model.solve())[:, joint]
+        self.caps = np.sqrt(np.minimum(1.0, np.median(loss[loss > 0.0]) / np.maximum(loss, 1e-300)))
+        self.capped = model.reweigh(self.caps)
+        self.run = np.array([block.run for block in model.blocks])
+        self.sums = self._sum([x[:, joint] for x in model.columns])
+        self.target = self._sum([y[:, [joint]] for y in model.target])[:, 0]
+
+    def _sum(self, columns: list[np.ndarray]) -> np.ndarray:
+        """Weighed sums (B, k) of columns (M, k) at the joint by block."""
+        weighed = [x * w[:, [self.joint]] for x, w in zip(columns, self.model.weights, strict=True)]
+        return np.array([weighed[b.run][b.start : b.stop].sum(axis=0) for b in self.model.blocks])
+
+    def sum_columns(self, family: SplineFamily) -> np.ndarray:
+        """Weighed sums (B, s, m) of a family's columns by block."""
+        return self._sum(family.columns).reshape(len(self.run), -1, family.count)
+
+    def test(self, regressors: Regressors, sums: np.ndarray) -> tuple[float, np.ndarray]:
+        """Statistic of one shape, and the same under random signs, (F,).
+
+        Parameters
+        ----------
+        regressors : Regressors
+        sums : ndarray (B, m)
+            Of its columns by block.
+        """
+        weighed = regressors.reweigh(self.caps)
+        left = self.caps * self._hold_out(regressors, sums)
+        together = self.flips[:, _join(self.run, _memory(left, self.run))]
+        inner = partial_fit(self.model, regressors).inner
+        return flip_blocks(block_scores(self.capped, weighed), inner, together)
+
+    def _hold_out(self, regressors: Regressors, sums: np.ndarray) -> np.ndarray:
+        """Sums (B,) of the residual that the model with one shape leaves of held-out blocks."""
+        model = self.model
+        left = np.empty(len(self.run))
+        for train, test in zip(self.folds.train, self.folds.test, strict=True):
+            beta = partial_fit(model, regressors, train).beta[0]
+            score = model.score[train].sum(axis=0) - regressors.cross[train, 0].sum(axis=0).T @ beta
+            theta = np.linalg.solve(model.gram[train].sum(axis=0) + model.prior, score)
+            left[test] = self.target[test] - sums[test] @ beta - self.sums[test] @ theta
+        return left
+
+
+def _memory(left: np.ndarray, run: np.ndarray) -> int:
+    """Blocks that turn their signs together: twice as many as what is left of them, (B,), is remembered for."""
+    longest = int(np.bincount(run).min()) // 2
+    power = max(float((left**2).mean()), 1e-300)
+    for lag in range(1, longest):
+        same = run[lag:] == run[:-lag]
+        if float((left[lag:] * left[:-lag])[same].mean()) < _REMEMBERED * power:
+            return 2 * lag - 1
+    return max(longest, 1)
+
+
+def _join(run: np.ndarray, length: int) -> np.ndarray:
+    """First block (B,) of the group of `length` blocks that each block belongs to, within its run."""
+    first = np.searchsorted(run, run)
+    return first + (np.arange(len(run)) - first) // length * length
+
+
 def score_splines(scorer: Scorer, family: SplineFamily) -> Iterator[Scored]:
-    """Score every signal and level of a family, no block counting for more than the middle one."""
-    capped = scorer.model.reweigh(scorer.cap_blocks(family.joint))
+    """Score every signal and level of a family."""
     finest = family.count
+    test = SignTest(scorer.model, family.joint, scorer.folds, scorer.flips)
     regressors = scorer.model.correlate(family.columns, family.joint, finest)
+    sums = test.sum_columns(family)
     for knots in (k for k in LEVELS if k <= finest):
-        combined = regressors.combine(coarsen(finest, knots))
+        onto = coarsen(finest, knots)
+        combined = regressors.combine(onto)
         for shape in range(len(family.shapes)):
-            yield scorer.score_regressors(
-                family.level(shape, knots), combined.at(shape), np.arange(knots), capped
-            )
+            one = combined.at(shape)
+            tested = test.test(one, sums[:, shape] @ onto)
+            yield scorer.score_regressors(family.level(shape, knots), one, np.arange(knots), tested)

@@ -244,9 +244,10 @@ class Regression:
             for p, run in zip(parts, runs, strict=True)
         ]
         self.target = [run.measured - run.reduce(run.known) for run in runs]
-        self._sum_blocks()
+        self.sum_blocks()
 
-    def _sum_blocks(self) -> None:
+    def sum_blocks(self) -> None:
+        """Sum products of columns and target by block."""
         self.p = self.columns[0].shape[2]
         count = len(self.blocks)
         self.gram = np.zeros((count, self.p, self.p))

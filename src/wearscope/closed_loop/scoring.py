@@ -35,8 +35,8 @@ class Scored:
     ----------
     entry : Entry
     odds : float
-        Loss it removes over the loss that is left, on the blocks it is fitted on; the loss it removes where
-        blocks are capped.
+        Loss it removes over the loss that is left, on the blocks it is fitted on, or another statistic of
+        its significance.
     cv_gain : float
         Reduction of the held-out loss.
     cv_share : float
@@ -93,15 +93,13 @@ class Scorer:
     folds: Folds
     flips: np.ndarray
     joint_loss: np.ndarray = field(init=False)
-    block_loss: np.ndarray = field(init=False)
     sample_loss: np.ndarray = field(init=False)
     base: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.base = self.model.cross_validate(self.folds)
         self.joint_loss = self.model.cross_validate_joints(self.folds)
-        self.block_loss = self.model.block_power(self.model.solve())
-        self.sample_loss = self.block_loss.sum(axis=0)
+        self.sample_loss = self.model.block_power(self.model.solve()).sum(axis=0)
 
     def score(self, family: Family, subsets: list[np.ndarray] | None = None) -> list[Scored]:
         """Score variants of a family: those given, or all (of a single run only the plain ones)."""
@@ -111,29 +109,12 @@ class Scorer:
         regressors = self.model.correlate(family.columns, family.joint, family.count)
         return [self.score_regressors(family, regressors.select(s), s) for s in subsets]
 
-    def cap_blocks(self, joint: int) -> np.ndarray:
-        """Weights (B,) with which no block has more residual at a joint than the middle one.
-
-        They are the same whatever the residual's signs, so that a test by random signs may use them: a few
-        loud blocks have few signs, and alone can be significant of nothing.
-        """
-        loss = self.block_loss[:, joint]
-        return np.sqrt(np.minimum(1.0, np.median(loss[loss > 0.0]) / np.maximum(loss, 1e-300)))
-
-    def _flip_blocks(self, scores: np.ndarray, inner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Largest reduction of the loss over the shapes, and the same when blocks change sign at random."""
-        inverse = np.linalg.inv(inner)
-        total = scores.sum(axis=0)
-        flips = np.zeros(len(self.flips))
-        for start in range(0, len(inverse), 64):
-            part = slice(start, start + 64)
-            flipped = np.tensordot(self.flips, scores[:, part], axes=(1, 0))
-            value = np.einsum("fsm,smn,fsn->fs", flipped, inverse[part], flipped, optimize=True)
-            flips = np.maximum(flips, value.max(axis=1))
-        return float(np.einsum("sm,smn,sn->s", total, inverse, total).max()), flips
-
     def score_regressors(
-        self, family: Family, regressors: Regressors, subset: np.ndarray, capped: Regression | None = None
+        self,
+        family: Family,
+        regressors: Regressors,
+        subset: np.ndarray,
+        tested: tuple[float, np.ndarray] | None = None,
     ) -> Scored:
         """Score one variant of a family, of which the regressors are given.
 
@@ -143,8 +124,8 @@ class Scorer:
         regressors : Regressors
             Of the columns `subset`.
         subset : ndarray
-        capped : Regression, optional
-            The model with its blocks weighed by `cap_blocks`, for a test of significance that is weighed so.
+        tested : tuple, optional
+            Another statistic to test its significance with than `Scored.odds`, and the same under `flips`.
         """
         model = self.model
         fit = partial_fit(model, regressors)
@@ -155,17 +136,15 @@ class Scorer:
         own = regressors.gram[:, best].sum(axis=0)
         isolability = float(np.sqrt(max(beta @ inner[best] @ beta, 0.0) / max(beta @ own @ beta, 1e-300)))
         scale = self._loss_at(family, best, subset, beta, self.joint_loss)
-        if capped is None:
+        if tested is None:
             sample = self._loss_at(family, best, subset, beta, self.sample_loss)
-            scores = block_scores(model, regressors)
-            odds, flips = (_odds(np.asarray(x), sample) for x in self._flip_blocks(scores, inner))
-        else:
-            scores = block_scores(capped, regressors.reweigh(self.cap_blocks(family.joint)))
-            odds, flips = self._flip_blocks(scores, inner)
+            gains, flipped = flip_blocks(block_scores(model, regressors), inner, self.flips)
+            tested = float(_odds(np.asarray(gains), sample)), _odds(flipped, sample)
+        odds, flips = tested
         gain = float(np.nansum(self.base - losses))
         scored = Scored(
             entry=family.entry(best, subset),
-            odds=float(odds),
+            odds=odds,
             cv_gain=gain,
             cv_share=gain / max(float(scale), 1e-300),
             cv_loss=losses,
@@ -174,7 +153,7 @@ class Scorer:
             ),
             isolability=isolability,
             beta=beta,
-            flips=np.asarray(flips),
+            flips=flips,
         )
         information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
@@ -223,6 +202,28 @@ class Scorer:
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:
     """Loss removed over loss left."""
     return np.asarray(gain) / np.maximum(loss - np.asarray(gain), 1e-9 * max(loss, 1e-300))
+
+
+def flip_blocks(scores: np.ndarray, inner: np.ndarray, flips: np.ndarray) -> tuple[float, np.ndarray]:
+    """Largest reduction of the loss over the shapes, and the same when blocks change sign at random.
+
+    Parameters
+    ----------
+    scores : ndarray (B, s, m)
+        From `block_scores`.
+    inner : ndarray (s, m, m)
+        Gram matrices with the model projected out.
+    flips : ndarray (F, B)
+    """
+    inverse = np.linalg.inv(inner)
+    total = scores.sum(axis=0)
+    flipped = np.zeros(len(flips))
+    for start in range(0, len(inverse), 64):
+        part = slice(start, start + 64)
+        turned = np.tensordot(flips, scores[:, part], axes=(1, 0))
+        value = np.einsum("fsm,smn,fsn->fs", turned, inverse[part], turned, optimize=True)
+        flipped = np.maximum(flipped, value.max(axis=1))
+    return float(np.einsum("sm,smn,sn->s", total, inverse, total).max()), flipped
 
 
 def make_flips(count: int, blocks: int, seed: int) -> np.ndarray:

@@ -489,9 +489,14 @@ class Tracer:
 def plainest(able: list[Scored]) -> Scored:
     """Empirical term with the largest gain, with as few hat functions as do as well."""
     best = max(able, key=lambda s: s.cv_gain)
-    same = [s for s in able if s.entry.joint == best.entry.joint and s.entry.shape[:3] == best.entry.shape[:3]]
-    like = [s for s in same if not separates(best.cv_loss, s.cv_loss, _MATERIAL * best.cv_gain)]
-    return min([best, *like], key=lambda s: s.size)
+    signal = best.entry.joint, best.entry.shape[:3]
+    like = [
+        s
+        for s in able
+        if (s.entry.joint, s.entry.shape[:3]) == signal
+        and not separates(best.cv_loss, s.cv_loss, _MATERIAL * best.cv_gain)
+    ]
+    return min(like, key=lambda s: s.size)
 
 
 def touches(a: Entry, b: Entry) -> bool:

@@ -99,7 +99,7 @@ EFFECT = Effect(
         Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2),
         Parameter("low", "unit of the signal"),
         Parameter("high", "unit of the signal", default=1.0),
-        Parameter("knots", "hat functions, the heights that count", lower=2, upper=LEVELS[-1], default=COARSE),
+        Parameter("knots", "number of heights", lower=2, upper=LEVELS[-1], default=COARSE),
     ),
     row=_row,
     search=_search,
