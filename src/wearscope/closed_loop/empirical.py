@@ -121,7 +121,7 @@ class SignTest:
 
 
 def _memory(left: np.ndarray, run: np.ndarray) -> int:
-    """Blocks that turn their signs together: twice as many as what is left of them, (B,), is remembered for."""
+    """Blocks that turn their signs together: twice as many as remember what is left of them, (B,)."""
     longest = int(np.bincount(run).min()) // 2
     power = max(float((left**2).mean()), 1e-300)
     for lag in range(1, longest):

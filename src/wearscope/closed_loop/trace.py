@@ -61,8 +61,11 @@ class TraceOptions:
         Least share of the joint's current loss that a named effect must remove on held-out runs.
     minimum_share : float
         The same, of the loss that the declared model leaves.
-    minimum_unknown : float
-        The same for the empirical term, of the loss that the declared model leaves.
+    alpha_unknown : float
+        Level for the empirical term, which can be anything: more than all of 999 random signs give.
+    least_unknown, minimum_unknown : float
+        Least share of the current loss that it must remove on held-out runs; the same of the loss that the
+        declared model leaves.
     flips : int
     seed : int
     """
@@ -72,6 +75,8 @@ class TraceOptions:
     alpha_part: float = 1e-4
     minimum_gain: float = 0.08
     minimum_share: float = 0.02
+    alpha_unknown: float = 0.001
+    least_unknown: float = 0.1
     minimum_unknown: float = 0.06
     flips: int = 999
     seed: int = 20260
@@ -255,7 +260,7 @@ class Tracer:
         o = self.options
         if s.reason:
             return False
-        if s.p_block > o.alpha:
+        if s.p_block > (o.alpha_unknown if s.entry.effect.name == "unknown" else o.alpha):
             s.reason = "not significant once all candidates are counted"
         elif s.cv_share < least or (
             s.cv_share * self.left(s) < o.minimum_share and not (s.extends and self.folds.agree_by_run)
@@ -458,7 +463,7 @@ class Tracer:
         for _ in range(3):
             scored = self.score_rest(model)
             taken = None
-            able = [s for s in scored if self.passes(s, o.minimum_gain)]
+            able = [s for s in scored if self.passes(s, o.least_unknown)]
             able = [s for s in able if s.cv_share * self.left(s) >= o.minimum_unknown]
             if able:
                 taken = plainest(able)
