@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.run import close_loop
+from wearscope.effects.unknown import COARSE
 
 PLANTED = {
     "stribeck": {"level": 8.0, "speed": 0.3, "exponent": 1.0},
@@ -66,3 +67,35 @@ def test_structure_outside_the_vocabulary_is_called_unknown(record, tmp_path):
     assert [e["effect"] for e in verdict["verdict"]] == ["unknown"]
     assert verdict["verdict"][0]["depends_on"] == ["q_a", "sign_qd_a"]
     assert verdict["joints"]["a"]["rms_after"] < 0.4 * verdict["joints"]["a"]["rms_before"]
+
+
+def test_bump_at_one_place_is_described_with_its_signal_and_many_heights(record, tmp_path):
+    def sticking_spot(t, q, v, a, rng):
+        return np.column_stack([12 * np.exp(-(((q[:, 0] - 0.2) / 0.08) ** 2)) * np.sign(v[:, 0]), 0 * t])
+
+    verdict = close_loop(record(extra_torque=sticking_spot, seed=4), tmp_path / "out", light=True)
+    assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "unknown")]
+    entry = verdict["verdict"][0]
+    assert entry["depends_on"] == ["q_a", "sign_qd_a"]
+    assert entry["fixed"]["knots"] == len(entry["parameters"]) > COARSE
+    assert verdict["joints"]["a"]["rms_after"] < 0.6 * verdict["joints"]["a"]["rms_before"]
+
+
+def test_smooth_structure_is_described_with_few_heights(record, tmp_path):
+    def product(t, q, v, a, rng):
+        return np.column_stack([4 * q[:, 0] * v[:, 0], 0 * t])
+
+    verdict = close_loop(record(extra_torque=product, seed=4), tmp_path / "out", light=True)
+    assert [e["effect"] for e in verdict["verdict"]] == ["unknown"]
+    assert len(verdict["verdict"][0]["parameters"]) <= COARSE
+
+
+def test_drifting_bias_is_not_called_unknown(record, tmp_path):
+    def walk(t, q, v, a, rng):
+        return np.cumsum(rng.normal(size=(len(t), 2)), axis=0) * 0.05
+
+    for seed in range(3):
+        folder = record(extra_torque=walk, seed=30 + seed)
+        verdict = close_loop(folder, tmp_path / f"out{seed}", light=True)["verdict"]
+        assert "unknown" not in [e["effect"] for e in verdict]
+        folder.rename(tmp_path / f"done{seed}")
