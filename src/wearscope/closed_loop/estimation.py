@@ -10,9 +10,7 @@ from wearscope.closed_loop.regression import Entry, Regression
 from wearscope.closed_loop.transmission import make_instruments
 
 #: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
-FIXED = frozenset(
-    {"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"}
-)
+FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"})
 
 
 @dataclass
