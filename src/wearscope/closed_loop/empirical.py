@@ -114,8 +114,8 @@ class SignTest:
         left = np.empty(len(self.run))
         for train, test in zip(self.folds.train, self.folds.test, strict=True):
             beta = partial_fit(model, regressors, train).beta[0]
-            score = model.score[train].sum(axis=0) - regressors.cross[train, 0].sum(axis=0).T @ beta
-            theta = np.linalg.solve(model.gram[train].sum(axis=0) + model.prior, score)
+            gram, score = model.moments(train)
+            theta = np.linalg.solve(gram, score - regressors.cross[train, 0].sum(axis=0).T @ beta)
             left[test] = self.target[test] - sums[test] @ beta - self.sums[test] @ theta
         return left
 

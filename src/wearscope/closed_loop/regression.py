@@ -178,7 +178,6 @@ class Regressors:
             weight[:, None, None] * regularise(onto.shape[1]),
         )
 
-
     def reweigh(self, weights: np.ndarray) -> "Regressors":
         """The same with each block weighed anew, (B,)."""
         w = weights[:, None, None]
@@ -270,11 +269,18 @@ class Regression:
             value[span] = coefficients
         self.prior = self.weak_prior + np.diag(hold)
         self.pull = hold * value
+        self._moments: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def moments(self, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations (P, P), (P,) over the blocks of `mask` (all blocks where None)."""
-        pick = np.ones(len(self.blocks), dtype=bool) if mask is None else mask
-        return self.gram[pick].sum(axis=0) + self.prior, self.score[pick].sum(axis=0) + self.pull
+        key = b"" if mask is None else mask.tobytes()
+        if key not in self._moments:
+            pick = slice(None) if mask is None else mask
+            self._moments[key] = (
+                self.gram[pick].sum(axis=0) + self.prior,
+                self.score[pick].sum(axis=0) + self.pull,
+            )
+        return self._moments[key]
 
     def _make_prior(self) -> np.ndarray:
         """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
@@ -325,15 +331,15 @@ class Regression:
 
     def losses(self, theta: np.ndarray) -> np.ndarray:
         """Sum of squared weighted residuals by block, (B,)."""
-        return (
-            self.power.sum(axis=1) - 2 * self.score @ theta + np.einsum("i,bij,j->b", theta, self.gram, theta)
-        )
+        return self.power.sum(axis=1) - 2 * self.score @ theta + (self.gram @ theta) @ theta
 
     def reweigh(self, weights: np.ndarray) -> "Regression":
         """The same normal equations with each block weighed anew, (B,)."""
         other = copy(self)
         w = weights[:, None]
+        other._totals = {}
         other.gram, other.score, other.power = self.gram * w[..., None], self.score * w, self.power * w
+        other._moments = {}
         return other
 
     def block_power(self, theta: np.ndarray) -> np.ndarray:
@@ -425,7 +431,7 @@ class Partial:
 def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None = None) -> Partial:
     """Fit each shape of a family beside the current model (Frisch-Waugh-Lovell)."""
     pick = np.ones(len(model.blocks), dtype=bool) if mask is None else mask
-    a, known = model.moments(pick)
+    a, known = model.moments(mask)
     c = family.cross[pick].sum(axis=0)
     h = family.gram[pick].sum(axis=0)
     g = family.score[pick].sum(axis=0)
@@ -460,13 +466,14 @@ def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -
             if model.p
             else np.zeros(0)
         )
-        base = model.losses(theta) if model.p else model.power.sum(axis=1)
+        power = model.power[test].sum(axis=1)
+        base = power - 2 * model.score[test] @ theta + (model.gram[test] @ theta) @ theta
         losses[test] = (
             base
-            - 2 * family.score[:, k] @ beta
-            + 2 * np.einsum("i,bip,p->b", beta, family.cross[:, k], theta)
-            + np.einsum("i,bij,j->b", beta, family.gram[:, k], beta)
-        )[test]
+            - 2 * family.score[test, k] @ beta
+            + 2 * (family.cross[test, k] @ theta) @ beta
+            + (family.gram[test, k] @ beta) @ beta
+        )
     return losses
 
 

@@ -341,11 +341,7 @@ class Tracer:
 
     def family_of(self, entry: Entry) -> Family:
         """Candidate family that an entry was chosen from."""
-        return next(
-            f
-            for f in self.families
-            if f.effect.name == entry.effect.name and f.joint == entry.joint
-        )
+        return next(f for f in self.families if f.effect.name == entry.effect.name and f.joint == entry.joint)
 
     def balances(self, s: Scored) -> bool:
         """Whether a counterbalance does what one is built for: take load off the joint."""
