@@ -16,6 +16,8 @@ from wearscope.closed_loop.regression import (
     partial_fit,
 )
 
+#: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
+MATERIAL = 0.02
 #: Share of a regressor that must stay after the current model is projected out.
 ISOLABLE = 1e-3
 #: Least number of blocks, effectively, that the information on a candidate must come from where there is one
@@ -75,6 +77,15 @@ class Scored:
     def size(self) -> int:
         """Number of coefficients."""
         return len(self.entry.subset)
+
+
+@dataclass
+class Found:
+    """An effect that was named, with what the runs cannot tell apart from it."""
+
+    entry: Entry
+    equivalent: list[str]
+    scored: Scored
 
 
 @dataclass

@@ -9,7 +9,6 @@ described by an empirical term, and named effects that the empirical term makes 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from scipy import optimize
@@ -24,7 +23,6 @@ from wearscope.closed_loop.candidates import (
     make_family,
     reduce_columns,
 )
-from wearscope.closed_loop.empirical import SplineFamily, make_spline_families, score_splines
 from wearscope.closed_loop.estimation import free_shapes
 from wearscope.closed_loop.preparation import Prepared
 from wearscope.closed_loop.regression import (
@@ -35,11 +33,18 @@ from wearscope.closed_loop.regression import (
     make_folds,
     partial_fit,
 )
-from wearscope.closed_loop.scoring import Scored, Scorer, adjust_p_values, make_flips, separates
+from wearscope.closed_loop.rest import Rest
+from wearscope.closed_loop.scoring import (
+    MATERIAL,
+    Found,
+    Scored,
+    Scorer,
+    adjust_p_values,
+    make_flips,
+    separates,
+)
 from wearscope.effects.base import load_effect
 
-#: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
-_MATERIAL = 0.02
 #: Least delay that is believed, in samples.
 _LEAST_DELAY = 0.1
 #: Effects that a joint can have several of.
@@ -81,15 +86,6 @@ class TraceOptions:
     flips: int = 999
     seed: int = 20260
     most_steps: int = 12
-
-
-@dataclass
-class Found:
-    """An effect that was named, with what the runs cannot tell apart from it."""
-
-    entry: Entry
-    equivalent: list[str]
-    scored: Scored
 
 
 @dataclass
@@ -193,15 +189,6 @@ class Tracer:
         ]
         self.rows: list[dict] = []
 
-    @cached_property
-    def splines(self) -> list[SplineFamily]:
-        """Families of the empirical term."""
-        return [
-            family
-            for joint in map(int, np.flatnonzero(self.prepared.moving))
-            for family in make_spline_families(joint, self.prepared, self.joined)
-        ]
-
     def fit(self, entries: list[Entry]) -> Regression:
         """Regression of the declared entries and further ones."""
         return refit(self.before, self.before.entries + entries)
@@ -225,14 +212,6 @@ class Tracer:
                     for run in self.prepared.runs_for("train")
                 ]
             scored += scorer.score(family)
-        adjust_p_values(scored)
-        return scored
-
-    def score_rest(self, model: Regression) -> list[Scored]:
-        """Score the empirical term beside a model, p-values adjusted over all signals, levels and joints."""
-        scorer = Scorer(model, self.folds, self.flips)
-        self.current = scorer.joint_loss
-        scored = [s for family in self.splines for s in score_splines(scorer, family)]
         adjust_p_values(scored)
         return scored
 
@@ -327,7 +306,7 @@ class Tracer:
         o = self.options
         if best.entry.effect is other.entry.effect:
             return other.cv_gain < 0.9 * best.cv_gain
-        if separates(best.cv_loss, other.cv_loss, _MATERIAL * best.cv_gain):
+        if separates(best.cv_loss, other.cv_loss, MATERIAL * best.cv_gain):
             return True
         beside = self.fit([*model.entries[len(self.before.entries) :], other.entry])
         scorer = Scorer(beside, self.folds, self.flips)
@@ -336,7 +315,7 @@ class Tracer:
         adjust_p_values(again)
         needed = max(again, key=lambda s: s.cv_gain)
         # A single run repeats too little for what is left of its residual to be a fair measure.
-        material = needed.cv_share >= 0.1 if self.folds.by_run else needed.cv_gain >= _MATERIAL * best.cv_gain
+        material = needed.cv_share >= 0.1 if self.folds.by_run else needed.cv_gain >= MATERIAL * best.cv_gain
         return material and needed.p_block <= o.alpha and needed.p_run <= 0.05
 
     def family_of(self, entry: Entry) -> Family:
@@ -404,7 +383,7 @@ class Tracer:
             self.progress(f"step {step}: {entry.label}, {100 * taken.cv_share:.0f} % of the held-out loss")
             model = self.fit([f.entry for f in found])
         found = self.revise(found)
-        found, model = self.explain_rest(found, self.fit([f.entry for f in found]), step)
+        found, model = Rest(self).explain(found, step)
         return Trace(found, self.before, model, self.rows, self.folds)
 
     def add(self, found: list[Found], entry: Entry, rivals: list[Scored], taken: Scored) -> list[Found]:
@@ -450,54 +429,6 @@ class Tracer:
                 again = Found(entry, [r.entry.effect.name for r in rivals], taken)
                 found = [again if k is f else k for k in found]
         return found
-
-    def explain_rest(
-        self, found: list[Found], model: Regression, step: int
-    ) -> tuple[list[Found], Regression]:
-        """Describe what no name explains; take back names that the description makes superfluous."""
-        o = self.options
-        for _ in range(3):
-            scored = self.score_rest(model)
-            taken = None
-            able = [s for s in scored if self.passes(s, o.least_unknown)]
-            able = [s for s in able if s.cv_share * self.left(s) >= o.minimum_unknown]
-            if able:
-                taken = plainest(able)
-            self.record(step, scored, taken)
-            step += 1
-            if taken is None:
-                break
-            self.progress(f"step {step}: unknown structure at joint {taken.entry.joint}")
-            found = self._take_back(found, taken)
-            found.append(Found(taken.entry, [], taken))
-            model = self.fit([f.entry for f in found])
-        return found, model
-
-    def _take_back(self, found: list[Found], unknown: Scored) -> list[Found]:
-        """Drop names at the joint without which the empirical term does as well."""
-        joint = unknown.entry.joint
-        kept = list(found)
-        for f in sorted((f for f in found if f.entry.joint == joint), key=lambda f: f.scored.cv_gain):
-            with_it = self.fit([k.entry for k in kept] + [unknown.entry])
-            others = [k for k in kept if k is not f]
-            without = self.fit([k.entry for k in others] + [unknown.entry])
-            a, b = with_it.cross_validate(self.folds), without.cross_validate(self.folds)
-            if not separates(a, b, 0.0) or np.nansum(b - a) < 0.1 * f.scored.cv_gain:
-                kept = others
-        return kept
-
-
-def plainest(able: list[Scored]) -> Scored:
-    """Empirical term with the largest gain, with as few hat functions as do as well."""
-    best = max(able, key=lambda s: s.cv_gain)
-    signal = best.entry.joint, best.entry.shape[:3]
-    like = [
-        s
-        for s in able
-        if (s.entry.joint, s.entry.shape[:3]) == signal
-        and not separates(best.cv_loss, s.cv_loss, _MATERIAL * best.cv_gain)
-    ]
-    return min(like, key=lambda s: s.size)
 
 
 def touches(a: Entry, b: Entry) -> bool:
