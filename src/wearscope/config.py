@@ -259,8 +259,8 @@ class StudyConfig(Section):
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
     max_failed_share: Share = 0.05
-    """Largest share of a cell's points that may fail, in simulation or in a detector; above it the study is
-    refused."""
+    """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
+    study is refused."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()

@@ -44,18 +44,18 @@ def test_marker_of_another_kind_is_told(tmp_path, text):
 
 
 def test_too_many_failed_simulations_are_refused():
-    one = {("validation", 3): "lost"}
-    check_failures(one, POINTS, WHERE, 0.125)
+    one = {("validation", 3): "lost", ("identification", 2): "stuck"}
+    check_failures(one, POINTS, WHERE, 0.25)
     with pytest.raises(
         InputError,
-        match=r"robot medium, cycle sweep: the simulation failed at 2 of 8 points, more than the share 0.125 "
-        r"allowed; first at identification point 4: fell; correct the robot, slow",
+        match=r"robot medium, cycle sweep: the simulation failed at 2 of 4 validation points, more than the "
+        r"share 0.25 allowed; first at point 3: lost; correct the robot, slow",
     ):
-        check_failures(one | {("identification", 4): "fell"}, POINTS, WHERE, 0.125)
+        check_failures(one | {("validation", 4): "fell"}, POINTS, WHERE, 0.25)
 
 
-def test_nominal_runs_are_counted_by_themselves():
+def test_a_nominal_run_is_not_made_up_for_by_other_points():
     nominal = {("nominal", 1): "lost"}
-    with pytest.raises(InputError, match=r"at 1 of 1 nominal points, .*first at nominal point 1: lost"):
+    with pytest.raises(InputError, match=r"at 1 of 1 nominal points, .*first at point 1: lost"):
         check_failures(nominal, POINTS, WHERE, 0.5)
     check_failures(nominal, {**POINTS, "nominal": [1, 2]}, WHERE, 0.5)

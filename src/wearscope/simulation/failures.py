@@ -51,29 +51,25 @@ def check_failures(
     failures : mapping
         See `read_failures`.
     points : mapping of str to sequence of int
-        All points by set. Those of the set ``nominal``, that detectors learn from, are counted by themselves.
+        All points by set.
     where : str
         Robot and test-cycle.
     max_failed_share : float
-        Largest share of points whose simulation may fail.
+        Largest share of a set's points whose simulation may fail.
 
     Raises
     ------
     InputError
         Above the share.
     """
-    for nominal in (True, False):
-        wanted = [
-            (name, int(point)) for name in points if (name == "nominal") == nominal for point in points[name]
-        ]
-        failed = [key for key in wanted if key in failures]
+    for name, wanted in points.items():
+        failed = [int(point) for point in wanted if (name, int(point)) in failures]
         if len(failed) > max_failed_share * len(wanted):
-            name, point = failed[0]
             raise InputError(
-                f"{where}: the simulation failed at {len(failed)} of {len(wanted)} "
-                f"{'nominal ' if nominal else ''}points, more than the share {max_failed_share:g} allowed; "
-                f"first at {name} point {point}: {failures[name, point]}; correct the robot, slow the "
-                "test-cycle down, narrow the factors' ranges or raise max_failed_share."
+                f"{where}: the simulation failed at {len(failed)} of {len(wanted)} {name} points, more than "
+                f"the share {max_failed_share:g} allowed; first at point {failed[0]}: "
+                f"{failures[name, failed[0]]}; correct the robot, slow the test-cycle down, narrow the factors' "
+                "ranges or raise max_failed_share."
             )
 
 
