@@ -79,10 +79,16 @@ def joined_signals(runs: list[PreparedRun]) -> Signals:
     def join(name: str) -> np.ndarray:
         return np.concatenate([getattr(run.signals, name) for run in runs])
 
-    names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
     first = runs[0]
     return Signals(
-        **{name: join(name) for name in names},
+        t=join("t"),
+        q=join("q"),
+        v=join("v"),
+        a=join("a"),
+        sign=join("sign"),
+        load=join("load"),
+        temperature=join("temperature"),
+        wear=join("wear"),
         rigid_body=first.signals.rigid_body,
         bandwidth=first.band.torque,
     )

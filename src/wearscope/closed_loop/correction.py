@@ -53,7 +53,9 @@ def make_corrected_model(
         drive["gear_ratio"] = [abs(g) for g in robot.gear_ratio]
     drive["rotor_inertia"] = known_inertia(dataset).tolist()
     train = prepared.runs_for("train")
-    effects = [{"joint": joint, "effect": "rigid_body", "source": "declared"} for joint in dataset.joints]
+    effects: list[dict[str, object]] = [
+        {"joint": joint, "effect": "rigid_body", "source": "declared"} for joint in dataset.joints
+    ]
     theta = model.solve_bounded()
     for estimate, span in zip(estimates, model.spans, strict=True):
         names = [estimate.entry.effect.coefficients[k].name for k in estimate.entry.subset]

@@ -111,7 +111,10 @@ def rows(band: Band, length: int) -> slice:
 
 def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
     """Rigid body with the payload that a run declares."""
-    payload = None if run.payload is None else Payload(run.payload.mass, tuple(run.payload.com))
+    payload = None
+    if run.payload is not None:
+        x, y, z = run.payload.com
+        payload = Payload(run.payload.mass, (x, y, z))
     return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
 
 
@@ -327,7 +330,7 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     rough = predict_roughly(made, [run.tau for run in uniform], faulty, is_train)
     for k, run in enumerate(uniform):
         clipped = find_clipped(run.tau, rough[k], robot.torque_limit)
-        for j in np.flatnonzero(clipped.any(axis=0)):
+        for j in map(int, np.flatnonzero(clipped.any(axis=0))):
             notes.append(
                 f"{run.file}: tau_{dataset.joints[j]} is at a limit in {int(clipped[:, j].sum())} rows; "
                 "they do not count."

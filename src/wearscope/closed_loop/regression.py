@@ -337,7 +337,6 @@ class Regression:
         """The same normal equations with each block weighed anew, (B,)."""
         other = copy(self)
         w = weights[:, None]
-        other._totals = {}
         other.gram, other.score, other.power = self.gram * w[..., None], self.score * w, self.power * w
         other._moments = {}
         return other

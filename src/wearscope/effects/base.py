@@ -23,9 +23,9 @@ _VECTOR = types.Array(types.float64, 1, "C")
 
 #: Signature of an effect's row, called for joint `j` of `n`:
 #: ``row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out)``.
-#: All vectors but the last four are (n,), in joint order; `sign` is the direction of motion (-1, 0, 1), given
-#: apart from `v` so that the simulator can ask for the torque on either side of rest; `load` is the rigid-body
-#: torque; `next_state` and `out` are written.
+#: All vectors but the last four are (n,), in joint order; `sign` is the direction of motion, -1 to 1, given
+#: apart from `v` so that the simulator can ask for the torque on either side of rest; `load` is the torque of
+#: the rigid body; `next_state` and `out` are written.
 ROW = types.void(
     types.int64,
     types.float64,
@@ -78,7 +78,7 @@ class Signals:
     q, v, a : ndarray (N, n)
         Joint position, speed and acceleration.
     sign : ndarray (N, n)
-        Direction of motion, -1, 0 (at rest) or 1.
+        Direction of motion, -1 to 1; 0 at rest.
     load : ndarray (N, n)
         Rigid-body torque.
     temperature : ndarray (N, n)
@@ -153,14 +153,15 @@ class Plant:
     armature : ndarray (n,)
         Inertia on the motor side of the transmission, reflected to the joint.
     payload : ndarray (10,)
-        Additional inertial parameters of the last joint's link, in its frame: mass [kg], first moments [kg m],
-        inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
+        Additional inertial parameters of the last joint's link, in its frame: mass [kg], first moments
+        [kg m], inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
     compliance : ndarray (n,)
         Deflection of the transmission per torque; 0 is rigid.
     lost_motion : ndarray (n,)
         Total lost motion of the transmission at torque reversal.
     mesh_torque : ndarray (n,)
-        Torque at which the lost motion is taken up: deflection ``lost_motion / 2 * tanh(torque / mesh_torque)``.
+        Torque at which the lost motion is taken up: the deflection is
+        ``lost_motion / 2 * tanh(torque / mesh_torque)``.
     torque_gain, torque_delay : ndarray (n,)
         Gain error [-] and lag [s] of the recorded torque.
     """
@@ -338,6 +339,7 @@ class Effect:
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Put the effect with the given parameter values at a joint of a simulated plant."""
+        assert self.row is not None
         coefficients, shape = self.pack(values)
         plant.terms.append(Term(self.row, joint, shape, coefficients, self.n_states))
 

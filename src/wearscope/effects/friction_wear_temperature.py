@@ -22,7 +22,8 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="friction_wear_temperature",
-    form="eta0 + (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) + (eta5 + eta6 T) v + eta7 f exp(-abs(v/(eta8 f))^alpha) + eta9 f v",
+    form="eta0 + (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) + (eta5 + eta6 T) v"
+    " + eta7 f exp(-abs(v/(eta8 f))^alpha) + eta9 f v",
     coefficients=(
         Parameter("eta0", "{torque}"),
         Parameter("eta1", "{torque}"),
