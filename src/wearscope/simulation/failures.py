@@ -68,8 +68,8 @@ def check_failures(
             raise InputError(
                 f"{where}: the simulation failed at {len(failed)} of {len(wanted)} {name} points, more than "
                 f"the share {max_failed_share:g} allowed; first at point {failed[0]}: "
-                f"{failures[name, failed[0]]}; correct the robot, slow the test-cycle down, narrow the factors'"
-                " ranges or raise max_failed_share."
+                f"{failures[name, failed[0]]}; correct the robot, slow the test-cycle down, narrow the "
+                "factors' ranges or raise max_failed_share."
             )
 
 
