@@ -292,6 +292,17 @@ def bad() -> dict:
     return config
 
 
+@pytest.mark.parametrize(
+    ("target", "rules"),
+    [
+        ("design", {"make_design", "design"}),
+        ("simulate", {"make_design", "check_cycle", "simulate_points", "simulate"}),
+    ],
+)
+def test_stage_needs_only_what_is_before_it(clone, target, rules):
+    assert stale(clone, target) == rules
+
+
 def test_unknown_key_is_told(clone, bad):
     bad["snr"] = {"runz": 10}
     refuse(clone, bad, "config: snr.runz is no known setting", "did you mean runs?")

@@ -1,6 +1,6 @@
 rule design:
     input:
-        expand("{R}/design/{set}.parquet", R=R, set=POINTS),
+        expand("{R}/design/{table}.parquet", R=R, table=[*STUDY_SETS, "checks", "aliases"]),
 
 
 rule make_design:
