@@ -9,12 +9,10 @@ import numpy as np
 from wearscope.closed_loop.candidates import Family
 from wearscope.closed_loop.preparation import Prepared
 from wearscope.closed_loop.regression import Folds, Regression, Regressors, block_scores, partial_fit
-from wearscope.closed_loop.scoring import Scored, Scorer, flip_blocks
+from wearscope.closed_loop.scoring import Scored, Scorer, find_memory, flip_blocks, join_blocks
 from wearscope.effects.base import Signals, load_effect
 from wearscope.effects.unknown import LEVELS, coarsen
 
-#: Correlation of blocks of the residual above which one remembers the other.
-_REMEMBERED = 0.2
 #: Signals whose columns are made at once: all but the hat functions in use are then dropped.
 _AT_ONCE = 8
 
@@ -104,7 +102,7 @@ class SignTest:
         """
         weighed = regressors.reweigh(self.caps)
         left = self.caps * self._hold_out(regressors, sums)
-        together = self.flips[:, _join(self.run, _memory(left, self.run))]
+        together = self.flips[:, join_blocks(self.run, find_memory(left, self.run))]
         inner = partial_fit(self.model, regressors).inner
         return flip_blocks(block_scores(self.capped, weighed), inner, together)
 
@@ -118,23 +116,6 @@ class SignTest:
             theta = np.linalg.solve(gram, score - regressors.cross[train, 0].sum(axis=0).T @ beta)
             left[test] = self.target[test] - sums[test] @ beta - self.sums[test] @ theta
         return left
-
-
-def _memory(left: np.ndarray, run: np.ndarray) -> int:
-    """Blocks that turn their signs together: twice as many as remember what is left of them, (B,)."""
-    longest = int(np.bincount(run).min()) // 2
-    power = max(float((left**2).mean()), 1e-300)
-    for lag in range(1, longest):
-        same = run[lag:] == run[:-lag]
-        if float((left[lag:] * left[:-lag])[same].mean()) < _REMEMBERED * power:
-            return 2 * lag - 1
-    return max(longest, 1)
-
-
-def _join(run: np.ndarray, length: int) -> np.ndarray:
-    """First block (B,) of the group of `length` blocks that each block belongs to, within its run."""
-    first = np.searchsorted(run, run)
-    return first + (np.arange(len(run)) - first) // length * length
 
 
 def score_splines(scorer: Scorer, family: SplineFamily) -> Iterator[Scored]:

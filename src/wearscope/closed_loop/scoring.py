@@ -25,6 +25,8 @@ ISOLABLE = 1e-3
 _LEAST_BLOCKS = 4.0
 #: Student's t at which runs agree, however few.
 _ENOUGH = 7.5
+#: Correlation of blocks of the residual above which one remembers the other.
+_REMEMBERED = 0.2
 #: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
 _CANCELLATION = 12.0
 
@@ -237,6 +239,27 @@ def flip_blocks(scores: np.ndarray, inner: np.ndarray, flips: np.ndarray) -> tup
     return float(np.einsum("sm,smn,sn->s", total, inverse, total).max()), flipped
 
 
+def find_memory(left: np.ndarray, run: np.ndarray) -> int:
+    """Blocks that turn their signs together: twice as many as remember what is left of them, (B,).
+
+    Where that is more than a sixth of the shortest run, all of its blocks do.
+    """
+    whole = int(np.bincount(run).max())
+    power = max(float((left**2).mean()), 1e-300)
+    for lag in range(1, int(np.bincount(run).min()) // 12 + 2):
+        same = run[lag:] == run[:-lag]
+        if float((left[lag:] * left[:-lag])[same].mean()) < _REMEMBERED * power:
+            length = 2 * lag - 1
+            return length if 6 * length <= np.bincount(run).min() or length == 1 else whole
+    return whole
+
+
+def join_blocks(run: np.ndarray, length: int) -> np.ndarray:
+    """First block (B,) of the group of `length` blocks that each block belongs to, within its run."""
+    first = np.searchsorted(run, run)
+    return first + (np.arange(len(run)) - first) // length * length
+
+
 def make_flips(count: int, blocks: int, seed: int) -> np.ndarray:
     """Random signs (count, blocks)."""
     return np.random.default_rng(np.random.SeedSequence([seed, blocks])).choice([-1.0, 1.0], (count, blocks))
@@ -259,6 +282,8 @@ def adjust_p_values(scored: list[Scored]) -> None:
         lowest = np.minimum(lowest, stats.gamma.logsf(s.flips, shape, scale=scale))
     ordered = np.sort(lowest)
     for s, value in zip(scored, observed, strict=True):
+        # Few groups of blocks give the observed signs again, but for rounding.
+        value *= 1.0 - 1e-6
         s.p_block = float((1 + np.searchsorted(ordered, value, side="right")) / (len(ordered) + 1))
 
 

@@ -29,6 +29,7 @@ from wearscope.closed_loop.regression import (
     Entry,
     Folds,
     Regression,
+    block_scores,
     make_blocks,
     make_folds,
     partial_fit,
@@ -40,11 +41,16 @@ from wearscope.closed_loop.scoring import (
     Scored,
     Scorer,
     adjust_p_values,
+    find_memory,
+    flip_blocks,
+    join_blocks,
     make_flips,
     separates,
 )
 from wearscope.effects.base import load_effect
 
+#: Share of a joint's held-out loss that no drift has with a signal.
+_BEYOND_DOUBT = 0.7
 #: Least delay that is believed, in samples.
 _LEAST_DELAY = 0.1
 #: Effects that a joint can have several of.
@@ -284,10 +290,13 @@ class Tracer:
         rivals : list of Scored
             Other effects that the runs cannot tell apart from it, best first.
         """
-        able = [s for s in scored if self.passes(s, least)]
+        able = sorted((s for s in scored if self.passes(s, least)), key=lambda s: -s.cv_gain)
+        while able and not self.stands_out(model, able[0]):
+            able[0].reason = "not significant: what it leaves drifts"
+            del able[0]
         if not able:
             return None, []
-        best = max(able, key=lambda s: s.cv_gain)
+        best = able[0]
         near = [s for s in able if s.cv_gain > 0.5 * best.cv_gain and touches(s.entry, best.entry)]
         tied = [s for s in near if s is best or not self.tells_apart(model, best, s)]
         simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
@@ -296,6 +305,27 @@ class Tracer:
             if s.entry.effect.name != simplest.entry.effect.name and cost(s) <= cost(simplest):
                 rivals.setdefault(s.entry.effect.name, s)
         return simplest, list(rivals.values())
+
+    def stands_out(self, model: Regression, s: Scored) -> bool:
+        """Whether a candidate is significant with blocks that remember each other turning signs together.
+
+        What drifts slowly looks like a slow signal more often than independent blocks would.
+        """
+        if not self.folds.agree_by_run or s.cv_share >= _BEYOND_DOUBT:
+            return True
+        columns = [run.reduce(s.entry.columns(run)) for run in self.prepared.runs_for("train")]
+        regressors = model.correlate(columns, s.entry.joint, s.size)
+        left = block_scores(model, regressors, s.beta[None])[:, 0] @ s.beta
+        run = np.array([block.run for block in self.blocks])
+        length = find_memory(left, run)
+        if length == 1:
+            return True
+        gain, turned = flip_blocks(
+            block_scores(model, regressors),
+            partial_fit(model, regressors).inner,
+            self.flips[:, join_blocks(run, length)],
+        )
+        return bool((1 + np.sum(turned >= (1 - 1e-6) * gain)) / (len(turned) + 1) <= self.options.alpha)
 
     def tells_apart(self, model: Regression, best: Scored, other: Scored) -> bool:
         """Whether the runs tell the best candidate from another one.
