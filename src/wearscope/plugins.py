@@ -21,9 +21,7 @@ def list_names(room: str, attribute: str) -> list[str]:
         for module in pkgutil.iter_modules(package.__path__)
         if not module.name.startswith("_") and not module.ispkg
     )
-    return [
-        name for name in names if hasattr(importlib.import_module(f"wearscope.{room}.{name}"), attribute)
-    ]
+    return [name for name in names if hasattr(importlib.import_module(f"wearscope.{room}.{name}"), attribute)]
 
 
 def load(reference: str, room: str, attribute: str) -> Any:

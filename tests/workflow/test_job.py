@@ -38,8 +38,8 @@ def test_progress_and_end_are_logged_and_said(snakemake, capsys):
     [
         (InputError("row 3: no such thing; correct it."), "row 3: no such thing; correct it."),
         (
-            OSError(errno.ENOSPC, "No space left on device", "/tmp/x.urdf"),
-            "/tmp/x.urdf cannot be written (No space left on device); free disk space.",
+            OSError(errno.ENOSPC, "No space left on device", "models/x.urdf"),
+            "models/x.urdf cannot be written (No space left on device); free disk space.",
         ),
         (
             OSError(errno.ENOSPC, "No space left"),

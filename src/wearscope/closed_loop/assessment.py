@@ -36,12 +36,10 @@ def predict_motor(
 ) -> np.ndarray:
     """Full-rate torque (N, n) of the motors, before errors of the measurement.
 
-    Of the entries in `shares`, by index, only a share of the torque is taken.
+    Gears bend under `signals.transmitted`. Of the entries in `shares`, by index, only a share of the torque
+    is taken.
     """
     s = run.signals
-    kept = s.transmitted
-    if any(transmits(entry) for entry in model.entries):
-        s.transmitted = solve_transmission(model, theta, run)
     torque = run.known.copy()
     if model.inertial:
         count = 10 * model.prepared.n
@@ -49,13 +47,21 @@ def predict_motor(
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
         if not is_late(entry):
             torque += (shares or {}).get(i, 1.0) * (entry.columns(run) @ theta[span])
-    s.transmitted = kept
     return torque
 
 
 def predict_full(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
     """Full-rate torque (N, n) that a model predicts to be recorded along a run."""
-    return _record(model, theta, run, predict_motor(model, theta, run, trust_jumps(model, theta)))
+    s = run.signals
+    kept, s.transmitted = s.transmitted, _solve_if_soft(model, theta, run)
+    motor = predict_motor(model, theta, run, trust_jumps(model, theta))
+    s.transmitted = kept
+    return _record(model, theta, run, motor)
+
+
+def _solve_if_soft(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray | None:
+    soft = any(transmits(entry) for entry in model.entries)
+    return solve_transmission(model, theta, run) if soft else None
 
 
 def _record(model: Regression, theta: np.ndarray, run: PreparedRun, motor: np.ndarray) -> np.ndarray:
@@ -75,7 +81,7 @@ def find_lags(model: Regression, theta: np.ndarray) -> np.ndarray:
     """Delay [s] of each torque channel (n,) in a model."""
     lags = np.zeros(model.prepared.n)
     for entry, span in zip(model.entries, model.spans, strict=True):
-        if entry.effect.name == "time_delay":
+        if isinstance(entry.effect, MeasurementEffect) and entry.effect.kind == "lag":
             lags[entry.joint] = theta[span][0]
     return lags
 
@@ -86,11 +92,10 @@ def update_prediction(model: Regression) -> None:
     Errors of the measurement act on the first, deflections of the gears on the second.
     """
     theta = model.solve()
-    soft = any(transmits(entry) for entry in model.entries)
     for run in model.prepared.runs_for("train"):
         s = run.signals
+        s.transmitted = _solve_if_soft(model, theta, run)
         s.torque, s.lag = predict_motor(model, theta, run), find_lags(model, theta)
-        s.transmitted = solve_transmission(model, theta, run) if soft else None
         s.transmitted = estimate_transmission(model, theta, run, _record(model, theta, run, s.torque))
 
 

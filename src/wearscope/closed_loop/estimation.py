@@ -79,7 +79,7 @@ def estimate(model: Regression) -> list[Estimate]:
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
-    instruments = make_instruments(model)
+    instruments = make_instruments(model, model.held)
     residuals = model.residuals(theta)
     p = model.p + len(owners)
     blocks = len(model.blocks)

@@ -49,7 +49,7 @@ class Rest:
     def choose(self, scored: list[Scored]) -> Scored | None:
         """Empirical term that is significant and worth having."""
         o = self.tracer.options
-        able = [s for s in scored if self.tracer.passes(s, o.least_unknown)]
+        able = [s for s in scored if self.tracer.passes(s, o.least_unknown, o.alpha_unknown)]
         able = [s for s in able if s.cv_share * self.tracer.left(s) >= o.minimum_unknown]
         return plainest(able) if able else None
 

@@ -118,6 +118,7 @@ def declared_entries(prepared: Prepared) -> list[Entry]:
     """Entries of the declared effects that have parameters to fit."""
     fields = prepared.dataset.fields
     entries = []
+    joined = joined_signals(prepared.runs_for("train"))
     for name in fields.declared_effects:
         if name == "rigid_body" or (name == "rotor_inertia" and fields.robot.rotor_inertia is not None):
             continue
@@ -125,7 +126,6 @@ def declared_entries(prepared: Prepared) -> list[Entry]:
         for joint in range(prepared.n):
             if not applies(effect, joint, prepared):
                 continue
-            joined = joined_signals(prepared.runs_for("train"))
             shapes = effect.shapes(joined, joint)
             subset = effect.subsets()[-1]
             entries.append(
@@ -135,7 +135,7 @@ def declared_entries(prepared: Prepared) -> list[Entry]:
 
 
 def fit_scale(prepared: Prepared, entries: list[Entry], inertial: bool, blocks: list) -> Regression:
-    """Regression weighted by the robust residual scale of each joint."""
+    """Regression weighted by the residual scale of each joint."""
     sigma = np.array(
         [
             max(np.std(np.concatenate([r.measured[:, j] for r in prepared.runs_for("train")])), 1e-9)
@@ -240,12 +240,12 @@ class Tracer:
         """Held-out loss now over that of the declared model, at the candidate's joint."""
         return float(self.current[s.entry.joint] / self.declared[s.entry.joint])
 
-    def passes(self, s: Scored, least: float) -> bool:
-        """Whether a candidate beats the current model; its reason says why not."""
+    def passes(self, s: Scored, least: float, alpha: float) -> bool:
+        """Whether a candidate beats the current model at a level; its reason says why not."""
         o = self.options
         if s.reason:
             return False
-        if s.p_block > (o.alpha_unknown if s.entry.effect.name == "unknown" else o.alpha):
+        if s.p_block > alpha:
             s.reason = "not significant once all candidates are counted"
         elif s.cv_share < least or (
             s.cv_share * self.left(s) < o.minimum_share and not (s.extends and self.folds.agree_by_run)
@@ -290,7 +290,9 @@ class Tracer:
         rivals : list of Scored
             Other effects that the runs cannot tell apart from it, best first.
         """
-        able = sorted((s for s in scored if self.passes(s, least)), key=lambda s: -s.cv_gain)
+        able = sorted(
+            (s for s in scored if self.passes(s, least, self.options.alpha)), key=lambda s: -s.cv_gain
+        )
         while able and not self.stands_out(model, able[0]):
             able[0].reason = "not significant: what it leaves drifts"
             del able[0]
@@ -380,7 +382,7 @@ class Tracer:
             family = model.correlate(columns, entry.joint, len(entry.effect.coefficients))
             return -float(partial_fit(model, family.select(np.array(entry.subset))).gain[0])
 
-        width = 0.02 if entry.effect.name == "torque_ripple" else 0.8
+        width = 0.8
         if entry.effect.name == "torque_ripple":
             width = min(0.3, np.pi / max(np.ptp(self.joined.q[:, entry.joint]), 1e-12) / start[free[0]])
         result = optimize.minimize_scalar(

@@ -8,6 +8,8 @@ where a link swings against a held motor, nor across a jump of the deflection, w
 below half the common cut-off is the nearest that the motion gives.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 from scipy import fft
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -166,18 +168,18 @@ def is_solvable(soft: np.ndarray, band: Band) -> np.ndarray:
     return (soft > 0) & (soft * (2 * np.pi * band.torque) ** 2 < _STIFF)
 
 
-def make_instruments(model: Regression) -> list[np.ndarray]:
+def make_instruments(model: Regression, held: Collection[int]) -> list[np.ndarray]:
     """Columns (M, n, P) of each training run without the noise of the measured torque.
 
-    Those of gears along the measured torque are replaced by those along the rigid body's, which go with them
-    and not with the noise; the others are the model's.
+    Those of the entries `held`, by index, which are gears along the measured torque, are replaced by those
+    along the rigid body's, which go with them and not with the noise; the others are the model's.
     """
     made = []
     for columns, run in zip(model.columns, model.prepared.runs_for("train"), strict=True):
-        if model.held:
+        if held:
             columns = columns.copy()
             kept, run.signals.transmitted = run.signals.transmitted, None
-            for i in model.held:
+            for i in held:
                 columns[:, :, model.spans[i]] = run.reduce(model.entries[i].columns(run))
             run.signals.transmitted = kept
         made.append(columns)
@@ -194,17 +196,15 @@ def find_held(model: Regression) -> dict[int, np.ndarray]:
     run = model.prepared.runs_for("train")[0]
     soft = softness(model, theta, run)
     joints = np.flatnonzero((soft > 0) & np.isfinite(soft) & ~is_solvable(soft, run.band))
-    model.held = {
-        i: np.zeros(1) for i, entry in enumerate(model.entries) if transmits(entry) and entry.joint in joints
-    }
-    if not model.held:
+    held = [i for i, entry in enumerate(model.entries) if transmits(entry) and entry.joint in joints]
+    if not held:
         return {}
     gram, score = model.weak_prior.copy(), np.zeros(model.p)
-    for z, x, y, w in zip(make_instruments(model), model.columns, model.target, model.weights, strict=True):
+    for z, x, y, w in zip(
+        make_instruments(model, held), model.columns, model.target, model.weights, strict=True
+    ):
         z, x, y = (z * w[:, :, None]).reshape(-1, model.p), (x * w[:, :, None]).reshape(-1, model.p), y * w
         gram += z.T @ x
         score += z.T @ y.ravel()
     found = np.linalg.solve(gram, score)
-    held = {i: np.maximum(found[model.spans[i]], 0.0) for i in model.held}
-    model.held = {}
-    return held
+    return {i: np.maximum(found[model.spans[i]], 0.0) for i in held}

@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numba import njit, types
-from scipy.interpolate import CubicSpline
 
 from wearscope import plugins
 from wearscope.differentiation import differentiate
@@ -203,8 +202,10 @@ def _stack_rows(row, j, t, dt, sign, q, v, a, load, temperature, wear, shapes, n
                 j, t[i], dt, signi, qi, vi, ai, loadi, temperaturei, weari,
                 shapes[s], state[s], next_state[s], out[i, s * p : (s + 1) * p],
             )  # fmt: skip
-        if n_states > 0:
-            state[:] = next_state
+        # One by one: the assignment of a whole array takes seconds more to compile.
+        for s in range(len(shapes)):
+            for c in range(n_states):
+                state[s, c] = next_state[s, c]
     return out
 
 
@@ -426,6 +427,9 @@ class MeasurementEffect(Effect):
         lag = 0.0 if signals.lag is None else float(signals.lag[joint])
         if abs(lag) < 1e-3 * signals.dt:
             return -differentiate(torque, 1.0 / signals.dt)[:, None]
+        # Imported here: every simulation job loads the effects, and none needs it.
+        from scipy.interpolate import CubicSpline
+
         late = CubicSpline(signals.t, torque)(np.clip(signals.t - lag, signals.t[0], signals.t[-1]))
         return ((late - torque) / lag)[:, None]
 

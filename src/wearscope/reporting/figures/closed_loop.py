@@ -88,6 +88,18 @@ def thin(count: int, most: int = _POINTS) -> slice:
     return slice(None, None, max(1, -(-count // most)))
 
 
+def _draw_over_time(ax: Axes, rows: pd.DataFrame, errors: dict[str, np.ndarray]) -> None:
+    """Lines over time of both stages' errors by label, where rows count; "n/a" where none does."""
+    counts = rows["counts"].to_numpy(dtype=bool)
+    for stage, (label, error) in zip(STAGES, errors.items(), strict=True):
+        shown = np.where(counts, error, np.nan)
+        ax.plot(rows["t"], shown, color=COLOURS[stage], lw=0.9, label=label)
+        if not np.isfinite(shown).any():
+            ax.text(0.5, 0.5, "n/a", transform=ax.transAxes, ha="center")
+    ax.axhline(0.0, color="#999999", lw=0.6, zorder=0)
+    ax.margins(x=0.0)
+
+
 def draw_residual_over_time(loop: ClosedLoop, joint: str) -> Figure:
     """Residual of a joint along each test run, before and after, with rows that do not count left out."""
     own = loop.residual[(loop.residual["joint"] == joint) & (loop.residual["use"] == "test")]
@@ -99,14 +111,10 @@ def draw_residual_over_time(loop: ClosedLoop, joint: str) -> Figure:
         for ax, run in zip(axes, runs, strict=True):
             rows = own[own["run"] == run]
             rows = rows.iloc[thin(len(rows))]
-            counts = rows["counts"].to_numpy(dtype=bool)
-            for stage in STAGES:
-                value = np.where(counts, rows[f"residual_{stage}"], np.nan)
-                ax.plot(rows["t"], value, color=COLOURS[stage], lw=0.9, label=stage)
-            ax.axhline(0.0, color="#999999", lw=0.6, zorder=0)
+            errors = {stage: rows[f"residual_{stage}"].to_numpy() for stage in STAGES}
+            _draw_over_time(ax, rows, errors)
             ax.set_title(f"{joint}, {run}")
             ax.set_ylabel(f"residual [{unit}]")
-            ax.margins(x=0.0)
         axes[-1].set_xlabel("t [s]")
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
@@ -231,16 +239,13 @@ def draw_forward(loop: ClosedLoop, joints: Sequence[str]) -> Figure | None:
         for ax, joint in zip(axes, joints, strict=True):
             rows = series[(series["run"] == run) & (series["joint"] == joint)]
             rows = rows.iloc[thin(len(rows))]
-            counts = rows["counts"].to_numpy(dtype=bool)
-            for stage in STAGES:
-                error = np.where(counts, rows[f"simulated_{stage}"] - rows["measured"], np.nan)
-                ax.plot(rows["t"], error, color=COLOURS[stage], lw=0.9, label=f"model {stage}")
-                if not np.isfinite(error).any():
-                    ax.text(0.5, 0.5, "n/a", transform=ax.transAxes, ha="center")
-            ax.axhline(0.0, color="#999999", lw=0.6, zorder=0)
+            errors = {
+                f"model {stage}": (rows[f"simulated_{stage}"] - rows["measured"]).to_numpy()
+                for stage in STAGES
+            }
+            _draw_over_time(ax, rows, errors)
             ax.set_ylabel(f"error [{loop.verdict['joints'][joint]['unit']}]")
             ax.set_title(f"{joint}, {run}")
-            ax.margins(x=0.0)
         axes[-1].set_xlabel("t [s]")
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
