@@ -20,7 +20,7 @@ _OF_SPEED, _OF_SPAN = 0.25, 0.5
 LONGEST_SPIKE = 4
 #: Seconds at either end of a run that may be cut off; shortest frozen stretch.
 _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
-#: Share of a position's span beyond which a step is a fault; smaller ones are lost motion of the gear.
+#: Share of a position's span beyond which a step can be a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
 #: Most spikes of one channel that are still mended, as a share of its rows.
 _MOST = 0.01
@@ -70,6 +70,11 @@ def _odd_steps(q: np.ndarray) -> np.ndarray:
     return np.where(np.abs(odd) > least, odd, 0.0)
 
 
+def _returns(net: float, nets: np.ndarray) -> bool:
+    """Whether steps `nets` of a run go back and forth as far as one of them: a gear's lost motion."""
+    return bool((-np.sign(net) * nets >= 0.5 * abs(net)).any())
+
+
 def _bridge(x: np.ndarray, first: int, last: int) -> None:
     """Replace samples `first` to `last` by the cubic through four good neighbours on either side."""
     rows = np.arange(max(first - 4, 0), min(last + 5, len(x)))
@@ -88,7 +93,9 @@ def _clean_position(
     notes: list[str] = []
     first, after, wraps, spikes = 0, len(q), 0, 0
     odd = _odd_steps(q)
-    for low, high in _stretches(odd != 0.0, apart=LONGEST_SPIKE):
+    stretches = _stretches(odd != 0.0, apart=LONGEST_SPIKE)
+    nets = np.array([odd[low : high + 1].sum() for low, high in stretches])
+    for low, high in stretches:
         path = np.cumsum(odd[low : high + 1])
         net, largest = float(path[-1]), float(np.abs(path).max())
         if abs(net) < 0.2 * largest:
@@ -98,11 +105,13 @@ def _clean_position(
         elif not slides and abs(abs(net) - 2 * np.pi) < 0.3 and high == low:
             q[high + 1 :] -= np.sign(net) * 2 * np.pi
             wraps += 1
-        elif abs(net) > _STEP * float(np.ptp(q)) and t[high + 1] - t[0] <= _START:
+        elif abs(net) <= _STEP * float(np.ptp(q)) or (high > low and _returns(net, nets)):
+            continue
+        elif t[high + 1] - t[0] <= _START:
             first = max(first, high + 1)
-        elif abs(net) > _STEP * float(np.ptp(q)) and t[-1] - t[low] <= _START:
+        elif t[-1] - t[low] <= _START:
             after = min(after, low + 1)
-        elif abs(net) > _STEP * float(np.ptp(q)):
+        else:
             raise InputError(
                 f"{where}: column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s, as no joint "
                 "moves; split the run there or mend the channel."

@@ -6,7 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.empirical import SplineFamily, make_spline_families, score_splines
 from wearscope.closed_loop.regression import Regression
-from wearscope.closed_loop.scoring import MATERIAL, Found, Scored, Scorer, adjust_p_values, separates
+from wearscope.closed_loop.scoring import DRIFTS, MATERIAL, Found, Scored, Scorer, adjust_p_values, separates
 
 if TYPE_CHECKING:
     from wearscope.closed_loop.trace import Tracer
@@ -46,12 +46,18 @@ class Rest:
         adjust_p_values(scored)
         return scored
 
-    def choose(self, scored: list[Scored]) -> Scored | None:
+    def choose(self, model: Regression, scored: list[Scored]) -> Scored | None:
         """Empirical term that is significant and worth having."""
         o = self.tracer.options
         able = [s for s in scored if self.tracer.passes(s, o.least_unknown, o.alpha_unknown)]
         able = [s for s in able if s.cv_share * self.tracer.left(s) >= o.minimum_unknown]
-        return plainest(able) if able else None
+        while able:
+            taken = plainest(able)
+            if self.tracer.stands_out(model, taken):
+                return taken
+            taken.reason = DRIFTS
+            able.remove(taken)
+        return None
 
     def explain(self, found: list[Found], step: int) -> tuple[list[Found], Regression]:
         """Describe what no name explains; take back names that the description makes wrong or superfluous."""
@@ -61,7 +67,7 @@ class Rest:
         joints = [int(j) for j in np.flatnonzero(t.prepared.moving)]
         for _ in range(_MOST):
             scored = self.score(model, joints)
-            taken = self.choose(scored)
+            taken = self.choose(model, scored)
             t.record(step, scored, taken)
             step += 1
             if taken is None:
@@ -85,7 +91,7 @@ class Rest:
             after = named.cross_validate_joints(t.folds)[felt].sum()
             if before - after >= _DOUBTED * before:
                 continue
-            taken = self.choose(self.score(beside, [joint]))
+            taken = self.choose(beside, self.score(beside, [joint]))
             if taken is None or taken.cv_gain < _CLEARLY * (before - after):
                 continue
             if separates(taken.cv_loss, named.cross_validate(t.folds), MATERIAL * taken.cv_gain):

@@ -18,6 +18,8 @@ from wearscope.closed_loop.regression import (
 
 #: Share of the best candidate's gain that another one must miss before the runs can tell them apart.
 MATERIAL = 0.02
+#: Why a candidate is not taken that a drift of the residual may imitate.
+DRIFTS = "not significant: what it leaves drifts"
 #: Share of a regressor that must stay after the current model is projected out.
 ISOLABLE = 1e-3
 #: Least number of blocks, effectively, that the information on a candidate must come from where there is one
@@ -25,6 +27,9 @@ ISOLABLE = 1e-3
 _LEAST_BLOCKS = 4.0
 #: Student's t at which runs agree, however few.
 _ENOUGH = 7.5
+#: Share of the information from which a run tells of a candidate; how many must, and by how many standard
+#: errors each, to show it on their own.
+_TELLING, _LEAST_TELLING, _ALONE = 0.05, 3, 4.0
 #: Correlation of blocks of the residual above which one remembers the other.
 _REMEMBERED = 0.2
 #: Largest sum of the terms of one effect over the effect itself: beyond, terms cancel each other.
@@ -155,20 +160,19 @@ class Scorer:
             tested = float(_odds(np.asarray(gains), sample)), _odds(flipped, sample)
         odds, flips = tested
         gain = float(np.nansum(self.base - losses))
+        left = block_scores(model, regressors.at(best), beta[None])[:, 0] @ beta
+        information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
         scored = Scored(
             entry=family.entry(best, subset),
             odds=odds,
             cv_gain=gain,
             cv_share=gain / max(float(scale), 1e-300),
             cv_loss=losses,
-            p_run=self._test_runs(
-                block_scores(model, regressors.at(best), beta[None])[:, 0], inner[best], beta
-            ),
+            p_run=self._test_runs(left, information, float(beta @ inner[best] @ beta)),
             isolability=isolability,
             beta=beta,
             flips=flips,
         )
-        information = np.einsum("i,bij,j->b", beta, regressors.gram[:, best], beta)
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
         scored.reason = self._object(scored, own, blocks)
         return scored
@@ -185,15 +189,34 @@ class Scorer:
             power += ((own * w) ** 2).sum(axis=0)
         return float((power / max(power.max(), 1e-300)) @ loss)
 
-    def _test_runs(self, scores: np.ndarray, inner: np.ndarray, beta: np.ndarray) -> float:
-        """Whether runs agree: t-test of the gain with the scores' scatter over them as its error."""
+    def _test_runs(self, left: np.ndarray, information: np.ndarray, gain: float) -> float:
+        """Whether runs agree: t-test of the gain with the scores' scatter over them as its error.
+
+        Three or four runs cannot give small p-values, however well they agree; nor do they where each wants
+        another size. They agree, too, where every one that tells of the candidate shows it on its own.
+
+        Parameters
+        ----------
+        left, information : ndarray (B,)
+            Scores of what is left once the candidate is fitted, and its loss, by block.
+        gain : float
+            Loss that it removes.
+        """
         part = self.folds.parts
-        count = part.max() + 1
-        u = np.array([(scores[part == r] @ beta).sum() for r in range(count)])
+        u = np.bincount(part, left)
+        count = len(u)
         error = np.sqrt((u**2).sum() * count / (count - 1))
-        t = beta @ inner @ beta / max(error, 1e-300)
-        # Three or four runs cannot give small p-values, however well they agree.
-        return 0.0 if self.folds.agree_by_run and t > _ENOUGH else float(stats.t.sf(t, count - 1))
+        t = gain / max(error, 1e-300)
+        if self.folds.agree_by_run:
+            information = information * (gain / max(information.sum(), 1e-300))
+            own = np.bincount(part, information)
+            size = 1.0 + u / np.maximum(own, 1e-300)
+            noise = np.sqrt(np.bincount(part, (left - information * (size - 1.0)[part]) ** 2))
+            tells = own > _TELLING * own.sum()
+            alone = size * own / np.maximum(noise, 1e-300)
+            if t > _ENOUGH or (tells.sum() >= _LEAST_TELLING and alone[tells].min() > _ALONE):
+                return 0.0
+        return float(stats.t.sf(t, count - 1))
 
     def _object(self, scored: Scored, own: np.ndarray, blocks: float) -> str:
         if scored.isolability < ISOLABLE:

@@ -29,24 +29,22 @@ from wearscope.closed_loop.regression import (
     Entry,
     Folds,
     Regression,
-    block_scores,
     make_blocks,
     make_folds,
     partial_fit,
 )
 from wearscope.closed_loop.rest import Rest
 from wearscope.closed_loop.scoring import (
+    DRIFTS,
     MATERIAL,
     Found,
     Scored,
     Scorer,
     adjust_p_values,
-    find_memory,
-    flip_blocks,
-    join_blocks,
     make_flips,
     separates,
 )
+from wearscope.closed_loop.whitening import drift_p_value
 from wearscope.effects.base import load_effect
 
 #: Share of a joint's held-out loss that no drift has with a signal.
@@ -68,6 +66,8 @@ class TraceOptions:
     alpha_run, alpha_part : float
         Level of the test that held-out runs agree; that held-out parts of a single run do, which are less
         independent of each other.
+    alpha_drift : float
+        Family-wise level where what a candidate leaves drifts.
     minimum_gain : float
         Least share of the joint's current loss that a named effect must remove on held-out runs.
     minimum_share : float
@@ -84,6 +84,7 @@ class TraceOptions:
     alpha: float = 0.005
     alpha_run: float = 0.0025
     alpha_part: float = 1e-4
+    alpha_drift: float = 0.001
     minimum_gain: float = 0.08
     minimum_share: float = 0.02
     alpha_unknown: float = 0.001
@@ -294,13 +295,14 @@ class Tracer:
             (s for s in scored if self.passes(s, least, self.options.alpha)), key=lambda s: -s.cv_gain
         )
         while able and not self.stands_out(model, able[0]):
-            able[0].reason = "not significant: what it leaves drifts"
+            able[0].reason = DRIFTS
             del able[0]
         if not able:
             return None, []
         best = able[0]
         near = [s for s in able if s.cv_gain > 0.5 * best.cv_gain and touches(s.entry, best.entry)]
         tied = [s for s in near if s is best or not self.tells_apart(model, best, s)]
+        tied = [s for s in tied if s is best or self.stands_out(model, s)]
         simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
         rivals: dict[str, Scored] = {}
         for s in sorted(tied, key=lambda s: -s.cv_gain):
@@ -309,25 +311,11 @@ class Tracer:
         return simplest, list(rivals.values())
 
     def stands_out(self, model: Regression, s: Scored) -> bool:
-        """Whether a candidate is significant with blocks that remember each other turning signs together.
-
-        What drifts slowly looks like a slow signal more often than independent blocks would.
-        """
+        """Whether a candidate is significant, all of them counted, beside a drift of what it leaves."""
         if not self.folds.agree_by_run or s.cv_share >= _BEYOND_DOUBT:
             return True
-        columns = [run.reduce(s.entry.columns(run)) for run in self.prepared.runs_for("train")]
-        regressors = model.correlate(columns, s.entry.joint, s.size)
-        left = block_scores(model, regressors, s.beta[None])[:, 0] @ s.beta
-        run = np.array([block.run for block in self.blocks])
-        length = find_memory(left, run)
-        if length == 1:
-            return True
-        gain, turned = flip_blocks(
-            block_scores(model, regressors),
-            partial_fit(model, regressors).inner,
-            self.flips[:, join_blocks(run, length)],
-        )
-        return bool((1 + np.sum(turned >= (1 - 1e-6) * gain)) / (len(turned) + 1) <= self.options.alpha)
+        p_value = drift_p_value(model, s.entry, self.flips)
+        return p_value * len(self.families) <= self.options.alpha_drift
 
     def tells_apart(self, model: Regression, best: Scored, other: Scored) -> bool:
         """Whether the runs tell the best candidate from another one.
