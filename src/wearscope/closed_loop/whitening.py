@@ -2,8 +2,8 @@
 
 A torque that drifts looks like a slow signal far more often than independent noise does. The filter that
 makes the residual white takes the drift out of the regressors too; what then remains of an effect is what no
-drift imitates (generalised least squares with an autoregressive residual; Cochrane and Orcutt 1949). The level
-of a drift is another one in every run, which runs are too few to tell from an effect's.
+drift imitates (generalised least squares with an autoregressive residual; Cochrane and Orcutt 1949). The
+level of a drift is another one in every run, which runs are too few to tell from an effect's.
 """
 
 from copy import copy
