@@ -229,6 +229,22 @@ def test_start_up_is_cut_and_a_step_in_the_middle_refused():
         clean(make_run(q))
 
 
+def test_lost_motion_goes_back_and_forth_and_stays():
+    """The gap of a gear, crossed in four samples at each reversal of the load; an encoder slips in one."""
+    away = np.zeros(len(T))
+    for k in range(600, 2400, 600):
+        away[k:] = (0.0, 0.12)[k // 600 % 2]
+    crossed = np.convolve(away, np.ones(4) / 4)[: len(T)]
+    cleaned = clean(make_run(np.sin(T) + crossed))
+    assert len(cleaned.run.q) == len(T)
+    assert not cleaned.faulty.any()
+    with pytest.raises(InputError, match=r"steps by 0\.12 at t = 2\.4 s"):
+        clean(make_run(np.sin(T) + away))
+    once = np.convolve(np.where(T < 2.4, 0.0, 0.12), np.ones(4) / 4)[: len(T)]
+    with pytest.raises(InputError, match=r"steps by 0\.12"):
+        clean(make_run(np.sin(T) + once))
+
+
 def test_frozen_torque_counts_only_where_the_joint_rests():
     q, tau = np.sin(T), np.cos(5 * T)
     tau[1000:1300] = tau[1000]

@@ -92,3 +92,23 @@ def test_an_offset_is_not_told_from_the_levels_of_a_walk(record):
     tracer = trace_beside(folder)
     offset = Entry(load_effect("torque_offset"), 0, (), (0,))
     assert drift_p_value(tracer.before, offset, tracer.flips) > 0.5
+
+
+def test_runs_that_each_show_an_effect_agree(record):
+    """Sizes that differ between runs have a small t over four runs, and yet none is in doubt."""
+    tracer = trace_beside(record(seed=5))
+    scorer = Scorer(tracer.before, tracer.folds, tracer.flips)
+    run = tracer.folds.parts
+    rng = np.random.default_rng(6)
+    own = np.ones(len(run))
+
+    def test(sizes, noise):
+        score = own * np.array(sizes)[run] + noise * rng.standard_normal(len(run))
+        mean = score.mean()
+        return scorer._test_runs(score - mean * own, own, mean * len(run))
+
+    assert test([1.0, 0.4, 1.9, 0.7], 0.1) == 0.0
+    assert test([1.0, 0.4, 1.9, 0.0], 0.1) > 0.01
+    assert test([1.0, 0.4, 1.9, -0.4], 0.1) > 0.01
+    assert test([1.0, 0.4, 1.9, 0.7], 4.0) > 0.01
+    assert test([1.0, 1.0, 1.0, 1.0], 0.1) == 0.0

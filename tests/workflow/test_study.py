@@ -432,3 +432,19 @@ def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
     assert "config: dataset:" in done.stderr and "has no readable dataset.yaml" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
     assert done.returncode == 1 and "dataset.yaml: name is missing or holds other than letters" in done.stderr
+
+
+def test_the_small_board_runs_by_command(clone):
+    """Board of the tests: every named effect is the planted one, no null is named, outside is unknown."""
+    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
+    study["attribution_board"] = {"size": "small"}
+    (clone / "board.yaml").write_text(yaml.safe_dump(study))
+    run_well(clone, "attribution_board", cores=2, study="board.yaml")
+    folder = clone / "results" / "attribution_board"
+    tracer = json.loads((folder / "summary.json").read_text())["tracer"]
+    assert tracer["cases"] == 18 and tracer["errors"] == 0
+    assert tracer["wrong_name"]["hits"] == 0
+    assert tracer["false_attribution"]["hits"] == 0 and tracer["false_attribution"]["cases"] == 5
+    assert tracer["named"]["8"]["right"]["share"] == 1.0 and tracer["named"]["8"]["right"]["cases"] >= 6
+    assert tracer["outside_unknown"]["hits"] == tracer["outside_unknown"]["cases"] == 2
+    assert (folder / "board.md").is_file()
