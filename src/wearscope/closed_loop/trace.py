@@ -306,7 +306,8 @@ class Tracer:
         simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
         rivals: dict[str, Scored] = {}
         for s in sorted(tied, key=lambda s: -s.cv_gain):
-            if s.entry.effect.name != simplest.entry.effect.name and cost(s) <= cost(simplest):
+            plain = s is best or cost(s) <= cost(simplest)
+            if plain and s.entry.effect.name != simplest.entry.effect.name:
                 rivals.setdefault(s.entry.effect.name, s)
         return simplest, list(rivals.values())
 
