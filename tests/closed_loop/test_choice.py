@@ -1,9 +1,13 @@
 """Which of several candidates gives the name, and what stands beside it."""
 
 import numpy as np
+import pytest
 
+from wearscope.closed_loop.dataset import read_dataset
+from wearscope.closed_loop.preparation import prepare
 from wearscope.closed_loop.regression import Entry
-from wearscope.closed_loop.scoring import Scored
+from wearscope.closed_loop.run import find_prismatic
+from wearscope.closed_loop.scoring import Scored, Scorer
 from wearscope.closed_loop.trace import TraceOptions, Tracer
 from wearscope.effects.base import load_effect
 
@@ -22,6 +26,19 @@ class Tied(Tracer):
 
     def tells_apart(self, model, best, other):
         return False
+
+    def sharpen(self, model, s):
+        pass
+
+    def balances(self, s):
+        return False
+
+
+class ByName(Tied):
+    """A tracer that tells every effect from every other, but not one form of an effect from another."""
+
+    def tells_apart(self, model, best, other):
+        return best.entry.effect is not other.entry.effect
 
 
 def candidate(name: str, gain: float, shape=(), subset=(0,), joint=0, reason="") -> Scored:
@@ -48,3 +65,58 @@ def test_the_simplest_of_those_tied_gives_the_name_and_the_best_stands_beside_it
 
 def test_nothing_passes_and_nothing_is_named():
     assert Tied().choose(None, [candidate("stribeck", 0.5, (0.3, 1.0), reason="no")], 0.08) == (None, [])
+
+
+def test_a_name_as_simple_that_gains_more_than_the_one_taken_stands_beside_it():
+    """Where only a richer form beats both: which of the two simple ones is meant stays open."""
+    richest = candidate("gravity_counterbalance", 0.9993, subset=(0, 1, 2, 3, 4))
+    plain = candidate("gravity_counterbalance", 0.9990, subset=(0, 1))
+    spring = candidate("joint_spring", 0.9991, subset=(0, 1))
+    taken, rivals = ByName().choose(None, [richest, plain, spring], 0.08)
+    assert taken is spring
+    assert [s.entry.effect.name for s in rivals] == ["gravity_counterbalance"]
+
+
+def test_a_name_that_misses_most_of_what_is_left_does_not():
+    richest = candidate("gravity_counterbalance", 0.9999, subset=(0, 1, 2, 3, 4))
+    plain = candidate("gravity_counterbalance", 0.990, subset=(0, 1))
+    spring = candidate("joint_spring", 0.9985, subset=(0, 1))
+    taken, rivals = ByName().choose(None, [richest, plain, spring], 0.08)
+    assert taken is plain
+    assert rivals == []
+
+
+@pytest.fixture
+def tracer(record):
+    """Tracer of a data set with a Stribeck effect between two values of the searched grid."""
+    folder = record([(0, "stribeck", {"level": 8.0, "speed": 0.27, "exponent": 1.0})], seed=3)
+    return Tracer(prepare(read_dataset(folder, find_prismatic)), TraceOptions())
+
+
+def test_a_shape_is_taken_from_the_grid_to_its_best_value_and_the_significance_kept(tracer):
+    family = next(f for f in tracer.families if f.effect.name == "stribeck" and f.joint == 0)
+    on_grid = Scorer(tracer.before, tracer.folds, tracer.flips).score(family)[0]
+    gain, speed, p_run = on_grid.cv_gain, on_grid.entry.shape[0], on_grid.p_run
+    assert abs(np.log(speed / 0.27)) > 0.1
+    tracer.sharpen(tracer.before, on_grid)
+    assert on_grid.cv_gain > gain
+    assert abs(np.log(on_grid.entry.shape[0] / 0.27)) < abs(np.log(speed / 0.27))
+    assert on_grid.p_run == p_run
+
+
+def test_a_counterbalance_takes_gravity_off_a_joint_that_has_any(tracer):
+    body = tracer.prepared.runs_for("train")[0].signals.rigid_body
+    lift = body.inverse_dynamics(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 2)))[0, 0]
+
+    def holds_back(size: float) -> bool:
+        scored = candidate("gravity_counterbalance", 0.9, subset=(0, 1))
+        scored.beta = np.array([0.0, size])
+        return tracer.balances(scored)
+
+    assert holds_back(-0.5 * lift)
+    assert not holds_back(0.5 * lift)
+    assert not tracer.balances(candidate("joint_spring", 0.9, subset=(0, 1)))
+    for run in tracer.prepared.runs_for("train"):
+        run.signals.rigid_body = body.with_gravity([0.0, 9.81, 0.0])
+    assert not holds_back(-0.5 * lift)
+    assert not holds_back(0.5 * lift)

@@ -301,15 +301,51 @@ class Tracer:
             return None, []
         best = able[0]
         near = [s for s in able if s.cv_gain > 0.5 * best.cv_gain and touches(s.entry, best.entry)]
+        if any(s.entry.effect is not best.entry.effect for s in near):
+            for s in near:
+                self.sharpen(model, s)
+            near.sort(key=lambda s: -s.cv_gain)
+            best = next(s for s in near if s is best or self.stands_out(model, s))
         tied = [s for s in near if s is best or not self.tells_apart(model, best, s)]
         tied = [s for s in tied if s is best or self.stands_out(model, s)]
-        simplest = min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
+        simplest = self.simplest(tied)
+        # A name as simple that gains as much is as good, unless its form misses most of what is left.
+        tied += [
+            s
+            for s in near
+            if cost(s) <= cost(simplest)
+            and s.cv_gain >= simplest.cv_gain
+            and s.entry.joint == best.entry.joint
+            and 1.0 - s.cv_share < 2.0 * (1.0 - best.cv_share)
+            and not any(s is t for t in tied)
+            and self.stands_out(model, s)
+        ]
+        simplest = self.simplest(tied)
         rivals: dict[str, Scored] = {}
         for s in sorted(tied, key=lambda s: -s.cv_gain):
             plain = s is best or cost(s) <= cost(simplest)
             if plain and s.entry.effect.name != simplest.entry.effect.name:
                 rivals.setdefault(s.entry.effect.name, s)
         return simplest, list(rivals.values())
+
+    def simplest(self, tied: list[Scored]) -> Scored:
+        """Cheapest of the candidates; among equals a counterbalance that is one, then the largest gain."""
+        return min(tied, key=lambda s: (cost(s), not self.balances(s), -s.cv_gain))
+
+    def sharpen(self, model: Regression, s: Scored) -> None:
+        """Take a candidate's shape from the grid to its best continuous value, its significance kept."""
+        entry = self.refine(model, s.entry)
+        if entry.shape == s.entry.shape:
+            return
+        columns = [
+            reduce_columns(entry.effect, entry.joint, np.array([entry.shape]), run)
+            for run in self.prepared.runs_for("train")
+        ]
+        family = Family(entry.effect, entry.joint, np.array([entry.shape]), columns)
+        finer = Scorer(model, self.folds, self.flips).score(family, [np.array(entry.subset)])[0]
+        if finer.cv_gain > s.cv_gain:
+            s.entry, s.beta = finer.entry, finer.beta
+            s.cv_gain, s.cv_share, s.cv_loss = finer.cv_gain, finer.cv_share, finer.cv_loss
 
     def stands_out(self, model: Regression, s: Scored) -> bool:
         """Whether a candidate is significant, all of them counted, beside a drift of what it leaves."""
@@ -344,14 +380,18 @@ class Tracer:
         return next(f for f in self.families if f.effect.name == entry.effect.name and f.joint == entry.joint)
 
     def balances(self, s: Scored) -> bool:
-        """Whether a counterbalance does what one is built for: take load off the joint."""
+        """Whether a counterbalance does what one is built for: take gravity's load off the joint."""
         if s.entry.effect.name != "gravity_counterbalance":
             return False
-        opposed = 0.0
+        joint, opposed, scale = s.entry.joint, 0.0, 0.0
         for run in self.prepared.runs_for("train"):
-            torque = s.entry.columns(run)[:, s.entry.joint] @ s.beta
-            opposed += float(torque @ run.signals.load[:, s.entry.joint])
-        return opposed < 0.0
+            torque = s.entry.columns(run)[:, joint] @ s.beta
+            still = np.zeros_like(run.signals.q)
+            gravity = run.signals.rigid_body.inverse_dynamics(run.signals.q, still, still)[:, joint]
+            opposed += float(torque @ gravity)
+            scale += float(np.linalg.norm(torque) * np.linalg.norm(run.signals.load[:, joint]))
+        # Where gravity gives nothing but round-off there is nothing to balance.
+        return opposed < -1e-6 * scale
 
     def refine(self, model: Regression, entry: Entry) -> Entry:
         """Best continuous shape of an entry beside a model, from its grid value."""
