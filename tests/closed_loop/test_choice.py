@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.choice import Choice, TraceOptions
 from wearscope.closed_loop.dataset import read_dataset
 from wearscope.closed_loop.preparation import prepare
 from wearscope.closed_loop.regression import Entry
 from wearscope.closed_loop.run import find_prismatic
 from wearscope.closed_loop.scoring import Scored, Scorer
-from wearscope.closed_loop.trace import TraceOptions, Tracer
+from wearscope.closed_loop.trace import Tracer
 from wearscope.effects.base import load_effect
 
 
-class Tied(Tracer):
-    """A tracer that cannot tell any candidates apart."""
+class Tied(Choice):
+    """One that cannot tell any candidates apart."""
 
     def __init__(self):
         self.options = TraceOptions()
@@ -35,7 +36,7 @@ class Tied(Tracer):
 
 
 class ByName(Tied):
-    """A tracer that tells every effect from every other, but not one form of an effect from another."""
+    """One that tells every effect from every other, but not one form of an effect from another."""
 
     def tells_apart(self, model, best, other):
         return best.entry.effect is not other.entry.effect
@@ -44,7 +45,7 @@ class ByName(Tied):
 def candidate(name: str, gain: float, shape=(), subset=(0,), joint=0, reason="") -> Scored:
     entry = Entry(load_effect(name), joint, shape, subset)
     one = np.ones(1)
-    return Scored(entry, 1.0, gain, gain, one, 0.0, 1.0, np.ones(len(subset)), one, reason=reason)
+    return Scored(entry, 1.0, gain, gain, one, 0.0, 1.0, np.ones(len(subset)), one, 1.0, reason=reason)
 
 
 def test_the_simplest_of_those_tied_gives_the_name_and_the_best_stands_beside_it():
@@ -98,7 +99,7 @@ def test_a_shape_is_taken_from_the_grid_to_its_best_value_and_the_significance_k
     on_grid = Scorer(tracer.before, tracer.folds, tracer.flips).score(family)[0]
     gain, speed, p_run = on_grid.cv_gain, on_grid.entry.shape[0], on_grid.p_run
     assert abs(np.log(speed / 0.27)) > 0.1
-    tracer.sharpen(tracer.before, on_grid)
+    tracer.choice.sharpen(tracer.before, on_grid)
     assert on_grid.cv_gain > gain
     assert abs(np.log(on_grid.entry.shape[0] / 0.27)) < abs(np.log(speed / 0.27))
     assert on_grid.p_run == p_run
@@ -111,11 +112,11 @@ def test_a_counterbalance_takes_gravity_off_a_joint_that_has_any(tracer):
     def holds_back(size: float) -> bool:
         scored = candidate("gravity_counterbalance", 0.9, subset=(0, 1))
         scored.beta = np.array([0.0, size])
-        return tracer.balances(scored)
+        return tracer.choice.balances(scored)
 
     assert holds_back(-0.5 * lift)
     assert not holds_back(0.5 * lift)
-    assert not tracer.balances(candidate("joint_spring", 0.9, subset=(0, 1)))
+    assert not tracer.choice.balances(candidate("joint_spring", 0.9, subset=(0, 1)))
     for run in tracer.prepared.runs_for("train"):
         run.signals.rigid_body = body.with_gravity([0.0, 9.81, 0.0])
     assert not holds_back(-0.5 * lift)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.blocks import make_blocks, make_folds
+from wearscope.closed_loop.choice import TraceOptions
 from wearscope.closed_loop.dataset import read_dataset
 from wearscope.closed_loop.preparation import prepare
 from wearscope.closed_loop.regression import (
@@ -10,12 +12,10 @@ from wearscope.closed_loop.regression import (
     Regression,
     block_scores,
     cross_validate_family,
-    make_blocks,
-    make_folds,
     partial_fit,
 )
 from wearscope.closed_loop.run import find_prismatic
-from wearscope.closed_loop.trace import TraceOptions, Tracer
+from wearscope.closed_loop.trace import Tracer
 from wearscope.effects.base import load_effect
 
 

@@ -6,11 +6,12 @@ import pytest
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe
 from wearscope.closed_loop.assessment import predict_full, refit
+from wearscope.closed_loop.choice import TraceOptions
 from wearscope.closed_loop.dataset import read_dataset
 from wearscope.closed_loop.preparation import prepare
 from wearscope.closed_loop.regression import Entry
 from wearscope.closed_loop.run import close_loop, find_prismatic
-from wearscope.closed_loop.trace import TraceOptions, Tracer
+from wearscope.closed_loop.trace import Tracer
 from wearscope.closed_loop.transmission import find_held, softness, solve_transmission
 from wearscope.effects.base import load_effect
 

@@ -6,9 +6,10 @@ from itertools import groupby
 
 import numpy as np
 
+from wearscope.closed_loop.blocks import Folds
 from wearscope.closed_loop.candidates import Family
 from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Folds, Regression, Regressors, block_scores, partial_fit
+from wearscope.closed_loop.regression import Regression, Regressors, block_scores, partial_fit
 from wearscope.closed_loop.scoring import Scored, Scorer, find_memory, flip_blocks, join_blocks
 from wearscope.effects.base import Signals, load_effect
 from wearscope.effects.unknown import LEVELS, coarsen

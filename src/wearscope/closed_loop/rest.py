@@ -41,19 +41,18 @@ class Rest:
         """Score the empirical term beside a model, p-values adjusted over signals, levels and joints."""
         t = self.tracer
         scorer = Scorer(model, t.folds, t.flips)
-        t.current = scorer.joint_loss
         scored = [s for j in joints for family in self.families(j) for s in score_splines(scorer, family)]
         adjust_p_values(scored)
         return scored
 
     def choose(self, model: Regression, scored: list[Scored]) -> Scored | None:
         """Empirical term that is significant and worth having."""
-        o = self.tracer.options
-        able = [s for s in scored if self.tracer.passes(s, o.least_unknown, o.alpha_unknown)]
-        able = [s for s in able if s.cv_share * self.tracer.left(s) >= o.minimum_unknown]
+        o, choice = self.tracer.options, self.tracer.choice
+        able = [s for s in scored if choice.passes(s, o.least_unknown, o.alpha_unknown)]
+        able = [s for s in able if s.cv_share * choice.left(s) >= o.minimum_unknown]
         while able:
             taken = plainest(able)
-            if self.tracer.stands_out(model, taken):
+            if choice.stands_out(model, taken):
                 return taken
             taken.reason = DRIFTS
             able.remove(taken)

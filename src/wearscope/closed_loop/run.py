@@ -9,12 +9,13 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.assessment import predict_runs
+from wearscope.closed_loop.choice import TraceOptions
 from wearscope.closed_loop.correction import make_corrected_model, write_models
 from wearscope.closed_loop.dataset import Dataset, read_dataset
 from wearscope.closed_loop.estimation import estimate
 from wearscope.closed_loop.plausibility import check_plausibility
 from wearscope.closed_loop.preparation import Prepared, prepare
-from wearscope.closed_loop.trace import Trace, TraceOptions, Tracer
+from wearscope.closed_loop.trace import Trace, Tracer
 from wearscope.closed_loop.verdict import make_verdict, residual_table
 from wearscope.errors import InputError
 from wearscope.robots.urdf_file import parse_urdf

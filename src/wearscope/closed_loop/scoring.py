@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
+from wearscope.closed_loop.blocks import Folds
 from wearscope.closed_loop.candidates import Family
 from wearscope.closed_loop.regression import (
     Entry,
-    Folds,
     Regression,
     Regressors,
     block_scores,
@@ -65,6 +65,8 @@ class Scored:
         Whether it adds coefficients to an effect that is in the model.
     flips : ndarray (F,)
         Odds when the residual's blocks change sign at random.
+    joint_loss : float
+        Held-out loss of its joint beside which it was scored.
     """
 
     entry: Entry
@@ -76,6 +78,7 @@ class Scored:
     isolability: float
     beta: np.ndarray
     flips: np.ndarray
+    joint_loss: float
     p_block: float = np.nan
     reason: str = ""
     extends: bool = False
@@ -172,6 +175,7 @@ class Scorer:
             isolability=isolability,
             beta=beta,
             flips=flips,
+            joint_loss=float(self.joint_loss[family.joint]),
         )
         blocks = float(information.sum() ** 2 / max((information**2).sum(), 1e-300))
         scored.reason = self._object(scored, own, blocks)

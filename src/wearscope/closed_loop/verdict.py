@@ -18,7 +18,8 @@ from wearscope.closed_loop.assessment import (
 from wearscope.closed_loop.estimation import Estimate
 from wearscope.closed_loop.preparation import Prepared
 from wearscope.closed_loop.regression import Regression
-from wearscope.closed_loop.trace import Found, Trace
+from wearscope.closed_loop.scoring import Found
+from wearscope.closed_loop.trace import Trace
 from wearscope.effects.unknown import name_signals
 
 _SEED = 7
