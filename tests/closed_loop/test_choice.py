@@ -87,6 +87,30 @@ def test_a_name_that_misses_most_of_what_is_left_does_not():
     assert rivals == []
 
 
+def test_a_better_candidate_whose_runs_agree_too_little_stands_beside_the_name():
+    taken = candidate("stribeck", 0.26, (0.3, 1.0))
+    disagrees = "runs do not agree"
+    curved = candidate("quadratic_viscous", 0.33, reason=disagrees)
+    curved.p_run = 0.004
+    chance = candidate("concave_viscous", 0.33, (0.5,), reason=disagrees)
+    chance.p_run = 0.2
+    weak = candidate("viscous_asymmetry", 0.12, reason=disagrees)
+    weak.p_run = 0.004
+    absorbed = candidate("torque_offset", 0.33, reason="the declared model absorbs it on these runs")
+    absorbed.p_run = 0.004
+    assert Tied().choose(None, [taken, curved, chance, weak, absorbed], 0.08) == (taken, [curved])
+
+
+@pytest.mark.parametrize(
+    ("share", "p_run", "passes"), [(0.9, 0.01, True), (0.5, 0.01, False), (0.9, 0.1, False)]
+)
+def test_runs_that_foretell_most_of_another_need_not_agree_on_the_size(tracer, share, p_run, passes):
+    scored = candidate("backlash", share, (1.0,))
+    scored.joint_loss, scored.p_block, scored.p_run = tracer.declared[0], 0.001, p_run
+    assert tracer.choice.passes(scored, 0.08, 0.005) is passes
+    assert scored.reason == ("" if passes else "runs do not agree")
+
+
 @pytest.fixture
 def tracer(record):
     """Tracer of a data set with a Stribeck effect between two values of the searched grid."""

@@ -18,6 +18,7 @@ from wearscope.closed_loop.whitening import drift_p_value
 _BEYOND_DOUBT = 0.7
 #: Least delay that is believed, in samples.
 _LEAST_DELAY = 0.1
+_DISAGREE = ("runs do not agree", "parts of the run do not agree")
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class TraceOptions:
     alpha_run, alpha_part : float
         Level of the test that held-out runs agree; that held-out parts of a single run do, which are less
         independent of each other.
+    alpha_open : float
+        The same where the effect removes most of the loss, and for what may stand beside another name.
     alpha_drift : float
         Family-wise level where what a candidate leaves drifts.
     minimum_gain : float
@@ -49,6 +52,7 @@ class TraceOptions:
     alpha: float = 0.005
     alpha_run: float = 0.0025
     alpha_part: float = 1e-4
+    alpha_open: float = 0.05
     alpha_drift: float = 0.001
     minimum_gain: float = 0.08
     minimum_share: float = 0.02
@@ -103,9 +107,16 @@ class Choice:
             s.reason = "less than a tenth of a sample: within what the channels' clocks allow"
         elif s.entry.effect.name == "torque_ripple" and not self.folds.by_run:
             s.reason = "one run cannot show that its phase stays from run to run"
-        elif s.p_run > (o.alpha_run if self.folds.agree_by_run else o.alpha_part):
-            s.reason = "runs do not agree" if self.folds.agree_by_run else "parts of the run do not agree"
+        elif s.p_run > self.level_of_agreement(s):
+            s.reason = _DISAGREE[not self.folds.agree_by_run]
         return not s.reason
+
+    def level_of_agreement(self, s: Scored) -> float:
+        """Level of the test that runs agree, nearly any where whole runs foretell most of another."""
+        o = self.options
+        if not self.folds.agree_by_run:
+            return o.alpha_part
+        return o.alpha_open if s.cv_share >= _BEYOND_DOUBT else o.alpha_run
 
     def choose(
         self, model: Regression, scored: list[Scored], least: float
@@ -148,12 +159,22 @@ class Choice:
             and self.stands_out(model, s)
         ]
         simplest = self.simplest(tied)
+        tied += [s for s in scored if self.is_open(s, best) and not self.tells_apart(model, best, s)]
         rivals: dict[str, Scored] = {}
         for s in sorted(tied, key=lambda s: -s.cv_gain):
             plain = s is best or cost(s) <= cost(simplest)
             if plain and s.entry.effect.name != simplest.entry.effect.name:
                 rivals.setdefault(s.entry.effect.name, s)
         return simplest, list(rivals.values())
+
+    def is_open(self, s: Scored, best: Scored) -> bool:
+        """Whether a candidate is refused for nothing but runs that agree too little to name it by."""
+        return (
+            s.reason in _DISAGREE
+            and s.p_run <= self.options.alpha_open
+            and s.cv_gain > 0.5 * best.cv_gain
+            and touches(s.entry, best.entry)
+        )
 
     def simplest(self, tied: list[Scored]) -> Scored:
         """Cheapest of the candidates; among equals a counterbalance that is one, then the largest gain."""
@@ -200,7 +221,7 @@ class Choice:
         needed = max(again, key=lambda s: s.cv_gain)
         # A single run repeats too little for what is left of its residual to be a fair measure.
         material = needed.cv_share >= 0.1 if self.folds.by_run else needed.cv_gain >= MATERIAL * best.cv_gain
-        return material and needed.p_block <= o.alpha and needed.p_run <= 0.05
+        return material and needed.p_block <= o.alpha and needed.p_run <= o.alpha_open
 
     def family_of(self, entry: Entry) -> Family:
         """Candidate family that an entry was chosen from."""
