@@ -102,13 +102,22 @@ def test_a_better_candidate_whose_runs_agree_too_little_stands_beside_the_name()
 
 
 @pytest.mark.parametrize(
-    ("share", "p_run", "passes"), [(0.9, 0.01, True), (0.5, 0.01, False), (0.9, 0.1, False)]
+    ("share", "p_block", "p_run", "reason"),
+    [
+        (0.6, 0.001, 0.01, ""),
+        (0.4, 0.001, 0.01, "runs do not agree"),
+        (0.6, 0.001, 0.1, "runs do not agree"),
+        (0.8, 0.5, 0.001, ""),
+        (0.8, 0.5, 0.01, "not significant once all candidates are counted"),
+        (0.6, 0.5, 0.001, "not significant once all candidates are counted"),
+    ],
 )
-def test_runs_that_foretell_most_of_another_need_not_agree_on_the_size(tracer, share, p_run, passes):
+def test_what_whole_runs_foretell_of_each_other_is_evidence_of_its_own(tracer, share, p_block, p_run, reason):
+    """Sizes may differ from run to run, and an effect may lie in a few blocks, where much is foretold."""
     scored = candidate("backlash", share, (1.0,))
-    scored.joint_loss, scored.p_block, scored.p_run = tracer.declared[0], 0.001, p_run
-    assert tracer.choice.passes(scored, 0.08, 0.005) is passes
-    assert scored.reason == ("" if passes else "runs do not agree")
+    scored.joint_loss, scored.p_block, scored.p_run = tracer.declared[0], p_block, p_run
+    assert tracer.choice.passes(scored, 0.08, 0.005) is (reason == "")
+    assert scored.reason == reason
 
 
 @pytest.fixture

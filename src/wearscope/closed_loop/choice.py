@@ -14,8 +14,8 @@ from wearscope.closed_loop.regression import Entry, Regression, partial_fit
 from wearscope.closed_loop.scoring import DRIFTS, MATERIAL, Scored, Scorer, adjust_p_values, separates
 from wearscope.closed_loop.whitening import drift_p_value
 
-#: Share of a joint's held-out loss that no drift has with a signal.
-_BEYOND_DOUBT = 0.7
+#: Share of a joint's held-out loss that no drift has with a signal; and no chance.
+_BEYOND_DOUBT, _BEYOND_CHANCE = 0.7, 0.5
 #: Least delay that is believed, in samples.
 _LEAST_DELAY = 0.1
 _DISAGREE = ("runs do not agree", "parts of the run do not agree")
@@ -97,7 +97,7 @@ class Choice:
         o = self.options
         if s.reason:
             return False
-        if s.p_block > alpha:
+        if s.p_block > alpha and not self.is_local(s):
             s.reason = "not significant once all candidates are counted"
         elif s.cv_share < least or (
             s.cv_share * self.left(s) < o.minimum_share and not (s.extends and self.folds.agree_by_run)
@@ -116,7 +116,16 @@ class Choice:
         o = self.options
         if not self.folds.agree_by_run:
             return o.alpha_part
-        return o.alpha_open if s.cv_share >= _BEYOND_DOUBT else o.alpha_run
+        return o.alpha_open if s.cv_share >= _BEYOND_CHANCE else o.alpha_run
+
+    def is_local(self, s: Scored) -> bool:
+        """Whether whole runs foretell most of another and agree on it.
+
+        Random signs cannot show an effect that lies in a few blocks, as a sticking spot or a lost motion
+        does: too many of them leave those blocks as they are.
+        """
+        agree = self.folds.agree_by_run and s.p_run <= self.options.alpha_run
+        return agree and s.cv_share >= _BEYOND_DOUBT
 
     def choose(
         self, model: Regression, scored: list[Scored], least: float
