@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.closed_loop.conditioning import differentiate
+from wearscope.closed_loop.intake.filtering import differentiate
 from wearscope.effects.base import Signals, TransmissionEffect, load_effect
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.choice import Choice, TraceOptions
-from wearscope.closed_loop.dataset import read_dataset
-from wearscope.closed_loop.preparation import prepare
-from wearscope.closed_loop.regression import Entry
+from wearscope.closed_loop.selection.rule import Choice, TraceOptions
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.regression import Entry
 from wearscope.closed_loop.run import find_prismatic
-from wearscope.closed_loop.scoring import Scored, Scorer
-from wearscope.closed_loop.trace import Tracer
+from wearscope.closed_loop.selection.evidence import Scored, Scorer
+from wearscope.closed_loop.selection.search import Tracer
 from wearscope.effects.base import load_effect
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.cleaning import clean_run
-from wearscope.closed_loop.conditioning import (
+from wearscope.closed_loop.intake.cleaning import clean_run
+from wearscope.closed_loop.intake.filtering import (
     Band,
     choose_motion_cutoff,
     choose_torque_cutoff,
@@ -14,9 +14,9 @@ from wearscope.closed_loop.conditioning import (
     position_noise,
     resample,
 )
-from wearscope.closed_loop.dataset import Run
-from wearscope.closed_loop.masking import bridge_torque, find_clipped
-from wearscope.closed_loop.preparation import rows
+from wearscope.closed_loop.intake.dataset import Run
+from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
+from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.errors import InputError
 
 RATE = 250.0

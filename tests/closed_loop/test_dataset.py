@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.closed_loop.dataset import read_dataset
+from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.run import close_loop, find_prismatic
 from wearscope.errors import InputError
 

@@ -7,22 +7,22 @@ import pandas as pd
 import pytest
 from scipy.linalg import subspace_angles
 
-from wearscope.closed_loop import forward
-from wearscope.closed_loop.advice import advise, find_undetermined
-from wearscope.closed_loop.assessment import Predicted, predict_runs
-from wearscope.closed_loop.black_box import fit_black_box, judge_black_box
-from wearscope.closed_loop.blocks import make_blocks, make_folds
-from wearscope.closed_loop.choice import TraceOptions
-from wearscope.closed_loop.correction import make_corrected_model
-from wearscope.closed_loop.dataset import read_dataset
-from wearscope.closed_loop.declared import declared_entries, fit_scale
-from wearscope.closed_loop.dependence import diagnose, find_dependence
-from wearscope.closed_loop.estimation import estimate
-from wearscope.closed_loop.isolability import measure_isolability
-from wearscope.closed_loop.preparation import prepare
-from wearscope.closed_loop.regression import Entry
+from wearscope.closed_loop.diagnostics import forward
+from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs
+from wearscope.closed_loop.diagnostics.black_box import fit_black_box, judge_black_box
+from wearscope.closed_loop.model.blocks import make_blocks, make_folds
+from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.model.correction import make_corrected_model
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.model.declared import declared_entries, fit_scale
+from wearscope.closed_loop.diagnostics.dependence import diagnose, find_dependence
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.diagnostics.isolability import measure_isolability
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.regression import Entry
 from wearscope.closed_loop.run import close_loop, find_prismatic
-from wearscope.closed_loop.scoring import make_flips
+from wearscope.closed_loop.selection.evidence import make_flips
 from wearscope.effects.base import load_effect
 from wearscope.simulation.errors import SimulationError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.closed_loop.scoring import adjust_p_values, find_memory, flip_blocks, join_blocks
+from wearscope.closed_loop.selection.evidence import adjust_p_values, find_memory, flip_blocks, join_blocks
 
 RUN = np.repeat(np.arange(4), 24)
 

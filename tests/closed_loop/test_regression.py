@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.blocks import make_blocks, make_folds
-from wearscope.closed_loop.choice import TraceOptions
-from wearscope.closed_loop.dataset import read_dataset
-from wearscope.closed_loop.preparation import prepare
-from wearscope.closed_loop.regression import (
+from wearscope.closed_loop.model.blocks import make_blocks, make_folds
+from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.regression import (
     Entry,
     Regression,
     block_scores,
@@ -15,7 +15,7 @@ from wearscope.closed_loop.regression import (
     partial_fit,
 )
 from wearscope.closed_loop.run import find_prismatic
-from wearscope.closed_loop.trace import Tracer
+from wearscope.closed_loop.selection.search import Tracer
 from wearscope.effects.base import load_effect
 
 

@@ -5,14 +5,14 @@ import pytest
 
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe
-from wearscope.closed_loop.assessment import predict_full, refit
-from wearscope.closed_loop.choice import TraceOptions
-from wearscope.closed_loop.dataset import read_dataset
-from wearscope.closed_loop.preparation import prepare
-from wearscope.closed_loop.regression import Entry
+from wearscope.closed_loop.model.prediction import predict_full, refit
+from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.regression import Entry
 from wearscope.closed_loop.run import close_loop, find_prismatic
-from wearscope.closed_loop.trace import Tracer
-from wearscope.closed_loop.transmission import find_held, softness, solve_transmission
+from wearscope.closed_loop.selection.search import Tracer
+from wearscope.closed_loop.model.joint_flexibility import find_held, softness, solve_transmission
 from wearscope.effects.base import load_effect
 
 

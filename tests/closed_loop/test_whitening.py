@@ -5,14 +5,14 @@ import shutil
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.choice import TraceOptions
-from wearscope.closed_loop.dataset import read_dataset
-from wearscope.closed_loop.preparation import prepare
-from wearscope.closed_loop.regression import Entry
+from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.regression import Entry
 from wearscope.closed_loop.run import find_prismatic
-from wearscope.closed_loop.scoring import Scorer, make_flips
-from wearscope.closed_loop.trace import Tracer
-from wearscope.closed_loop.whitening import drift_p_value, find_filter
+from wearscope.closed_loop.selection.evidence import Scorer, make_flips
+from wearscope.closed_loop.selection.search import Tracer
+from wearscope.closed_loop.selection.whitening import drift_p_value, find_filter
 from wearscope.effects.base import load_effect
 
 

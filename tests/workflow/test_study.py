@@ -212,7 +212,7 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
             {"validate_surrogates"},
             {"compute_snr", "fit_surrogates"},
         ),
-        ("src/wearscope/closed_loop/dataset.py", set(), {"simulate_points", "compute_snr", "fit_surrogates"}),
+        ("src/wearscope/closed_loop/intake/dataset.py", set(), {"simulate_points", "compute_snr", "fit_surrogates"}),
     ],
 )
 def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, must_not):

@@ -8,14 +8,14 @@ from typing import Any
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop.assessment import predict_runs
-from wearscope.closed_loop.choice import TraceOptions
-from wearscope.closed_loop.correction import make_corrected_model, write_models
-from wearscope.closed_loop.dataset import Dataset, read_dataset
-from wearscope.closed_loop.estimation import estimate
-from wearscope.closed_loop.plausibility import check_plausibility
-from wearscope.closed_loop.preparation import Prepared, prepare
-from wearscope.closed_loop.trace import Trace, Tracer
+from wearscope.closed_loop.model.prediction import predict_runs
+from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.model.correction import make_corrected_model, write_models
+from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
+from wearscope.closed_loop.selection.search import Trace, Tracer
 from wearscope.closed_loop.verdict import make_verdict, residual_table
 from wearscope.errors import InputError
 from wearscope.robots.urdf_file import parse_urdf
@@ -102,7 +102,7 @@ def close_loop(
     tables.write_table(out / "residual.parquet", residual_table(prepared, predicted), RESIDUAL_UNITS | units)
     tables.write_table(out / "candidates.parquet", pd.DataFrame(trace.candidates))
     if not light:
-        from wearscope.closed_loop.examination import examine
+        from wearscope.closed_loop.diagnostics.examination import examine
 
         verdict |= examine(out, prepared, trace, predicted, models, progress)
     tables.write_text(out / "verdict.json", json.dumps(verdict, indent=2) + "\n")

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.assessment import (
+from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,
     noise_floor,
@@ -15,11 +15,11 @@ from wearscope.closed_loop.assessment import (
     relative_error,
     rms,
 )
-from wearscope.closed_loop.estimation import Estimate
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Regression
-from wearscope.closed_loop.scoring import Found
-from wearscope.closed_loop.trace import Trace
+from wearscope.closed_loop.model.estimation import Estimate
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.evidence import Found
+from wearscope.closed_loop.selection.search import Trace
 from wearscope.effects.unknown import name_signals
 
 _SEED = 7

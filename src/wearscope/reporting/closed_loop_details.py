@@ -13,7 +13,7 @@ from wearscope.reporting.labels import count_text, join_words
 from wearscope.reporting.page import embed_figure, format_number, render_table, unbreak
 
 _MOST_CANDIDATES, _MOST_LATER = 14, 8
-#: As `wearscope.closed_loop.isolability.CLOSE`, which this room does not know.
+#: As `wearscope.closed_loop.diagnostics.isolability.CLOSE`, which this room does not know.
 _CLOSE = 7.0
 #: Longest list that is shown unfolded.
 MOST_SHOWN = 12

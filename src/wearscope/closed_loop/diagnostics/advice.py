@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.candidates import applies, candidate_names
-from wearscope.closed_loop.isolability import ABSORBED, CLOSE
-from wearscope.closed_loop.preparation import Prepared
+from wearscope.closed_loop.model.candidates import applies, candidate_names
+from wearscope.closed_loop.diagnostics.isolability import ABSORBED, CLOSE
+from wearscope.closed_loop.intake.preprocessing import Prepared
 from wearscope.effects.base import load_effect
 
 #: Share of the largest speed below which friction falls with speed where there is a Stribeck effect.
@@ -85,7 +85,7 @@ def advise(prepared: Prepared, isolability: pd.DataFrame) -> list[dict]:
     ----------
     prepared : Prepared
     isolability : DataFrame
-        From `wearscope.closed_loop.isolability.measure_isolability`.
+        From `wearscope.closed_loop.diagnostics.isolability.measure_isolability`.
 
     Returns
     -------

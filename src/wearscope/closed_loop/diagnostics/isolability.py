@@ -6,10 +6,10 @@ from itertools import combinations, pairwise
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.assessment import update_prediction
-from wearscope.closed_loop.candidates import applies, candidate_names, joined_signals, reduce_columns
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Regression
+from wearscope.closed_loop.model.prediction import update_prediction
+from wearscope.closed_loop.model.candidates import applies, candidate_names, joined_signals, reduce_columns
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Effect, load_effect
 
 #: Shapes of a nonlinear effect that stand for all of them, spread over those worth trying.

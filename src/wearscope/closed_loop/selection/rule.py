@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from wearscope.closed_loop.assessment import refit
-from wearscope.closed_loop.blocks import Folds
-from wearscope.closed_loop.candidates import Family, joined_signals, reduce_columns
-from wearscope.closed_loop.estimation import free_shapes
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Entry, Regression, partial_fit
-from wearscope.closed_loop.scoring import DRIFTS, MATERIAL, Scored, Scorer, adjust_p_values, separates
-from wearscope.closed_loop.whitening import drift_p_value
+from wearscope.closed_loop.model.prediction import refit
+from wearscope.closed_loop.model.blocks import Folds
+from wearscope.closed_loop.model.candidates import Family, joined_signals, reduce_columns
+from wearscope.closed_loop.model.estimation import free_shapes
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Entry, Regression, partial_fit
+from wearscope.closed_loop.selection.evidence import DRIFTS, MATERIAL, Scored, Scorer, adjust_p_values, separates
+from wearscope.closed_loop.selection.whitening import drift_p_value
 
 #: Share of a joint's held-out loss that no drift has with a signal; and no chance.
 _BEYOND_DOUBT, _BEYOND_CHANCE = 0.7, 0.5

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from wearscope.closed_loop.dataset import Run
+from wearscope.closed_loop.intake.dataset import Run
 from wearscope.errors import InputError
 
 #: A change is a fault beyond this multiple of what the run's own 98th percentile is ...

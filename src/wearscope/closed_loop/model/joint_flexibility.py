@@ -14,9 +14,9 @@ import numpy as np
 from scipy import fft
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from wearscope.closed_loop.conditioning import Band, low_pass
-from wearscope.closed_loop.preparation import PreparedRun
-from wearscope.closed_loop.regression import Entry, Regression
+from wearscope.closed_loop.intake.filtering import Band, low_pass
+from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.model.regression import Entry, Regression
 from wearscope.effects.base import TransmissionEffect
 
 #: (w/w0)^2 at the common cut-off up to which a model alone gives a gear's torque, w0 where the link swings.

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.candidates import reduce_columns
-from wearscope.closed_loop.regression import Entry, Regression
-from wearscope.closed_loop.transmission import make_instruments
+from wearscope.closed_loop.model.candidates import reduce_columns
+from wearscope.closed_loop.model.regression import Entry, Regression
+from wearscope.closed_loop.model.joint_flexibility import make_instruments
 
 #: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
 FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"})

@@ -1,7 +1,7 @@
 """A measured data set: one folder in the form of the measured-data contract, read and refused.
 
 What a folder says is checked here against itself (fields, columns, rows, rates); what its signals say about
-units, sides and signs is checked in `wearscope.closed_loop.plausibility`.
+units, sides and signs is checked in `wearscope.closed_loop.intake.plausibility`.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from scipy import signal
 
-from wearscope.closed_loop.dataset_fields import (
+from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
     PayloadFields,
     RunFields,

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.assessment import is_late, refit, update_prediction
-from wearscope.closed_loop.blocks import Folds, make_blocks, make_folds
-from wearscope.closed_loop.candidates import (
+from wearscope.closed_loop.model.prediction import is_late, refit, update_prediction
+from wearscope.closed_loop.model.blocks import Folds, make_blocks, make_folds
+from wearscope.closed_loop.model.candidates import (
     Family,
     applies,
     candidate_names,
@@ -23,12 +23,12 @@ from wearscope.closed_loop.candidates import (
     make_family,
     reduce_columns,
 )
-from wearscope.closed_loop.choice import Choice, TraceOptions
-from wearscope.closed_loop.declared import declared_entries, fit_scale
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Entry, Regression
-from wearscope.closed_loop.rest import Rest
-from wearscope.closed_loop.scoring import Found, Scored, Scorer, adjust_p_values, make_flips
+from wearscope.closed_loop.selection.rule import Choice, TraceOptions
+from wearscope.closed_loop.model.declared import declared_entries, fit_scale
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Entry, Regression
+from wearscope.closed_loop.selection.unexplained import Rest
+from wearscope.closed_loop.selection.evidence import Found, Scored, Scorer, adjust_p_values, make_flips
 from wearscope.effects.base import load_effect
 
 #: Effects that a joint can have several of.

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wearscope.closed_loop.preparation import Prepared, PreparedRun
-from wearscope.closed_loop.regression import Entry, Regression
-from wearscope.closed_loop.transmission import (
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.model.regression import Entry, Regression
+from wearscope.closed_loop.model.joint_flexibility import (
     estimate_transmission,
     find_held,
     solve_transmission,

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import signal
 
-from wearscope.closed_loop.dataset import Run
+from wearscope.closed_loop.intake.dataset import Run
 from wearscope.differentiation import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.

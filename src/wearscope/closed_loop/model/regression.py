@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.blocks import Block, Folds
-from wearscope.closed_loop.preparation import Prepared, PreparedRun
+from wearscope.closed_loop.model.blocks import Block, Folds
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
 from wearscope.effects.base import Effect
 from wearscope.effects.unknown import COARSE
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from wearscope.closed_loop.candidates import applies, joined_signals
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Entry, Regression
+from wearscope.closed_loop.model.candidates import applies, joined_signals
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Entry, Regression
 from wearscope.effects.base import load_effect
 
 

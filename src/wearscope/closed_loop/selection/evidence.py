@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.blocks import Folds
-from wearscope.closed_loop.candidates import Family
-from wearscope.closed_loop.regression import (
+from wearscope.closed_loop.model.blocks import Folds
+from wearscope.closed_loop.model.candidates import Family
+from wearscope.closed_loop.model.regression import (
     Entry,
     Regression,
     Regressors,

@@ -8,21 +8,21 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop import isolability
-from wearscope.closed_loop.advice import advise, find_undetermined
-from wearscope.closed_loop.assessment import Predicted
-from wearscope.closed_loop.black_box import judge_black_box
-from wearscope.closed_loop.dependence import (
+from wearscope.closed_loop.diagnostics import isolability
+from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
+from wearscope.closed_loop.model.prediction import Predicted
+from wearscope.closed_loop.diagnostics.black_box import judge_black_box
+from wearscope.closed_loop.diagnostics.dependence import (
     DEPENDENCE_UNITS,
     DIAGNOSTIC_UNITS,
     diagnose,
     find_dependence,
     thin_signals,
 )
-from wearscope.closed_loop.forward import compare_forward
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.scoring import make_flips
-from wearscope.closed_loop.trace import Trace
+from wearscope.closed_loop.diagnostics.forward import compare_forward
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.selection.evidence import make_flips
+from wearscope.closed_loop.selection.search import Trace
 from wearscope.robots.model import RobotModel
 
 _FLIPS, _SEED = 499, 17

@@ -7,9 +7,9 @@ explains far more, the data set is refused with that reading as the remedy.
 
 import numpy as np
 
-from wearscope.closed_loop.conditioning import differentiate, low_pass
-from wearscope.closed_loop.preparation import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.readings import (
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.channel_hypotheses import (
     Sample,
     find_lag,
     fit_joint,

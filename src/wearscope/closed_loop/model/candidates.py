@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope import plugins
-from wearscope.closed_loop.preparation import Prepared, PreparedRun
-from wearscope.closed_loop.regression import Entry
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.model.regression import Entry
 from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
 #: Effects that contain others: declaring the first leaves nothing of the second to find.

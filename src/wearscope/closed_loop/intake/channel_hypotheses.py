@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import interpolate, optimize
 
-from wearscope.closed_loop.conditioning import differentiate, low_pass
-from wearscope.closed_loop.preparation import PreparedRun, rows
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass
+from wearscope.closed_loop.intake.preprocessing import PreparedRun, rows
 from wearscope.robots.dynamics import RigidBody
 
 #: By which factor the rigid body may be off: as the data set states it is trusted, or approximate.

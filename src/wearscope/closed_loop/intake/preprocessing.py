@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.closed_loop.cleaning import LONGEST_SPIKE, clean_run
-from wearscope.closed_loop.conditioning import (
+from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE, clean_run
+from wearscope.closed_loop.intake.filtering import (
     Band,
     Motion,
     choose_motion_cutoff,
@@ -15,8 +15,8 @@ from wearscope.closed_loop.conditioning import (
     low_pass,
     resample,
 )
-from wearscope.closed_loop.dataset import Dataset, Run
-from wearscope.closed_loop.masking import bridge_torque, find_clipped, predict_roughly, spread_out
+from wearscope.closed_loop.intake.dataset import Dataset, Run
+from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, predict_roughly, spread_out
 from wearscope.effects.base import Signals
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody

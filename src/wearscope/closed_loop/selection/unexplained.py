@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wearscope.closed_loop.empirical import SplineFamily, make_spline_families, score_splines
-from wearscope.closed_loop.regression import Regression
-from wearscope.closed_loop.scoring import DRIFTS, MATERIAL, Found, Scored, Scorer, adjust_p_values, separates
+from wearscope.closed_loop.selection.empirical import SplineFamily, make_spline_families, score_splines
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.evidence import DRIFTS, MATERIAL, Found, Scored, Scorer, adjust_p_values, separates
 
 if TYPE_CHECKING:
-    from wearscope.closed_loop.trace import Tracer
+    from wearscope.closed_loop.selection.search import Tracer
 
 #: Share of its joint's loss that a name must remove not to be doubted; how much more the empirical term must
 #: remove in its place.

@@ -11,8 +11,8 @@ from copy import copy
 import numpy as np
 from scipy import linalg, signal, stats
 
-from wearscope.closed_loop.regression import Entry, Regression, Regressors, block_scores, partial_fit
-from wearscope.closed_loop.scoring import ISOLABLE, find_memory
+from wearscope.closed_loop.model.regression import Entry, Regression, Regressors, block_scores, partial_fit
+from wearscope.closed_loop.selection.evidence import ISOLABLE, find_memory
 
 #: Memory of the filter, as a share of the shortest run.
 _MEMORY = 0.125

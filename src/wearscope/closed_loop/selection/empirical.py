@@ -6,11 +6,11 @@ from itertools import groupby
 
 import numpy as np
 
-from wearscope.closed_loop.blocks import Folds
-from wearscope.closed_loop.candidates import Family
-from wearscope.closed_loop.preparation import Prepared
-from wearscope.closed_loop.regression import Regression, Regressors, block_scores, partial_fit
-from wearscope.closed_loop.scoring import Scored, Scorer, find_memory, flip_blocks, join_blocks
+from wearscope.closed_loop.model.blocks import Folds
+from wearscope.closed_loop.model.candidates import Family
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.regression import Regression, Regressors, block_scores, partial_fit
+from wearscope.closed_loop.selection.evidence import Scored, Scorer, find_memory, flip_blocks, join_blocks
 from wearscope.effects.base import Signals, load_effect
 from wearscope.effects.unknown import LEVELS, coarsen
 

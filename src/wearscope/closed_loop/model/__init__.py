@@ -1,0 +1,1 @@
+"""Regression on the signals: terms, fits, predictions, the corrected model."""

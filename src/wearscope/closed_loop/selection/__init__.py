@@ -1,0 +1,1 @@
+"""Which effects the model lacks: evidence, the rule, the search."""
