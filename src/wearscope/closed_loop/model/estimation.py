@@ -6,8 +6,9 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.model.regression import Entry, Regression
+from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
+from wearscope.closed_loop.model.terms import ModelTerm
 
 #: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
 FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"})
@@ -19,19 +20,19 @@ class Estimate:
 
     Attributes
     ----------
-    entry : Entry
+    entry : ModelTerm
     values : dict of str to float
         Every parameter in use, coefficients and shape.
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
     """
 
-    entry: Entry
+    entry: ModelTerm
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
 
 
-def free_shapes(entry: Entry) -> list[int]:
+def free_shapes(entry: ModelTerm) -> list[int]:
     """Indices of the shape parameters that are estimated."""
     return [k for k, p in enumerate(entry.effect.shape) if p.name not in FIXED]
 
