@@ -184,9 +184,12 @@ def _from_repeats(prepared: Prepared, own: list[np.ndarray], keep: list[np.ndarr
         if both.sum() < 100:
             continue
         x, y = x[:short][both], y[:short][both]
-        share = float(np.mean(x * y) / max(np.sqrt(np.mean(x**2) * np.mean(y**2)), 1e-300))
-        # Rows come at four times the cut-off: about half of them tell something new.
-        if share > max(_SHARE, (_ERRORS + 1.0) / np.sqrt(0.25 * both.sum())):
+        size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
+        share = float(np.mean(x * y)) / size
+        # What autocorrelated noise gives by chance: the same runs, shifted against each other.
+        shifts = np.linspace(0.2, 0.8, 60) * len(x)
+        chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
+        if share > max(_SHARE, (_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2)))):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
 

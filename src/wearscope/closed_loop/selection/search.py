@@ -194,7 +194,7 @@ class Search:
                 )
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
-                if not self.is_needed(e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
+                if not self.is_needed(beside, e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
                     worst[e.joint] = (e.share, chosen)
             if not worst:
                 break
@@ -213,10 +213,11 @@ class Search:
         mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
         return np.sqrt(np.maximum(mean, 1e-18))
 
-    def is_needed(self, e: Evidence) -> bool:
-        """Whether a standard term is kept, by the rule."""
+    def is_needed(self, beside: Assembly, e: Evidence) -> bool:
+        """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it."""
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
-        return all(low <= b <= high for b, (low, high) in low_high) and rule.is_needed(e, self.policy)
+        believable = all(low <= b <= high for b, (low, high) in low_high)
+        return believable and rule.is_needed(e, self.policy) and not self.drifts(beside, e)
 
     def extend(self, found: list[Found]) -> list[Found]:
         """Add terms until none is accepted: at each step the best of every joint, where they do not touch."""
@@ -303,7 +304,7 @@ class Search:
             beside = self.assemble(others)
             if f.effect.standard:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-                if not self.is_needed(own):
+                if not self.is_needed(beside, own):
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
@@ -350,9 +351,10 @@ class Search:
             if f.joint not in joints or not f.effect.candidate or f.effect.spread:
                 continue
             others = [k for k in found if k is not f]
-            own = weigh(self.assemble(others), f.chosen.candidate, f.chosen.subset, self.flips)
+            beside = self.assemble(others)
+            own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
             own = replace(own, p_value=f.evidence.p_value)
-            needed = self.is_needed(own) if f.effect.standard else self.judge(own) is Refusal.NONE
+            needed = self.is_needed(beside, own) if f.effect.standard else self.judge(own) is Refusal.NONE
             if not needed:
                 self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
                 found = others
