@@ -5,9 +5,12 @@ times 1, the direction of motion or the speed. The knots of each number in `LEVE
 next one, so that the columns of a fine spline give those of the coarse ones.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import OTHERS
 
 #: Numbers of hat functions worth trying.
 LEVELS = (5, 9, 17, 33)
@@ -78,7 +81,7 @@ def coarsen(knots: int, fewer: int) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(fewer)))
 
 
-def name_signals(shape: tuple[float, ...], joints: list[str], joint: int) -> list[str]:
+def name_signals(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
     """Signals that a term of the given shape at a joint depends on."""
     signal, source, modulator = SIGNALS[int(shape[0])], int(shape[1]), MODULATORS[int(shape[2])]
     names = ["t" if signal == "t" else f"{signal}_{joints[source]}"]
@@ -94,13 +97,18 @@ EFFECT = Effect(
     source="de Boor 1978, A Practical Guide to Splines (linear B-splines)",
     depends_on=("{signal}",),
     shape=(
-        Parameter("signal", "code: q, qd, qdd, load, temp, t", lower=0, upper=5),
-        Parameter("source", "index of the joint whose signal it is", lower=0),
-        Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2),
-        Parameter("low", "unit of the signal"),
-        Parameter("high", "unit of the signal", default=1.0),
-        Parameter("knots", "number of heights", lower=2, upper=LEVELS[-1], default=COARSE),
+        Parameter("signal", "code: q, qd, qdd, load, temp, t", lower=0, upper=5, estimated=False),
+        Parameter("source", "index of the joint whose signal it is", lower=0, estimated=False),
+        Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2, estimated=False),
+        Parameter("low", "unit of the signal", estimated=False),
+        Parameter("high", "unit of the signal", default=1.0, estimated=False),
+        Parameter("knots", "number of heights", 2, LEVELS[-1], default=COARSE, estimated=False),
     ),
     row=_row,
     search=_search,
+    candidate=False,
+    empirical=True,
+    repeatable=True,
+    excitation=OTHERS,
+    name_driver=name_signals,
 )
