@@ -282,7 +282,13 @@ class Effect:
 
     def _evaluate_regressors(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         assert self.regressors is not None
-        x = np.asarray(self.regressors(signals, joint, shape), dtype=float)
+        try:
+            x = np.asarray(self.regressors(signals, joint, shape), dtype=float)
+        except KeyError as error:
+            raise InputError(
+                f"{self.label}: effect '{self.name}' needs the channel {error}, which is not among those "
+                f"declared ({', '.join(signals.channels) or 'none'}); add it to 'channels' of the data set."
+            ) from error
         count = len(self.coefficients)
         wanted = (len(signals.t), signals.q.shape[1], count) if self.spread else (len(signals.t), count)
         if x.shape != wanted:
