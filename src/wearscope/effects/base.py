@@ -6,6 +6,7 @@ from wearscope import plugins
 from wearscope.effects.effect import Effect
 from wearscope.effects.kinds import (
     ArmatureEffect,
+    InertialEffect,
     MeasurementEffect,
     PayloadEffect,
     RigidBodyEffect,
@@ -22,6 +23,7 @@ __all__ = [
     "ROW",
     "ArmatureEffect",
     "Effect",
+    "InertialEffect",
     "MeasurementEffect",
     "Parameter",
     "PayloadEffect",
