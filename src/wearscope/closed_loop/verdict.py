@@ -16,8 +16,6 @@ from wearscope.closed_loop.model.prediction import (
     relative_error,
     rms,
 )
-from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.unknown import name_signals
 from wearscope.provenance import read_commit
 
 if TYPE_CHECKING:
@@ -28,15 +26,6 @@ _SEED = 7
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def depends_on(term: ModelTerm, joints: list[str]) -> list[str]:
-    """Signals that a named term depends on."""
-    if not term.effect.candidate and term.effect.name == "unknown":
-        return name_signals(term.shape, joints, term.joint)
-    other = joints[int(term.shape[0])] if "{other}" in "".join(term.effect.depends_on) else ""
-    names = (name.format(joint=joints[term.joint], other=other) for name in term.effect.depends_on)
-    return list(dict.fromkeys(names))
 
 
 def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
@@ -54,7 +43,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
                 "joint": joints[j],
                 "effect": term.effect.name,
                 "equivalent": named.equivalent,
-                "depends_on": depends_on(term, joints),
+                "depends_on": list(dict.fromkeys(term.effect.name_signals(term.shape, joints, j))),
                 "parameters": {
                     name: {"value": estimate.values[name], "ci95": list(interval), "unit": unit_of[name]}
                     for name, interval in estimate.intervals.items()

@@ -86,6 +86,9 @@ class Effect:
         ``applies(signals, joint)``: whether the signals hold what it needs; always where None.
     least : callable or None
         ``least(signals)``: smallest believable size of its first coefficient; 0 where None.
+    periodic : bool
+        Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that a
+        spectrum of the residual over position shows which are worth trying.
     opposes_gravity : bool
         Whether it is built to take gravity's load off its joint, and is believed first where it does.
     excitation : str
@@ -129,6 +132,7 @@ class Effect:
     runs_needed: int = 1
     applies: Callable[[Signals, int], bool] | None = None
     least: Callable[[Signals], float] | None = None
+    periodic: bool = False
     opposes_gravity: bool = False
     excitation: str = motions.OTHERS
     excitation_alone: str = ""

@@ -43,5 +43,6 @@ EFFECT = Effect(
     repeatable=True,
     runs_needed=2,
     search_width=_search_width,
+    periodic=True,
     excitation=SESSIONS,
 )

@@ -9,10 +9,12 @@ from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect, Signals
+from wearscope.effects.base import Effect, RigidBodyEffect, Signals
 
 
-def declared_terms(prepared: Prepared, effects: Sequence[Effect], joined: Signals) -> list[ModelTerm]:
+def declared_terms(
+    prepared: Prepared, effects: Sequence[Effect], given: Sequence[Effect], joined: Signals
+) -> list[ModelTerm]:
     """Terms of the declared effects that have parameters to fit, joint by joint.
 
     Parameters
@@ -20,18 +22,19 @@ def declared_terms(prepared: Prepared, effects: Sequence[Effect], joined: Signal
     prepared : Prepared
     effects : sequence of Effect
         Those declared.
+    given : sequence of Effect
+        Those of them whose values the data set gives.
     joined : Signals
         Of all training runs, to choose shapes from.
     """
-    given = prepared.dataset.fields.robot.rotor_inertia is not None
     terms = []
     for effect in effects:
-        if effect.name == "rigid_body" or (effect.name == "rotor_inertia" and given):
+        if effect in given or isinstance(effect, RigidBodyEffect):
             continue
         for joint in range(prepared.n):
             if not prepared.moving[joint] or (effect.per_robot and joint != prepared.n - 1):
                 continue
-            if effect.applies is not None and not effect.applies(joined, joint):
+            if not effect.is_usable(joined, joint):
                 continue
             term = fit_declared(prepared, effect, joint, joined)
             if term is not None:

@@ -10,10 +10,6 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
-FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"})
-
-
 @dataclass
 class Estimate:
     """Parameters of one entry.
@@ -32,25 +28,20 @@ class Estimate:
     intervals: dict[str, tuple[float, float]]
 
 
-def free_shapes(entry: ModelTerm) -> list[int]:
-    """Indices of the shape parameters that are estimated."""
-    return [k for k, p in enumerate(entry.effect.shape) if p.name not in FIXED]
-
-
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
     """Derivative of the prediction with respect to each free shape: rows (M, n) by run, and whose it is."""
     train = model.prepared.runs_for("train")
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        for k in free_shapes(entry):
+        for k in ([] if entry.effect.empirical else entry.effect.estimated_shapes()):
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])
             shapes[0, k] -= step
             shapes[1, k] += step
             for r, run in enumerate(train):
-                x = reduce_columns(entry.effect, entry.joint, shapes, run)
+                x = reduce_columns(entry.effect, entry.joint, shapes, run, (model.signals or [])[r])
                 x = x.reshape(*x.shape[:-1], 2, -1)[..., list(entry.subset)]
                 slope = (x[..., 1, :] - x[..., 0, :]) @ theta[span] / (2 * step)
                 full = np.zeros((len(slope), model.prepared.n))
@@ -92,9 +83,9 @@ def estimate(model: Regression) -> list[Estimate]:
         rows = slice(block.start, block.stop)
         w = model.weights[block.run][rows]
         x = np.concatenate([model.columns[block.run][rows], extra[block.run][rows]], axis=2) * w[:, :, None]
-        x = x.reshape(-1, p)
+        x = x.reshape(w.size, p)
         z = x.copy()
-        z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(-1, model.p)
+        z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(w.size, model.p)
         e = (residuals[block.run][rows] * w).reshape(-1)
         hessian += z.T @ x
         information[b] = (z**2).sum(axis=0)

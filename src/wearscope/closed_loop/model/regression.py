@@ -195,7 +195,7 @@ class Regression:
         diagonal = np.einsum("bii->i", self.gram)
         precision = np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):
-            if entry.effect.name == "unknown":
+            if entry.effect.empirical:
                 precision[span, span] += diagonal[span].mean() * regularise(len(entry.subset))
         return precision
 
@@ -291,7 +291,7 @@ class Regression:
             x, d, y = family[block.run][rows], self.columns[block.run][rows], self.target[block.run][rows]
             if spread:
                 x = (x * w[:, :, None]).reshape(-1, x.shape[-1])
-                d = (d * w[:, :, None]).reshape(-1, self.p)
+                d = (d * w[:, :, None]).reshape(w.size, self.p)
                 y = (y * w).reshape(-1)
             else:
                 x = x * w[:, [joint]]

@@ -13,8 +13,9 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.search import Found, Search
-from wearscope.effects.base import Effect, Signals, load_effect
+from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import LEVELS, coarsen
+from wearscope.effects.vocabulary import empirical_effect
 
 #: Most generic terms of a joint.
 _MOST = 2
@@ -49,7 +50,7 @@ class GenericTerms:
 
     def __init__(self, prepared: Prepared, joined: Signals) -> None:
         self.prepared, self.joined = prepared, joined
-        self.effect = load_effect("unknown")
+        self.effect = empirical_effect()
         self._made: dict[int, list[Candidate]] = {}
 
     def at(self, joint: int) -> list[Candidate]:
@@ -135,7 +136,7 @@ def explain_rest(
         taken = []
         for joint in list(joints):
             here = [e for e in able if e.joint == joint]
-            if here and sum(f.joint == joint and not f.effect.candidate for f in found) < _MOST:
+            if here and sum(f.joint == joint and f.effect.empirical for f in found) < _MOST:
                 taken.append(choose_plainest(here))
             else:
                 joints.remove(joint)

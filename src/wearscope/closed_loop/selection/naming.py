@@ -52,7 +52,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
     equivalent: list[list[str]] = [[] for _ in found]
     for i in range(len(found)):
         f = found[i]
-        if f.effect.standard or not f.effect.candidate:
+        if f.effect.standard or f.effect.empirical:
             continue
         others = [k for k in found if k is not f]
         beside = search.assemble(others)

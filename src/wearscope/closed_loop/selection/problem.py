@@ -16,7 +16,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.effects.base import Effect, MeasurementEffect
-from wearscope.effects.vocabulary import candidate_effects
+from wearscope.effects.vocabulary import candidate_effects, given_effects
 
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
 #: are sought; passes of the solution for the gear's torque.
@@ -48,14 +48,13 @@ class Problem:
         fields = prepared.dataset.fields
         self.declared = list(declared)
         self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
-        given = fields.robot.rotor_inertia is not None
-        self.effects = [
-            effect
-            for effect in candidate_effects(self.declared, own)
-            if not (effect.name == "rotor_inertia_error" and not given)
-        ]
-        self.known_rotors = given and any(effect.name == "rotor_inertia" for effect in self.declared)
-        self.declared_terms = declared_terms(prepared, self.declared, self.joined)
+        stated = {name for name, value in fields.robot if value is not None}
+        self.given = given_effects(self.declared, stated)
+        fixed = {effect.name for effect in self.given}
+        if fields.robot.inertials == "trusted":
+            fixed.add("rigid_body")
+        self.effects = candidate_effects(self.declared, own, fixed, prepared.n)
+        self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
         self._made: dict[tuple[str, int], Candidate | None] = {}
 
     @cached_property
@@ -92,7 +91,7 @@ class Problem:
         p = self.prepared
         if not p.moving[joint] or (effect.per_robot and joint != p.n - 1):
             return None
-        if effect.applies is not None and not effect.applies(self.joined, joint):
+        if not effect.is_usable(self.joined, joint):
             return None
         if len({run.file for run in self.train}) < effect.runs_needed:
             return None
@@ -103,11 +102,11 @@ class Problem:
 
     def _bend(self, effect: Effect, joint: int) -> Candidate | None:
         """Compliance about several values: each with the gear's torque solved from the motion alone."""
-        s, band = self.joined, self.prepared.band
+        s, p, band = self.joined, self.prepared, self.prepared.band
         inertia = float(np.mean(np.concatenate([r.signals.load_slopes(joint)[2][:, joint] for r in self.train])))
         if inertia <= 0.0:
             return None
-        upper = effect.coefficients[0].upper
+        upper = effect.coefficients[0].bounds(p.dataset.position_unit[joint])[1]
         values = [1.0 / (inertia * (2 * np.pi * f * band.torque) ** 2) for f in _SWINGS]
         values = [c for c in values if c <= upper] or [upper]
         parts: list[list[np.ndarray]] = []
@@ -185,7 +184,7 @@ class Problem:
 
     def least(self, term: ModelTerm) -> float:
         """Smallest believable size of a term's first coefficient."""
-        return 0.0 if term.effect.least is None else float(term.effect.least(self.joined))
+        return term.effect.least_size(self.joined)
 
 
 def _solve_bent(

@@ -90,14 +90,10 @@ class Search:
 
     def candidates(self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]) -> list[Candidate]:
         """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
-        present: dict[int, set[str]] = {j: set() for j in range(self.problem.prepared.n)}
+        n = self.problem.prepared.n
+        present: list[list[Effect]] = [list(self.problem.given) for _ in range(n)]
         for chosen in assembly.chosen:
-            effect = chosen.candidate.effect
-            for name in (effect.name, *effect.contains):
-                present[chosen.candidate.joint].add(name)
-        if self.problem.known_rotors:
-            for names in present.values():
-                names.add("rotor_inertia")
+            present[chosen.candidate.joint].append(chosen.candidate.effect)
         made = []
         residual = assembly.residual
         for joint in joints:
@@ -107,9 +103,9 @@ class Search:
                 continue
             for effect in self.problem.effects:
                 there = present[joint]
-                if effect.name in there and not effect.repeatable:
+                if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                     continue
-                if effect.parents and not there & set(effect.parents):
+                if not effect.has_parent(there):
                     continue
                 if isinstance(effect, MeasurementEffect):
                     if self.problem.prepared.moving[joint]:
@@ -273,13 +269,11 @@ class Search:
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
         effect, candidate = e.term.effect, e.chosen.candidate
-        free = [k for k, p in enumerate(effect.shape) if p.estimated]
+        free = effect.estimated_shapes()
         if not free or effect.search is None:
             return e
         start = np.array(candidate.shapes[0])
-        width = 0.8
-        if effect.search_width is not None:
-            width = effect.search_width(self.problem.joined, candidate.joint)
+        width = effect.width(self.problem.joined, candidate.joint, start)
 
         def shaped(x: float) -> Candidate:
             shape = start.copy()
@@ -348,7 +342,7 @@ class Search:
     def drop_superfluous(self, found: list[Found], joints: set[int]) -> list[Found]:
         """Drop named terms at joints that held-out runs no longer need beside the generic terms there."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or not f.effect.candidate or f.effect.spread:
+            if f.joint not in joints or f.effect.empirical or f.effect.spread:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
