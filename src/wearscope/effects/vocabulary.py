@@ -36,14 +36,13 @@ def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[E
     ----------
     declared : iterable of Effect
     stated : collection of str
-        Fields that give a value which stands, of those that effects are `given_by`: ``rotor_inertia`` where
-        it is filled in, ``inertials`` where they are trusted.
+        Fields that are filled in, e.g. of a data set's `robot`.
     """
     return [effect for effect in declared if effect.given_by and effect.given_by in stated]
 
 
 def candidate_effects(
-    declared: Sequence[Effect], extra: Sequence[Effect], stated: Collection[str], n: int
+    declared: Sequence[Effect], extra: Sequence[Effect], given: Collection[str], n: int
 ) -> list[Effect]:
     """Effects that a model may lack.
 
@@ -53,8 +52,9 @@ def candidate_effects(
         What the model has.
     extra : sequence of Effect
         A user's own effects.
-    stated : collection of str
-        As for `given_effects`: what is given can be wrong, what is fitted cannot.
+    given : collection of str
+        Names of the declared effects whose value is given and stands: what is given can be wrong, what is
+        fitted cannot. Those of `given_effects`, and the rigid body where its inertials are trusted.
     n : int
         Number of joints.
 
@@ -71,7 +71,7 @@ def candidate_effects(
     """
     names = {effect.name for effect in declared}
     gone = names.union(*(effect.contains for effect in declared))
-    known = {effect.name for effect in given_effects(declared, stated)}
+    known = names.intersection(given)
     found: dict[str, Effect] = {}
     for effect in [*_builtin(), *extra]:
         same = found.setdefault(effect.name, effect)
