@@ -118,6 +118,11 @@ def _check_names(effect: Effect, where: str) -> None:
         names = getattr(effect, field)
         if not isinstance(names, tuple) or not all(isinstance(name, str) for name in names):
             raise InputError(f"{where}: EFFECT.{field} is no tuple of text; write ('...',).")
+    if effect.per_robot and not effect.spread:
+        raise InputError(
+            f"{where}: EFFECT.per_robot needs 'spread': one effect of the whole robot is felt in the torque of "
+            "every joint; set both or none."
+        )
     if not effect.depends_on:
         raise InputError(f"{where}: EFFECT.depends_on is empty; name the signals that the torque depends on.")
     try:
