@@ -180,7 +180,7 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
     [
         (
             {"w3": ("temperature", 10.0, 70.0)},
-            r"factors.w3: 10 degC is below the validity of the friction law",
+            r"factors.w3: medium: temperature 10 deg C is outside the friction law",
         ),
         ({"f": ("wear", -1.0, 50.0)}, r"factors.f: a wear of -1"),
         ({"w4": ("dwell", -5.0, 50.0)}, r"factors.w4: a delay of -5 ms"),

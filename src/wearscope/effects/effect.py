@@ -102,7 +102,8 @@ class Effect:
     name_driver : callable or None
         ``name_driver(shape, joints, joint)``: signals it depends on, where its shape says which.
     limit_temperature : callable or None
-        ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds.
+        ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds
+        with given values of all parameters; at every one where None.
     reference : str
         Path of the file that it was loaded from; empty in the vocabulary.
     """
@@ -159,7 +160,7 @@ class Effect:
         return self
 
     def check_values(self, values: Mapping[str, float], where: str) -> None:
-        """Refuse unknown parameter names and values outside their bounds.
+        """Refuse unknown parameter names, values outside their bounds, and missing values without a default.
 
         Raises
         ------
@@ -177,6 +178,9 @@ class Effect:
                 raise InputError(
                     f"{where}: {self.name}.{name} = {value} lies outside [{p.lower}, {p.upper}] {p.unit}."
                 )
+        for p in self.parameters:
+            if np.isnan(p.default) and p.name not in values:
+                raise InputError(f"{where}: effect '{self.name}' has no value for '{p.name}'; add it.")
 
     def pack(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and shape vectors of named values, defaults filled in."""
@@ -250,6 +254,16 @@ class Effect:
     def motion_for(self, n: int) -> str:
         """Motion that shows the effect on a robot of `n` joints."""
         return self.excitation_alone if n == 1 and self.excitation_alone else self.excitation
+
+    def temperatures(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Lowest and highest temperature [deg C], exclusive, at which the effect holds with given values."""
+        if self.limit_temperature is None:
+            return -np.inf, np.inf
+        coefficients, shape = self.pack(values)
+        numbers = [*coefficients.tolist(), *shape.tolist()]
+        return self.limit_temperature(
+            {p.name: value for p, value in zip(self.parameters, numbers, strict=True)}
+        )
 
     def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
         """Signals that the effect with given shape parameters (k,) at a joint depends on."""

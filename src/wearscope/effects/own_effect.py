@@ -120,8 +120,8 @@ def _check_names(effect: Effect, where: str) -> None:
             raise InputError(f"{where}: EFFECT.{field} is no tuple of text; write ('...',).")
     if effect.per_robot and not effect.spread:
         raise InputError(
-            f"{where}: EFFECT.per_robot needs 'spread': one effect of the whole robot is felt in the torque of "
-            "every joint; set both or none."
+            f"{where}: EFFECT.per_robot needs 'spread': what the whole robot has once is felt in the torque "
+            "of every joint; set both or none."
         )
     if not effect.depends_on:
         raise InputError(f"{where}: EFFECT.depends_on is empty; name the signals that the torque depends on.")

@@ -17,7 +17,7 @@ class Parameter:
     lower, upper : float
         Bounds that physics sets: a model with a value outside of them is refused.
     default : float
-        Value where a model leaves the parameter out.
+        Value where a model leaves the parameter out; NaN where it must not.
     estimated : bool
         Whether data estimate it. False for a shape parameter that says which signal is meant, or that an
         estimate is conditioned on.

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded
 from wearscope.reporting.figures.closed_loop import draw_candidates, draw_forward, draw_isolability
-from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.page import embed_figure, format_number, render_table, unbreak
 
 _MOST_CANDIDATES, _MOST_LATER = 14, 8
@@ -47,7 +47,7 @@ def describe_candidates(loop: ClosedLoop) -> Markup:
         ranking = _rank(rows) if not parts else _rank(rows).head(_MOST_LATER)
         taken = ranking[ranking["taken"]]
         what = f"took {join_words(list(taken['label']))}" if len(taken) else "took nothing"
-        kind = " (empirical term)" if (ranking["effect"] == "unknown").all() else ""
+        kind = " (empirical term)" if (ranking["effect"] == UNKNOWN).all() else ""
         title = f"Step {int(step) + 1}{kind}: {what}"
         figure = embed_figure(
             draw_candidates(ranking, title),

@@ -9,6 +9,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
+from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.closed_loop import (
     STAGES,
     ClosedLoop,
@@ -34,7 +35,7 @@ from wearscope.reporting.figures.closed_loop import (
     draw_residual_against,
     draw_residual_over_time,
 )
-from wearscope.reporting.labels import count_text, join_words, unit_text
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words, unit_text
 from wearscope.reporting.page import Section, badge, embed_figure, render_page, render_table, unbreak
 
 
@@ -109,7 +110,8 @@ def _joint_outcome(loop: ClosedLoop, joint: str) -> Markup:
             joint, badge("not judged")
         )
     if not entries:
-        felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in ("payload_error",)]
+        shared = {effect.name for effect in list_effects() if effect.per_robot}
+        felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in shared]
         text = f"nothing added here, but {join_words(felt)} acts on it too." if felt else "nothing added."
         return Markup("<strong>{}</strong>: {} {}{}").format(joint, badge("none"), text, change)
     said = Markup("; ").join(_describe(entry) for entry in entries)
@@ -119,7 +121,7 @@ def _joint_outcome(loop: ClosedLoop, joint: str) -> Markup:
 def _describe(entry: Mapping[str, Any]) -> Markup:
     share = entry.get("error_reduction")
     removed = "an unknown share" if share is None else f"{100 * share:.0f} %"
-    unknown = entry["effect"] == "unknown"
+    unknown = entry["effect"] == UNKNOWN
     label = badge(entry["effect"], "unsure" if unknown else "good")
     text = Markup(" structure that no named effect explains") if unknown else Markup("")
     depends = join_words(entry.get("depends_on", []))
@@ -141,11 +143,11 @@ def _parameters(loop: ClosedLoop) -> Markup:
     for entry in loop.verdict["verdict"]:
         parameters = dict(entry.get("parameters", {}))
         heights = [one["value"] for name, one in parameters.items() if name.startswith("height")]
-        if entry["effect"] == "unknown" and heights:
+        if entry["effect"] == UNKNOWN and heights:
             records.append(
                 {
                     "joint": entry["joint"],
-                    "effect": "unknown",
+                    "effect": UNKNOWN,
                     "parameter": f"{len(heights)} heights of a spline",
                     "value": f"{write_value(min(heights))} to {write_value(max(heights))}",
                     "95 % interval": "n/a",

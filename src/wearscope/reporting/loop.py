@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from wearscope.reporting.labels import join_words, unit_text
+from wearscope.reporting.labels import UNKNOWN, join_words, unit_text
 from wearscope.reporting.page import format_number
 from wearscope.reporting.style import AFTER, BEFORE, figure_style, new_figure
 
@@ -28,7 +28,7 @@ def _entry_sentence(entry: Mapping[str, Any]) -> str:
     share = entry.get("error_reduction")
     removed = "an unknown share" if share is None else f"{100 * share:.0f} %"
     depends = join_words([str(one) for one in entry.get("depends_on", [])])
-    if entry["effect"] == "unknown":
+    if entry["effect"] == UNKNOWN:
         text = f"Unknown on {entry['joint']}: structure that no named effect explains"
     else:
         text = f"{entry['effect']} on {entry['joint']}"

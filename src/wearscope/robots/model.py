@@ -276,22 +276,27 @@ def check_effects(model: RobotModel) -> None:
 
 
 def check_temperature(model: RobotModel, temperature: float) -> None:
-    """Refuse a temperature [deg C] at which a joint's eq. (17) has no positive Stribeck speed eta3 + eta4 T.
+    """Refuse a temperature [deg C] at which a joint's friction does not hold.
 
     Raises
     ------
     InputError
-        Naming the joint and the temperature from which the law holds.
+        Naming the joint and the temperatures at which it does.
     """
     for entry in model.effects:
-        eta3, eta4 = (entry.parameters.get(key, 0.0) for key in ("eta3", "eta4"))
-        speed = eta3 + eta4 * temperature
-        if entry.effect != "friction_wear_temperature" or speed > 0.0:
+        low, high = load_effect(entry.effect).temperatures(entry.parameters)
+        everywhere = low == -np.inf and high == np.inf
+        if everywhere or low < temperature < high or temperature == high == np.inf:
             continue
-        remedy = f"choose a temperature above {-eta3 / eta4:.4g}" if eta4 > 0.0 else "correct eta3 and eta4"
+        if low > high:
+            remedy = "correct its parameters: it holds at no temperature"
+        elif temperature <= low:
+            remedy = f"choose a temperature above {low:.4g}"
+        else:
+            remedy = f"choose a temperature below {high:.4g}"
         raise InputError(
             f"{model.name}: temperature {temperature:g} deg C is outside the friction law of joint "
-            f"'{entry.joint}', whose Stribeck speed eta3 + eta4 T is {speed:.4g} there; {remedy}."
+            f"'{entry.joint}' ({entry.effect}); {remedy}."
         )
 
 
