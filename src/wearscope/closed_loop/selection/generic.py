@@ -99,7 +99,7 @@ def weigh_generic(
             subset = tuple(range(candidate.count))
             weighed.append(weigh(assembly, scaled, subset, search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
-    weighed = adjust_p_values([replace(e, tried=tried) for e in weighed])
+    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     by_run = assembly.layout.folds.by_run
     wide = [(-np.inf, np.inf)] * LEVELS[-1]
     return [
