@@ -126,7 +126,7 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
 def resample(run: Run, rate: float) -> Run:
     """Run on a uniform time grid; runs that already are uniform come back as they are."""
     uniform = run.t[0] + np.arange(round((run.t[-1] - run.t[0]) * rate) + 1) / rate
-    uniform = uniform[uniform <= run.t[-1] + 1e-9]
+    uniform = uniform[uniform <= run.t[-1] + 1e-3 / rate]
     if len(uniform) == len(run.t) and np.abs(uniform - run.t).max() < 1e-3 / rate:
         return run
 

@@ -7,6 +7,10 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
 
+#: Fewest changes of a position that show the step of its encoder.
+_LEAST_CHANGES = 5
+
+
 def no_losses() -> np.ndarray:
     """No stretch of lost samples (0, 2)."""
     return np.zeros((0, 2))
@@ -78,12 +82,13 @@ class Run:
 def estimate_quantum(q: np.ndarray) -> np.ndarray:
     """Smallest step (n,) of recorded positions (N, n); 0 where nearly every value is another one.
 
-    Values on a grid come back again and again; the smallest difference of two of them is the grid's step.
+    Values on a grid come back again and again; the smallest difference of two of them is the grid's step. A
+    position that hardly ever changes shows none.
     """
     quantum = np.zeros(q.shape[1])
     for j, x in enumerate(q.T):
         values = np.unique(x)
-        if 1 < len(values) < 0.5 * len(x):
+        if 1 < len(values) < 0.5 * len(x) and np.count_nonzero(np.diff(x)) >= _LEAST_CHANGES:
             apart = np.diff(values)
             apart = apart[apart > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
             quantum[j] = apart.min() if len(apart) else 0.0

@@ -2,8 +2,9 @@
 
 A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
 friction at low speed. The width is sought on the training runs with the rough model; friction that grows
-towards rest and drag of second order stand beside it, so that the width does not take their part, and the
-narrowest width that does as well as the best within the noise is taken.
+towards rest, friction that lags the reversal by a distance, and drag of second order are fitted along with it,
+so that the width does not take their part, and the narrowest width that does as well as the best within the
+noise is taken.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ from wearscope.closed_loop.intake.saturation import spread_out
 WIDTHS = (0.0, *np.geomspace(5e-4, 0.06, 15).tolist())
 #: Speeds over which friction that grows towards rest falls off, over the largest one.
 _STRIBECK = (0.02, 0.1)
+#: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
+#: travels at its largest speed in a second.
+_PRESLIDING = (0.002, 0.01, 0.05)
 #: Length of a block of residuals in periods of the common filter; most samples that are looked at.
 _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 400_000
 
@@ -27,6 +31,17 @@ _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 400_000
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
     """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
     return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
+
+
+def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:
+    """Direction (N,) that follows a reversal over a distance: dz = (sign - z) d(travelled) / distance."""
+    lagged, state = np.empty(len(sign)), 0.0
+    edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), len(sign)]
+    for start, stop in pairwise(edges):
+        since = travelled[start:stop] - travelled[max(start - 1, 0)]
+        lagged[start:stop] = sign[start] + (state - sign[start]) * np.exp(-since / distance)
+        state = lagged[stop - 1]
+    return lagged
 
 
 @dataclass(frozen=True)
@@ -50,14 +65,16 @@ class _JointRows:
 
 
 def _take_joint(run: RoughRun, j: int, band: Band, top: float) -> _JointRows:
-    v = run.v[:, j]
+    v, sign = run.v[:, j], run.sign[:, j]
+    travelled = np.cumsum(np.abs(v)) / band.rate
+    lagging = [_lag_direction(np.sign(v), travelled, share * top) - np.sign(v) for share in _PRESLIDING]
     columns = np.column_stack(
-        [run.tau[:, j], run.known[:, j], run.a[:, j], v, np.abs(v) * v, np.ones(len(v))]
+        [run.tau[:, j], *lagging, run.known[:, j], run.a[:, j], v, np.abs(v) * v, np.ones(len(v))]
     )
     at = rows(band, len(v))
     reduced = low_pass(columns, band.torque, band.rate)[at]
     bad = spread_out(run.faulty[:, [j]], int(band.rate / band.torque))[at, 0]
-    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, run.sign[:, j], ~bad, top, band)
+    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, sign, ~bad, top, band)
 
 
 def _losses(parts: list[_JointRows], width: float, length: int) -> np.ndarray:
@@ -65,8 +82,8 @@ def _losses(parts: list[_JointRows], width: float, length: int) -> np.ndarray:
     x = np.vstack([part.design(width) for part in parts])
     y = np.concatenate([part.tau for part in parts])
     lower = np.full(x.shape[1], -np.inf)
-    # Friction takes power, and what is added towards rest does too.
-    lower[: 1 + len(_STRIBECK)] = 0.0
+    # Friction takes power, what is added towards rest does too, and what lags comes late.
+    lower[: 1 + len(_STRIBECK) + len(_PRESLIDING)] = 0.0
     theta = fit_bounded(x, y, lower, np.full(x.shape[1], np.inf))[1]
     left = (y - x @ theta) ** 2
     edges = np.cumsum([0, *(len(part.tau) for part in parts)])
