@@ -161,7 +161,7 @@ def test_the_line_keeps_what_was_accepted_before_and_any_name():
 
 
 def test_a_light_joint_full_of_friction_is_not_in_degrees(arm, tmp_path):
-    """An overstated body beside much friction: any smaller rigid body explains it, not just that in degrees."""
+    """An overstated body and much friction: any smaller rigid body explains it, not just that in degrees."""
     folder = shutil.copytree(arm, tmp_path / "d")
 
     def friction_only(table):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from wearscope.closed_loop.intake.acceptance import Acceptance
-from wearscope.closed_loop.intake.recording import Run, estimate_quantum
+from wearscope.closed_loop.intake.recording import LEAST_CHANGES, Run, estimate_quantum
 from wearscope.errors import InputError
 
 #: A change is a fault beyond this multiple of what the run's own 98th percentile is ...
@@ -75,7 +75,7 @@ def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
     """How far each difference of a position (N,) is from those around it; 0 (N-1,) where that is no fault."""
     step = np.diff(q)
     sizes = np.abs(step[step != 0.0])
-    resolution = float(sizes.min()) if len(sizes) else 0.0
+    resolution = float(sizes.min()) if len(sizes) >= LEAST_CHANGES else 0.0
     around = ndimage.median_filter(step, 11, mode="nearest")
     odd = step - around
     least = max(

@@ -6,9 +6,8 @@ import numpy as np
 
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
-
 #: Fewest changes of a position that show the step of its encoder.
-_LEAST_CHANGES = 5
+LEAST_CHANGES = 5
 
 
 def no_losses() -> np.ndarray:
@@ -88,7 +87,7 @@ def estimate_quantum(q: np.ndarray) -> np.ndarray:
     quantum = np.zeros(q.shape[1])
     for j, x in enumerate(q.T):
         values = np.unique(x)
-        if 1 < len(values) < 0.5 * len(x) and np.count_nonzero(np.diff(x)) >= _LEAST_CHANGES:
+        if 1 < len(values) < 0.5 * len(x) and np.count_nonzero(np.diff(x)) >= LEAST_CHANGES:
             apart = np.diff(values)
             apart = apart[apart > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
             quantum[j] = apart.min() if len(apart) else 0.0

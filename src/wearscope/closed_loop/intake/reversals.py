@@ -2,9 +2,9 @@
 
 A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
 friction at low speed. The width is sought on the training runs with the rough model; friction that grows
-towards rest, friction that lags the reversal by a distance, and drag of second order are fitted along with it,
-so that the width does not take their part, and the narrowest width that does as well as the best within the
-noise is taken.
+towards rest, friction that lags the reversal by a distance, and drag of second order are fitted along with
+it, so that the width does not take their part, and the narrowest width that does as well as the best within
+the noise is taken.
 """
 
 from dataclasses import dataclass
