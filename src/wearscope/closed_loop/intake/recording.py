@@ -7,7 +7,7 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
 #: Fewest changes of a position that show the step of its encoder.
-LEAST_CHANGES = 5
+LEAST_CHANGES = 3
 
 
 def no_losses() -> np.ndarray:
