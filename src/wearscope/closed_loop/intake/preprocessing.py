@@ -266,7 +266,7 @@ def _choose_widths(rough: list[RoughRun], moving: np.ndarray, band: Band, factor
         for run in rough
         if run.use == "train"
     ]
-    return choose_reversal_widths(train, moving, thin)
+    return choose_reversal_widths(train, moving, thin, averaged=factor > 1)
 
 
 def _find_rest(slow: np.ndarray, band: Band) -> np.ndarray:

@@ -33,6 +33,24 @@ def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarra
     return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
 
 
+def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """`soften_direction` (N,) averaged over each sample's interval, with the speed linear between samples.
+
+    For speeds that were thinned after the direction was taken: the reversal stays where it is between samples.
+    """
+    middle = 0.5 * (v[1:] + v[:-1])
+    low, high = np.append(v[:1], middle), np.append(middle, v[-1:])
+    change = high - low
+    flat = np.abs(change) < 1e-9 * max(float(np.abs(v).max()), 1e-300)
+    if width > 0:
+        # ln cosh without overflow; a constant cancels.
+        risen = width * (np.logaddexp(high / width, -high / width) - np.logaddexp(low / width, -low / width))
+    else:
+        risen = np.abs(high) - np.abs(low)
+    average = risen / np.where(flat, 1.0, change)
+    return np.where(sign == 0.0, 0.0, np.where(flat, soften_direction(v, width, sign), average))
+
+
 def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:
     """Direction (N,) that follows a reversal over a distance: dz = (sign - z) d(travelled) / distance."""
     lagged, state = np.empty(len(sign)), 0.0
@@ -55,16 +73,18 @@ class _JointRows:
     keep: np.ndarray
     top: float
     band: Band
+    averaged: bool
 
     def design(self, width: float) -> np.ndarray:
         """Regressors (M, P): direction, friction towards rest, then the fixed ones."""
-        sign = soften_direction(self.v, width, self.sign)
+        take = average_direction if self.averaged else soften_direction
+        sign = take(self.v, width, self.sign)
         moving = [sign, *(sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK)]
         reduced = low_pass(np.column_stack(moving), self.band.torque, self.band.rate)
         return np.hstack([reduced[rows(self.band, len(sign))], self.fixed])[self.keep]
 
 
-def _take_joint(run: RoughRun, j: int, band: Band, top: float) -> _JointRows:
+def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -> _JointRows:
     v, sign = run.v[:, j], run.sign[:, j]
     travelled = np.cumsum(np.abs(v)) / band.rate
     lagging = [_lag_direction(np.sign(v), travelled, share * top) - np.sign(v) for share in _PRESLIDING]
@@ -74,7 +94,7 @@ def _take_joint(run: RoughRun, j: int, band: Band, top: float) -> _JointRows:
     at = rows(band, len(v))
     reduced = low_pass(columns, band.torque, band.rate)[at]
     bad = spread_out(run.faulty[:, [j]], int(band.rate / band.torque))[at, 0]
-    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, sign, ~bad, top, band)
+    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, sign, ~bad, top, band, averaged)
 
 
 def _losses(parts: list[_JointRows], width: float, length: int) -> np.ndarray:
@@ -119,7 +139,9 @@ def _choose_width(parts: list[_JointRows], length: int) -> float:
     return best
 
 
-def choose_reversal_widths(runs: list[RoughRun], moving: np.ndarray, band: Band) -> np.ndarray:
+def choose_reversal_widths(
+    runs: list[RoughRun], moving: np.ndarray, band: Band, averaged: bool = False
+) -> np.ndarray:
     """Speed (n,) over which each joint's friction changes its sign; 0 is at once.
 
     Parameters
@@ -129,6 +151,8 @@ def choose_reversal_widths(runs: list[RoughRun], moving: np.ndarray, band: Band)
     moving : ndarray (n,) of bool
         Joints that move in them; the others get 0.
     band : Band
+    averaged : bool
+        The runs are thinned from a higher rate, at which the direction will be taken.
     """
     every = max(1, -(-sum(len(run.t) for run in runs) // _MOST_SAMPLES))
     runs = runs[::every]
@@ -136,7 +160,7 @@ def choose_reversal_widths(runs: list[RoughRun], moving: np.ndarray, band: Band)
     widths = np.zeros(len(moving))
     for j in np.flatnonzero(moving):
         top = max(float(np.abs(run.v[:, j]).max()) for run in runs)
-        parts = [_take_joint(run, int(j), band, top) for run in runs]
+        parts = [_take_joint(run, int(j), band, top, averaged) for run in runs]
         parts = [part for part in parts if len(part.tau) > length]
         if parts and top > 0.0:
             widths[j] = _choose_width(parts, length) * top
