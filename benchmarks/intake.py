@@ -112,11 +112,13 @@ def main():
     check_plausibility(prepared)
     print(f"{'found plausible':30}{time.perf_counter() - last:8.1f} s{peak():8.0f} MiB", flush=True)
     rows = sum(len(run.tau) for run in prepared.runs)
+    size = f"{arguments.joints} joints x {arguments.runs} runs x {arguments.seconds:g} s"
+    busy = resource.getrusage(resource.RUSAGE_SELF).ru_utime
     print("; ".join(prepared.notes))
     print(
-        f"{arguments.joints} joints x {arguments.runs} runs x {arguments.seconds:g} s at {arguments.rate:g} Hz: "
-        f"{time.perf_counter() - start:.1f} s, {peak():.0f} MiB (limit {LIMIT_MIB:g} for the whole loop), "
-        f"{rows} rows kept at {prepared.band.rate:g} Hz; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+        f"{size} at {arguments.rate:g} Hz: {time.perf_counter() - start:.1f} s ({busy:.1f} s of one core), {peak():.0f} MiB "
+        f"(limit {LIMIT_MIB:g} for the whole loop), {rows} rows kept at {prepared.band.rate:g} Hz; "
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
     )
 
 

@@ -36,7 +36,7 @@ def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarra
 def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
     """`soften_direction` (N,) averaged over each sample's interval, with the speed linear between samples.
 
-    For speeds that were thinned after the direction was taken: the reversal stays where it is between samples.
+    For speeds that were thinned from a higher rate: the reversal stays where it is between samples.
     """
     middle = 0.5 * (v[1:] + v[:-1])
     low, high = np.append(v[:1], middle), np.append(middle, v[-1:])

@@ -13,7 +13,6 @@ from wearscope.errors import InputError
 
 #: Fewest rows, and shortest time [s], of a run.
 LEAST_ROWS, LEAST_TIME = 50, 1.0
-_ENCODINGS = ("utf8", "latin1")
 #: No signal of a machine, and no clock in nanoseconds, is as large as this; its square is still finite.
 _LARGEST = 1e30
 #: Separators of a CSV file that are tried where the header holds them.
@@ -23,22 +22,25 @@ _SEPARATORS = (",", ";", "\t")
 def _read_csv(path: Path) -> pa.Table:
     """CSV with commas, semicolons or tabs, as UTF-8 or Latin-1."""
     with path.open("rb") as file:
-        header = file.readline(100_000).decode("latin1")
-    counts = [header.count(separator) for separator in _SEPARATORS]
-    separator = _SEPARATORS[int(np.argmax(counts))]
+        header = file.readline(100_000)
+    separator = max(_SEPARATORS, key=lambda one: header.count(one.encode()))
     point = "," if separator == ";" and _has_comma(path) else "."
-    for encoding in _ENCODINGS:
-        try:
-            return pyarrow.csv.read_csv(
-                path,
-                read_options=pyarrow.csv.ReadOptions(encoding=encoding),
-                parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
-                convert_options=pyarrow.csv.ConvertOptions(decimal_point=point),
-            )
-        except (UnicodeDecodeError, pa.ArrowInvalid) as error:
-            if encoding == _ENCODINGS[-1] or not _is_encoding(error):
-                raise
-    raise AssertionError
+
+    def read(encoding: str) -> pa.Table:
+        return pyarrow.csv.read_csv(
+            path,
+            read_options=pyarrow.csv.ReadOptions(encoding=encoding),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
+            convert_options=pyarrow.csv.ConvertOptions(decimal_point=point),
+        )
+
+    try:
+        header.decode("utf-8")
+        table = read("utf8")
+        is_text = [pa.types.is_binary(column.type) for column in table.schema]
+    except UnicodeDecodeError:
+        return read("latin1")
+    return read("latin1") if any(is_text) else table
 
 
 def _has_comma(path: Path) -> bool:
@@ -46,10 +48,6 @@ def _has_comma(path: Path) -> bool:
     with path.open("rb") as file:
         lines = [file.readline(100_000) for _ in range(10)][1:]
     return any(b"," in line for line in lines) and not any(b"." in line for line in lines)
-
-
-def _is_encoding(error: Exception) -> bool:
-    return isinstance(error, UnicodeDecodeError) or "UTF8" in str(error) or "UTF-8" in str(error)
 
 
 def read_columns(path: Path) -> pd.DataFrame:
