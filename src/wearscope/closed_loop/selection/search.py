@@ -363,16 +363,21 @@ class Search:
         best = self.choose(beside, able)
         return None if best is None else Found(best.chosen, best)
 
-    def drop_superfluous(self, found: list[Found], joints: set[int]) -> list[Found]:
-        """Drop named terms at joints that held-out runs no longer need beside the generic terms there."""
+    def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
+        """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or f.effect.empirical or f.effect.spread:
+            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
             own = self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
-            needed = self.is_needed(beside, own) if f.effect.standard else self.judge(own) is Refusal.NONE
+            if f.effect.standard:
+                needed = self.is_needed(beside, own)
+            elif f.effect.empirical:
+                needed = own.share >= self.policy.unknown_share
+            else:
+                needed = self.judge(own) is Refusal.NONE
             if not needed:
                 self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
                 found = others
