@@ -14,7 +14,7 @@ from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.effects.base import Effect, Signals
-from wearscope.effects.unknown import LEVELS, PRODUCT, coarsen
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Most generic terms of a joint.
@@ -85,15 +85,18 @@ def weigh_generic(
 ) -> list[Evidence]:
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
 
+    A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to others.
     Those that remove too little even of the rows that they are fitted on are counted and not weighed.
     """
-    policy = search.policy
+    policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed: list[Evidence] = []
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
         for candidate in terms.at(joint):
             count += 1
+            if not by_run and candidate.count > COARSE:
+                continue
             assert candidate.penalty is not None
             scaled = replace(candidate, penalty=candidate.penalty / sigma**2)
             sums = assembly.sum_products(scaled)
@@ -103,7 +106,6 @@ def weigh_generic(
             weighed.append(weigh(assembly, scaled, subset, search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
-    by_run = assembly.layout.folds.by_run
     wide = [(-np.inf, np.inf)] * LEVELS[-1]
     return [
         replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))

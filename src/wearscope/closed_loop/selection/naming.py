@@ -41,6 +41,9 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
             inside |= set(same)
     else:
         inside |= set(apart)
+    # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
+    best = max(evidence, key=lambda e: e.gain)
+    inside |= {k for k, e in enumerate(evidence) if not rule.separates(best, e)}
     return [e for k, e in enumerate(evidence) if k in inside]
 
 

@@ -63,7 +63,7 @@ def judge(
         return Refusal.SMALL
     if e.p_value > level and not is_beyond_chance(e):
         return Refusal.CHANCE
-    if e.agreement < policy.agreeing:
+    if e.agreement < (1.0 if generic and not by_run else policy.agreeing):
         return Refusal.DISAGREES
     return Refusal.NONE
 
