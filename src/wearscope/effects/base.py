@@ -1,23 +1,29 @@
 """The door of the room: what an effect's file needs, and how an effect is loaded."""
 
+from pathlib import Path
+
 from wearscope import plugins
 from wearscope.effects.effect import Effect
 from wearscope.effects.kinds import (
     ArmatureEffect,
+    InertialEffect,
     MeasurementEffect,
     PayloadEffect,
     RigidBodyEffect,
     TransmissionEffect,
 )
+from wearscope.effects.own_effect import load_own_effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant, Term
 from wearscope.effects.rows import ROW, compile_row
 from wearscope.effects.signals import Signals
+from wearscope.errors import InputError
 
 __all__ = [
     "ROW",
     "ArmatureEffect",
     "Effect",
+    "InertialEffect",
     "MeasurementEffect",
     "Parameter",
     "PayloadEffect",
@@ -31,13 +37,35 @@ __all__ = [
 ]
 
 
-def load_effect(name: str) -> Effect:
-    """Effect of the vocabulary by name.
+def load_effect(reference: str, allow_code: bool = True, folder: str | Path | None = None) -> Effect:
+    """Effect by its name in the vocabulary, or by the path of an own effect's file.
+
+    Parameters
+    ----------
+    reference : str
+        A name, or the path of a ``.py`` file that defines ``EFFECT``.
+    allow_code : bool
+        Whether a file may run. A data set may come from someone else: what it names runs only where the user
+        allows it.
+    folder : path-like, optional
+        Folder that a relative path starts from: that of the file which names the effect.
+
+    Returns
+    -------
+    Effect
+        The same object for the same reference.
 
     Raises
     ------
     InputError
-        Where the name is not in the vocabulary.
+        Where there is no such effect, its file may not run, or it breaks a rule (`check_own_effect`).
     """
-    effect: Effect = plugins.load(name, "effects", "EFFECT")
-    return effect
+    if not reference.endswith(".py"):
+        effect: Effect = plugins.load(reference, "effects", "EFFECT")
+        return effect
+    if not allow_code:
+        raise InputError(
+            f"{reference}: is Python code that a data set names, which may come from someone else; read the "
+            "file, then allow it to run with '--config allow_code=true'."
+        )
+    return load_own_effect(Path(reference) if folder is None else Path(folder) / reference)

@@ -48,6 +48,7 @@ EFFECT = Effect(
     search=_search,
     repeatable=True,
     applies=_has_other,
+    lacking="",
     excitation=ALONE,
     name_driver=_name_driver,
 )

@@ -84,11 +84,13 @@ class Effect:
         Training runs below which it cannot be named.
     applies : callable or None
         ``applies(signals, joint)``: whether the signals hold what it needs; always where None.
+    lacking : str
+        What to say of signals to which it does not apply; empty where there is nothing to record.
     least : callable or None
         ``least(signals)``: smallest believable size of its first coefficient; 0 where None.
     periodic : bool
-        Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that a
-        spectrum of the residual over position shows which are worth trying.
+        Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that
+        a spectrum of the residual over position shows which are worth trying.
     opposes_gravity : bool
         Whether it is built to take gravity's load off its joint, and is believed first where it does.
     excitation : str
@@ -131,6 +133,7 @@ class Effect:
     per_robot: bool = False
     runs_needed: int = 1
     applies: Callable[[Signals, int], bool] | None = None
+    lacking: str = "the runs do not hold the signals that it needs"
     least: Callable[[Signals], float] | None = None
     periodic: bool = False
     opposes_gravity: bool = False
@@ -286,7 +289,13 @@ class Effect:
 
     def _evaluate_regressors(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         assert self.regressors is not None
-        x = np.asarray(self.regressors(signals, joint, shape), dtype=float)
+        try:
+            x = np.asarray(self.regressors(signals, joint, shape), dtype=float)
+        except KeyError as error:
+            raise InputError(
+                f"{self.label}: effect '{self.name}' needs the channel {error}, which is not among those "
+                f"declared ({', '.join(signals.channels) or 'none'}); add it to 'channels' of the data set."
+            ) from error
         count = len(self.coefficients)
         wanted = (len(signals.t), signals.q.shape[1], count) if self.spread else (len(signals.t), count)
         if x.shape != wanted:

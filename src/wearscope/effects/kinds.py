@@ -1,13 +1,15 @@
 """Effects that are more than a torque of the joint's own motion."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from wearscope.differentiation import differentiate
 from wearscope.effects.effect import Effect
+from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant
 from wearscope.effects.signals import Signals
 
@@ -42,8 +44,62 @@ class PayloadEffect(Effect):
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Add to the payload."""
-        plant.payload += self.pack(values)[0]
+        """Add to the last link."""
+        plant.inertials[-1] += self.pack(values)[0]
+
+
+@dataclass(frozen=True)
+class InertialEffect(Effect):
+    """Inertial parameters of every link beyond those of the URDF; its coefficients depend on the robot.
+
+    Those of link k, which the k-th joint moves, end in ``_k``, counted from 1. On a robot of `n` joints
+    (`for_robot`) the links' masses and first moments are a variant each; with inertias, and for all links at
+    once, they are extensions.
+
+    Attributes
+    ----------
+    link : tuple of Parameter
+        The ten parameters of one link, in the order of `wearscope.robots.spatial`.
+    n : int
+        Number of joints; 0 before the robot is known.
+    """
+
+    link: tuple[Parameter, ...] = ()
+    n: int = 0
+
+    @cached_property
+    def _sized(self) -> dict[int, Effect]:
+        return {}
+
+    def for_robot(self, n: int) -> Effect:
+        """The effect with the coefficients of `n` links, (10 n,)."""
+        if n == self.n:
+            return self
+        if n not in self._sized:
+            names = [[f"{p.name}_{k + 1}" for p in self.link] for k in range(n)]
+            plain, full = [tuple(own[:4]) for own in names], [tuple(own) for own in names]
+            extensions = [*full, *([sum(plain, ()), sum(full, ())] if n > 1 else [])]
+            self._sized[n] = replace(
+                self,
+                coefficients=tuple(replace(p, name=f"{p.name}_{k + 1}") for k in range(n) for p in self.link),
+                variants=tuple(plain),
+                extensions=tuple(extensions),
+                n=n,
+            )
+        return self._sized[n]
+
+    def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
+        """Regressors of the links' inertial parameters at every joint, (N, n, 10 n)."""
+        return signals.rigid_body.inertial_regressor(signals.q, signals.v, signals.a)
+
+    def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
+        """Torque (N, n) along signals for given parameter values."""
+        coefficients = self.for_robot(signals.q.shape[1]).pack(values)[0]
+        return self.columns(signals, joint, np.zeros(0)) @ coefficients
+
+    def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
+        """Add to the links."""
+        plant.inertials += self.for_robot(plant.n).pack(values)[0].reshape(plant.n, len(self.link))
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,9 @@ class Plant:
         Joint torques, evaluated at the end-of-step speed.
     armature : ndarray (n,)
         Inertia on the motor side of the transmission, reflected to the joint.
-    payload : ndarray (10,)
-        Additional inertial parameters of the last joint's link, in its frame: mass [kg], first moments
-        [kg m], inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
+    inertials : ndarray (n, 10)
+        Additional inertial parameters of each joint's link, in its frame: mass [kg], first moments [kg m],
+        inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
     compliance : ndarray (n,)
         Deflection of the transmission per torque; 0 is rigid.
     lost_motion : ndarray (n,)
@@ -46,7 +46,7 @@ class Plant:
 
     def __post_init__(self) -> None:
         self.armature = np.zeros(self.n)
-        self.payload = np.zeros(10)
+        self.inertials = np.zeros((self.n, 10))
         self.compliance = np.zeros(self.n)
         self.lost_motion = np.zeros(self.n)
         self.mesh_torque = np.ones(self.n)

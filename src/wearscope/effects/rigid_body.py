@@ -9,7 +9,6 @@ EFFECT = RigidBodyEffect(
     coefficients=(),
     source="Featherstone 2008, Rigid Body Dynamics Algorithms, ch. 5",
     depends_on=("q_{joint}", "qd_{joint}", "qdd_{joint}"),
-    given_by="inertials",
     candidate=False,
     excitation=QUICK,
 )

@@ -40,6 +40,7 @@ EFFECT = Effect(
     search=_search,
     parents=("coulomb", "viscous"),
     applies=_varies,
+    lacking="its temperature is not recorded, or hardly changes",
     excitation=TEMPERATURE,
     separated_by={"warm_up_drift": TEMPERATURE},
 )

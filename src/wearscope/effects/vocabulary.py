@@ -5,6 +5,7 @@ from functools import cache
 
 from wearscope import plugins
 from wearscope.effects.effect import Effect
+from wearscope.errors import InputError
 
 
 @cache
@@ -28,8 +29,20 @@ def empirical_effect() -> Effect:
     return effect
 
 
+def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
+    """Declared effects whose value a field gives, so that there is nothing to fit.
+
+    Parameters
+    ----------
+    declared : iterable of Effect
+    stated : collection of str
+        Fields that are filled in, e.g. of a data set's `robot`.
+    """
+    return [effect for effect in declared if effect.given_by and effect.given_by in stated]
+
+
 def candidate_effects(
-    declared: Sequence[Effect], extra: Sequence[Effect] = (), given: Collection[str] = (), n: int = 1
+    declared: Sequence[Effect], extra: Sequence[Effect], given: Collection[str], n: int
 ) -> list[Effect]:
     """Effects that a model may lack.
 
@@ -40,38 +53,38 @@ def candidate_effects(
     extra : sequence of Effect
         A user's own effects.
     given : collection of str
-        Names of the declared effects whose values are given and stand, so that they can be wrong: a rotor
-        inertia that the data set states, a rigid body whose inertials are trusted.
+        Names of the declared effects whose value is given and stands: what is given can be wrong, what is
+        fitted cannot. Those of `given_effects`, and the rigid body where its inertials are trusted.
     n : int
         Number of joints.
 
     Returns
     -------
     list of Effect
-        Of the vocabulary, then of `extra`, sized for the robot; none that is declared, that a declared one
-        contains, or whose value a declared one is fitted to.
+        Of the vocabulary, then of `extra`, sized for the robot; none that is declared or that a declared one
+        contains, and no error of a value that is fitted.
+
+    Raises
+    ------
+    InputError
+        Where two own effects have the same name.
     """
     names = {effect.name for effect in declared}
     gone = names.union(*(effect.contains for effect in declared))
     known = names.intersection(given)
-    found = {
-        effect.name: effect
-        for effect in [*_builtin(), *extra]
+    found: dict[str, Effect] = {}
+    for effect in [*_builtin(), *extra]:
+        same = found.setdefault(effect.name, effect)
+        if same is not effect:
+            raise InputError(
+                f"two own effects are called '{effect.name}' ({same.reference} and {effect.reference}); "
+                "rename one."
+            )
+    return [
+        effect.for_robot(n)
+        for effect in found.values()
         if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in known)
-    }
-    return [effect.for_robot(n) for effect in found.values()]
-
-
-def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
-    """Declared effects whose value a field gives, so that there is nothing to fit.
-
-    Parameters
-    ----------
-    declared : iterable of Effect
-    stated : collection of str
-        Fields that are filled in, e.g. of the `robot` section of a data set.
-    """
-    return [effect for effect in declared if effect.given_by and effect.given_by in stated]
+    ]
 
 
 def separating_motions(a: Effect, b: Effect, n: int) -> list[str]:
