@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from functools import cache
+from pathlib import Path
 
 import yaml
 
@@ -21,6 +22,8 @@ os.environ.update(
     NUMBA_NUM_THREADS="1",
 )
 
+from wearscope.closed_loop.intake.data_folder import find_inside
+from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.sources import find_sources, plugin_file
@@ -155,25 +158,20 @@ def dataset_file(path):
 
 def read_dataset(path):
     """Content of a dataset.yaml; ends the run in one sentence where there is none."""
+    file = dataset_file(path)
     try:
-        with open(dataset_file(path), encoding="utf-8") as file:
-            content = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise SystemExit(
-            f"config: dataset: {path} has no readable dataset.yaml ({reason}); correct the path."
-        )
-    if not isinstance(content, dict) or not re.fullmatch(r"[\w.-]+", str(content.get("name", ""))):
-        raise SystemExit(
-            f"{dataset_file(path)}: name is missing or holds other than letters, digits, '_', '-' and '.'; "
-            "the results' folder is called like it, so correct it."
-        )
+        content = load_yaml(Path(file))
+        if not isinstance(content, dict):
+            raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
+        folder_name(content.get("name"), file)
+    except InputError as error:
+        raise SystemExit(f"config: dataset: {error}")
     return content
 
 
 def dataset_name(path):
-    """Name of a measured data set."""
-    return read_dataset(path)["name"]
+    """Name of the results' folder of a measured data set."""
+    return folder_name(read_dataset(path)["name"], dataset_file(path))
 
 
 def dataset_files(path):
@@ -182,8 +180,17 @@ def dataset_files(path):
     robot, runs = content.get("robot"), content.get("runs")
     names = [robot.get("urdf")] if isinstance(robot, dict) else []
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    paths = [os.path.join(folder, name) for name in names if isinstance(name, str)]
-    return [path for path in paths if os.path.isfile(path)]
+    paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
+    return [path for path in paths if path is not None]
+
+
+def find_listed(folder, name):
+    """A file that a data set names, where it lies in its folder and is an ordinary one."""
+    try:
+        path = find_inside(Path(folder), name, "dataset.yaml")
+    except InputError:
+        return None
+    return str(path) if path.is_file() else None
 
 
 def figure_files(names):

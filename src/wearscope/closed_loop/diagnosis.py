@@ -25,7 +25,7 @@ from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.closed_loop.selection.status import Marked, mark_terms
 from wearscope.closed_loop.verdict import make_verdict, residual_table
 from wearscope.effects.base import Effect, load_effect
@@ -34,6 +34,8 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import parse_urdf
 
 RESIDUAL_UNITS = {"t": "s"}
+#: p-value above which a term's coefficients may all be zero.
+_ZERO = 0.05
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,9 @@ def diagnose(
     found, left = explain_rest(search, terms, found)
     found, equivalent = name_terms(search, found)
     before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    after = refit(before, [*before.entries, *(f.evidence.term for f in found)])
+    after, kept = drop_undetermined(before, found)
+    equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]
+    found = kept
     marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
     named = [
         Attribution(term, f.evidence, names, mark)
@@ -222,6 +226,26 @@ def diagnose(
     return Diagnosis(
         prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem
     )
+
+
+def drop_undetermined(before: Regression, found: list[Found]) -> tuple[Regression, list[Found]]:
+    """The declared model with the terms found, without names whose coefficients may all be zero.
+
+    Held-out runs speak of a prediction; a name is of a parameter, and one that its own interval does not tell
+    from zero is none.
+    """
+    found = list(found)
+    while True:
+        after = refit(before, [*before.entries, *(f.evidence.term for f in found)])
+        estimates = estimate(after)[len(before.entries) :]
+        doubtful = [
+            (e.p_value, k)
+            for k, (e, f) in enumerate(zip(estimates, found, strict=True))
+            if not f.effect.empirical and not e.p_value <= _ZERO
+        ]
+        if not doubtful:
+            return after, found
+        del found[max(doubtful)[1]]
 
 
 def load_named_effects(

@@ -52,6 +52,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
                     name: value for name, value in estimate.values.items() if name not in estimate.intervals
                 },
                 "error_reduction": named.marked.reduction,
+                "error_reduction_ci95": list(named.marked.interval),
                 "status": named.marked.status,
             }
         )

@@ -10,6 +10,10 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.terms import ModelTerm
 
+#: Information on a spline's height below which nothing is known of it, over that on its best known one.
+_INFORMED = 1e-3
+
+
 @dataclass
 class Estimate:
     """Parameters of one entry.
@@ -21,11 +25,15 @@ class Estimate:
         Every parameter in use, coefficients and shape.
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
+    p_value : float
+        That all its coefficients are zero (Wald's F with the clusters that inform, less one, as degrees of
+        freedom).
     """
 
     entry: ModelTerm
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
+    p_value: float
 
 
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
@@ -93,8 +101,10 @@ def estimate(model: Regression) -> list[Estimate]:
     scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1)
-    error = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse.T), 0.0))
+    covariance = inverse @ meat @ inverse.T
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
+    told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
@@ -103,6 +113,9 @@ def estimate(model: Regression) -> list[Estimate]:
         for k, index in zip(entry.subset, range(span.start, span.stop), strict=True):
             name = entry.effect.coefficients[k].name
             values[name] = float(theta[index])
+            # Where no row informs there is nothing to have an interval.
+            if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
+                continue
             intervals[name] = (float(theta[index] - width[index]), float(theta[index] + width[index]))
         for k, parameter in enumerate(entry.effect.shape):
             values[parameter.name] = float(entry.shape[k])
@@ -112,5 +125,9 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        estimates.append(Estimate(entry, values, intervals))
+        own = covariance[span, span]
+        wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
+        clusters = max(float(carried[span].max()) - 1.0, 1.0)
+        p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
+        estimates.append(Estimate(entry, values, intervals, p_value))
     return estimates

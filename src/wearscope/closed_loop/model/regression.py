@@ -16,20 +16,21 @@ from wearscope.effects.unknown import COARSE
 #: Weight with which a coefficient is held, of the runs' own information on it.
 _HOLD = 1e8
 #: Weights against the mean square of a hat function: of the squared differences of neighbouring heights of a
-#: coarse spline, of the squared heights of a fine one.
+#: coarse spline, of the squared heights of any.
 _ROUGHNESS, _SHRINKAGE = 0.001, 0.01
 
 
 def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
-    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and a
-    fine one, which describes what is local, goes to zero.
+    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and
+    every spline goes to zero: also where all heights together are what another term of the model is.
     """
-    if knots > COARSE:
-        return _SHRINKAGE * np.eye(knots)
-    difference = np.diff(np.eye(knots), axis=0)
-    return _ROUGHNESS * difference.T @ difference
+    penalty = _SHRINKAGE * np.eye(knots)
+    if knots <= COARSE:
+        difference = np.diff(np.eye(knots), axis=0)
+        penalty += _ROUGHNESS * difference.T @ difference
+    return penalty
 
 
 @dataclass

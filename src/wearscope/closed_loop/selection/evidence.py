@@ -44,6 +44,8 @@ class Evidence:
         Held-out loss by block less the model's, in residual variances; NaN where no fold holds a block out.
     gain, share : float
         Reduction of the held-out loss, and the same over the model's at `joint`.
+    whole : float
+        Reduction of the held-out loss over the loss at `joint` that the standard model leaves.
     torque : float
         RMS of the term's torque over that of the torque at `joint`.
     statistic, chance : float, ndarray (F,)
@@ -81,6 +83,7 @@ class Evidence:
     cancellation: float
     beta: np.ndarray
     tried: float
+    whole: float = np.inf
     p_value: float = np.nan
     refusal: Refusal = Refusal.NONE
 

@@ -14,11 +14,14 @@ from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.effects.base import Effect, Signals
-from wearscope.effects.unknown import LEVELS, coarsen
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Most generic terms of a joint.
 _MOST = 2
+#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must gain
+#: so many times as much as the second.
+_DOUBTED, _CLEARLY = 0.7, 1.5
 #: Columns that are made at once.
 _AT_ONCE = 8
 
@@ -66,10 +69,10 @@ class GenericTerms:
         for knots, same in groupby(order, key=lambda k: int(shapes[k, -1])):
             own = shapes[list(same)]
             for shape, x in zip(own, spline_rows(self.effect, joint, own, runs), strict=True):
-                for level in (k for k in LEVELS if k <= knots):
+                for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
                     named = shape.copy()
                     named[-1] = level
-                    columns = x @ coarsen(knots, level)
+                    columns = x if level == knots else x @ coarsen(knots, level)
                     weight = float(np.mean((columns**2).sum(axis=0)))
                     yield Candidate(
                         self.effect, joint, (tuple(float(v) for v in named),), (joint,), (columns,),
@@ -82,15 +85,18 @@ def weigh_generic(
 ) -> list[Evidence]:
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
 
+    A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to others.
     Those that remove too little even of the rows that they are fitted on are counted and not weighed.
     """
-    policy = search.policy
+    policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed: list[Evidence] = []
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
         for candidate in terms.at(joint):
             count += 1
+            if not by_run and candidate.count > COARSE:
+                continue
             assert candidate.penalty is not None
             scaled = replace(candidate, penalty=candidate.penalty / sigma**2)
             sums = assembly.sum_products(scaled)
@@ -99,8 +105,7 @@ def weigh_generic(
             subset = tuple(range(candidate.count))
             weighed.append(weigh(assembly, scaled, subset, search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
-    weighed = adjust_p_values([replace(e, tried=tried) for e in weighed])
-    by_run = assembly.layout.folds.by_run
+    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     wide = [(-np.inf, np.inf)] * LEVELS[-1]
     return [
         replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
@@ -126,6 +131,7 @@ def explain_rest(
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
     """
+    found = doubt(search, terms, found)
     joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
     left: dict[int, Evidence] = {}
     while joints:
@@ -148,8 +154,27 @@ def explain_rest(
             search.progress(f"unknown structure at joint {e.joint}: {100 * e.share:.0f} % of its held-out loss")
             found = [*found, Found(e.chosen, e)]
         if taken:
-            found = search.drop_superfluous(found, {e.joint for e in taken})
+            new = {id(e.chosen) for e in taken}
+            found = search.drop_superfluous(found, {e.joint for e in taken}, new)
     return found, left
+
+
+def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
+    """Replace names that leave much of their joint's loss where a generic term leaves clearly less."""
+    for f in list(found):
+        if f.effect.standard or f.evidence.share >= _DOUBTED:
+            continue
+        beside = search.assemble([k for k in found if k is not f])
+        able = [
+            e for e in weigh_generic(search, terms, beside, [f.evidence.joint]) if e.refusal is Refusal.NONE
+        ]
+        if not able:
+            continue
+        e = choose_plainest(able)
+        if e.gain > _CLEARLY * f.evidence.gain and rule.separates(e, f.evidence):
+            search.progress(f"{f.evidence.term.label} is replaced by unknown structure")
+            found = [Found(e.chosen, e) if k is f else k for k in found]
+    return found
 
 
 def is_structure(search: Search, e: Evidence) -> bool:

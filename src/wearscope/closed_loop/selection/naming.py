@@ -41,18 +41,21 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
             inside |= set(same)
     else:
         inside |= set(apart)
+    # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
+    best = max(evidence, key=lambda e: e.gain)
+    inside |= {k for k, e in enumerate(evidence) if not rule.separates(best, e)}
     return [e for k, e in enumerate(evidence) if k in inside]
 
 
 def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:
     """Give each term the simplest name of its set; return the other names beside it.
 
-    A standard term is what it is named: its set is itself.
+    A standard term keeps its name: a plain joint is expected to have it.
     """
     equivalent: list[list[str]] = [[] for _ in found]
     for i in range(len(found)):
         f = found[i]
-        if f.effect.standard or f.effect.empirical:
+        if f.effect.empirical:
             continue
         others = [k for k in found if k is not f]
         beside = search.assemble(others)
@@ -61,7 +64,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         offered = [
             c
             for c in search.candidates(beside, others, sorted({*joints, last}))
-            if set(c.joints) & set(joints)
+            if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
         ]
         weighed = sorted(search.weigh_all(beside, offered), key=lambda e: -e.gain)
         own = f.evidence
@@ -75,10 +78,12 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         inside = find_confidence_set([own, *near], search.policy)
         able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
         opposes = [e.term.effect.name for e in able if search.opposes_gravity(e)]
-        name = rule.simplest(able, opposes) if able else own
+        name = rule.simplest(able, opposes) if able and not f.effect.standard else own
         if name is not own:
             found = [Found(name.chosen, name) if k is f else k for k in found]
-        most = max(e.complexity for e in able) if able else own.complexity
+        most = max((e.complexity for e in able), default=own.complexity)
+        if f.effect.standard:
+            most = own.complexity
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent

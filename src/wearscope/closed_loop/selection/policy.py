@@ -24,6 +24,10 @@ class Policy(BaseModel):
     """Least RMS of a term's torque over that of the joint's torque: the accuracy of filters, derivatives and
     of an encoder's clock lies below it."""
 
+    material_whole: float = Field(0.01, ge=0, lt=1)
+    """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
+    times its size, a further one is more often the first one's form, which no machine follows exactly."""
+
     standard_share: float = Field(0.01, ge=0, lt=1)
     """The same as `material_share` for rotor inertia, Coulomb, viscous and offset, which every joint may be
     expected to have."""

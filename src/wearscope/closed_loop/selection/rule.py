@@ -16,6 +16,8 @@ _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked.
 _BEYOND_CHANCE = 0.5
+#: How much more than a name the generic term must remove of what the standard model leaves.
+_GENERIC = 5.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the larger gain.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -48,7 +50,8 @@ def judge(
         return e.refusal
     if e.sine < _ABSORBED:
         return Refusal.ABSORBED
-    if e.share < share or e.torque < policy.material_torque:
+    whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
+    if e.share < share or e.torque < policy.material_torque or e.whole < whole:
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL
@@ -60,7 +63,7 @@ def judge(
         return Refusal.SMALL
     if e.p_value > level and not is_beyond_chance(e):
         return Refusal.CHANCE
-    if e.agreement < policy.agreeing:
+    if e.agreement < (1.0 if generic and not by_run else policy.agreeing):
         return Refusal.DISAGREES
     return Refusal.NONE
 

@@ -69,6 +69,7 @@ class Search:
         self.full: set[int] = set()
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
+        self.standard_loss = np.zeros(problem.prepared.n)
 
     def scale(self, found: Sequence[Found]) -> np.ndarray:
         """Residual scale (n,) of the model with the terms found."""
@@ -128,12 +129,17 @@ class Search:
         weighed = []
         for candidate in candidates:
             effect = candidate.effect
-            for subset in effect.subsets() if by_run else effect.plain_subsets():
-                key = self._key(assembly, candidate, tuple(int(k) for k in subset))
+            for subset in list_subsets(effect, by_run):
+                key = self._key(assembly, candidate, subset)
                 if key not in self._weighed:
                     self._weighed[key] = weigh(assembly, candidate, key[-1], self.flips)
                 weighed.append(self._weighed[key])
-        return [replace(e, refusal=self.judge(e)) for e in adjust_p_values(weighed)]
+        return [replace(e, refusal=self.judge(e)) for e in self.compare_whole(adjust_p_values(weighed))]
+
+    def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
+        """The same evidence with what it removes of the loss that the standard model leaves."""
+        loss = np.maximum(self.standard_loss, 1e-300)
+        return [replace(e, whole=e.gain * self.sigma[e.joint] ** 2 / loss[e.joint]) for e in weighed]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -159,6 +165,9 @@ class Search:
     def run(self) -> list[Found]:
         """Terms that the declared model lacks."""
         found = self.find_standard()
+        self.sigma = self.scale(found)
+        losses = np.nansum(self.assemble(found).joint_losses, axis=0)
+        self.standard_loss = losses * self.sigma**2
         found = self.extend(found)
         for _ in range(_PASSES):
             revised = self.revise(found)
@@ -269,27 +278,42 @@ class Search:
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
         effect, candidate = e.term.effect, e.chosen.candidate
-        free = effect.estimated_shapes()
-        if not free or effect.search is None:
+        if effect.search is None or effect.name_driver is not None:
             return e
-        start = np.array(candidate.shapes[0])
-        width = effect.width(self.problem.joined, candidate.joint, start)
-
-        def shaped(x: float) -> Candidate:
-            shape = start.copy()
-            shape[free[0]] *= np.exp(x)
-            return make_candidate(effect, candidate.joint, self.problem.prepared, shape[None])
-
-        def loss(x: float) -> float:
-            return -float(assembly.add(assembly.sum_products(shaped(x)).select(e.chosen.subset)).gain[0])
-
-        found = optimize.minimize_scalar(
-            loss, bounds=(-width, width), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * width}
-        )
-        finer = weigh(assembly, shaped(float(found.x)), e.chosen.subset, self.flips)
+        grid = effect.shapes(self.problem.joined, candidate.joint)
+        first = effect.estimated_shapes()
+        # The estimated one again once the others have moved.
+        others = [k for k in np.flatnonzero(np.ptp(grid, axis=0) > 0) if k not in first]
+        order = [*first[:1], *others, *(first[:1] if others else [])]
+        shape = np.array(candidate.shapes[0])
+        for k in order:
+            shape[k] = self._refine_one(assembly, e, shape, int(k))
+        finer = weigh(assembly, self._shaped(e, shape), e.chosen.subset, self.flips)
         if finer.gain <= e.gain:
             return e
-        return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal)
+        return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
+
+    def _shaped(self, e: Evidence, shape: np.ndarray) -> Candidate:
+        return make_candidate(e.term.effect, e.term.joint, self.problem.prepared, shape[None])
+
+    def _refine_one(self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int) -> float:
+        """Best value of one shape parameter, the others held."""
+        effect = e.term.effect
+        width = effect.width(self.problem.joined, e.term.joint, shape) if k in effect.estimated_shapes() else 0.8
+        low = np.log(max(effect.shape[k].lower, 1e-12) / shape[k])
+        high = np.log(min(effect.shape[k].upper, 1e12) / shape[k])
+
+        def loss(x: float) -> float:
+            tried = shape.copy()
+            tried[k] *= np.exp(x)
+            sums = assembly.sum_products(self._shaped(e, tried)).select(e.chosen.subset)
+            return -float(assembly.add(sums).gain[0])
+
+        found = optimize.minimize_scalar(
+            loss, bounds=(max(-width, low), min(width, high)), method="bounded",
+            options={"maxiter": 10, "xatol": 2e-3 * width},
+        )  # fmt: skip
+        return float(shape[k] * np.exp(found.x)) if found.fun < loss(0.0) else float(shape[k])
 
     def revise(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, with all others in the model, whether it is needed and the best."""
@@ -322,7 +346,7 @@ class Search:
         offered = self.candidates(beside, others, sorted({*joints, n - 1}))
         offered = [c for c in offered if set(c.joints) & set(joints)]
         weighed = self.weigh_all(beside, offered)
-        own = replace(own, p_value=f.evidence.p_value)
+        own = self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
         refused = self.judge(own)
         able = [e for e in weighed if e.refusal is Refusal.NONE]
         if refused in (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES):
@@ -339,16 +363,21 @@ class Search:
         best = self.choose(beside, able)
         return None if best is None else Found(best.chosen, best)
 
-    def drop_superfluous(self, found: list[Found], joints: set[int]) -> list[Found]:
-        """Drop named terms at joints that held-out runs no longer need beside the generic terms there."""
+    def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
+        """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or f.effect.empirical or f.effect.spread:
+            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-            own = replace(own, p_value=f.evidence.p_value)
-            needed = self.is_needed(beside, own) if f.effect.standard else self.judge(own) is Refusal.NONE
+            own = self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+            if f.effect.standard:
+                needed = self.is_needed(beside, own)
+            elif f.effect.empirical:
+                needed = own.share >= self.policy.unknown_share
+            else:
+                needed = self.judge(own) is Refusal.NONE
             if not needed:
                 self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
                 found = others
@@ -392,6 +421,14 @@ class Search:
                 }
             )
         self._step += 1
+
+
+def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
+    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other."""
+    plain = [tuple(int(k) for k in s) for s in (effect.subsets() if by_run else effect.plain_subsets())]
+    names = [p.name for p in effect.coefficients]
+    richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
+    return list(dict.fromkeys([*plain, *(richer if by_run else [])]))
 
 
 def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:
