@@ -140,6 +140,15 @@ def test_further_channels_are_signals_of_an_own_effect(write, signals):
         effect.torque(signals, 2, {"area": 0.1})
 
 
+def test_a_row_stands_for_signals_without_channels(write, signals):
+    both = GOOD.replace("row=_row,", "row=_row, regressors=lambda s, j, shape: 5.0 * s.q[:, [j]],")
+    effect = load_effect(str(write(both)))
+    by_row = np.sin(2.0 * signals.q[:, 1]) * signals.sign[:, 1]
+    np.testing.assert_allclose(effect.torque(signals, 1, {"level": 1.0}), by_row)
+    measured = replace(signals, channels={"pressure": signals.t})
+    np.testing.assert_allclose(effect.torque(measured, 1, {"level": 1.0}), 5.0 * signals.q[:, 1])
+
+
 def test_an_effect_without_a_row_is_not_simulated(write):
     effect = load_effect(str(write(CHANNELS)))
     with pytest.raises(InputError, match=r"hose.py: effect 'balancer_pressure' has no 'row'"):

@@ -107,17 +107,38 @@ SPLINES = [
 ]
 
 
+def fade(x: np.ndarray, low: float, high: float, knots: int) -> np.ndarray:
+    """1 between the outer knots, falling linearly to 0 over two spacings beyond them."""
+    reach = 2.0 * (high - low) / (knots - 1)
+    return np.interp(x, [low - reach, low, high, high + reach], [0.0, 1.0, 1.0, 0.0])
+
+
 @pytest.mark.parametrize(("shape", "parts"), SPLINES)
 def test_unknown_is_a_linear_spline_up_to_its_last_hat(shape, parts, signals):
-    columns = load_effect("unknown").columns(signals, J, np.array(shape, dtype=float))
+    *where, low, high, knots = shape
+    effect = load_effect("unknown")
+    columns = effect.columns(signals, J, np.array([*where, low, high, -1, 0, 0, 1, knots], dtype=float))
     x, factor = parts(signals)
-    low, high, knots = shape[3:]
     at = np.linspace(low, high, knots)
     expected = np.zeros_like(columns)
     for k in range(knots):
-        expected[:, k] = np.interp(x, at, np.eye(knots)[k]) * factor
+        expected[:, k] = np.interp(x, at, np.eye(knots)[k]) * factor * fade(x, low, high, knots)
     assert np.any(expected[:, 0]) and np.any(expected[:, knots - 1])
     np.testing.assert_allclose(columns, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("modulator", [0, 1])
+def test_unknown_of_two_signals_is_the_product_of_two_splines(modulator, signals):
+    shape = [0, 1, modulator, -0.4, 0.4, 3, 2, -3.0, 3.0, 25]
+    columns = load_effect("unknown").columns(signals, J, np.array(shape, dtype=float))
+    x, y = signals.q[:, 1], signals.load[:, 2]
+    factor = fade(x, -0.4, 0.4, 5) * fade(y, -3.0, 3.0, 5) * (signals.sign[:, J] if modulator else 1.0)
+    for i in range(5):
+        for k in range(5):
+            one = np.interp(x, np.linspace(-0.4, 0.4, 5), np.eye(5)[i])
+            two = np.interp(y, np.linspace(-3.0, 3.0, 5), np.eye(5)[k])
+            np.testing.assert_allclose(columns[:, 5 * i + k], one * two * factor, atol=1e-12)
+    assert not columns[:, 25:].any() and np.all(np.any(columns[:, [4, 12, 20, 24]], axis=0))
 
 
 def test_rigid_body_regressors_give_its_torque(signals, body):

@@ -5,6 +5,7 @@ import pytest
 
 from wearscope.effects import motions
 from wearscope.effects.base import Effect, Parameter, load_effect
+from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
 from wearscope.effects.vocabulary import (
     candidate_effects,
     empirical_effect,
@@ -132,6 +133,10 @@ def test_errors_of_given_values_are_candidates_where_they_are_given():
     assert given_effects(declared, {"urdf"}) == []
 
 
+def test_effects_that_a_drive_states_are_installed_from_it():
+    assert {effect.name for effect in EFFECTS.values() if effect.given_by} == names_of(STATED_BY_DRIVE)
+
+
 def test_a_declared_law_leaves_nothing_of_what_it_contains():
     found = names_of(candidate_effects(load("friction_wear_temperature"), [], (), 3))
     assert not found & set(EFFECTS["friction_wear_temperature"].contains)
@@ -202,8 +207,10 @@ def test_signals_are_named_by_joint():
     assert EFFECTS["stribeck"].name_signals((0.1, 1.0), joints, 1) == ["qd_two", "sign_qd_two"]
     coupling = EFFECTS["cross_coupling"].name_signals((2.0,), joints, 1)
     assert coupling == ["qd_three", "sign_qd_three", "qdd_three"]
-    unknown = EFFECTS["unknown"].name_signals((3, 0, 1, 0, 1, 5), joints, 1)
-    assert unknown == ["load_one", "sign_qd_two"]
+    unknown = EFFECTS["unknown"]
+    assert unknown.name_signals((3, 0, 1, 0, 1, -1, 0, 0, 1, 5), joints, 1) == ["load_one", "sign_qd_two"]
+    both = unknown.name_signals((0, 1, 0, 0, 1, 5, 0, 0, 1, 25), joints, 1)
+    assert both == ["q_two", "t"]
 
 
 def test_separating_motion_is_the_pair_s_own_or_each_one_s():

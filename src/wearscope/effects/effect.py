@@ -42,8 +42,9 @@ class Effect:
     row : callable or None
         Compiled with `compile_row`; None for effects that are no torque of the joint's own motion.
     regressors : callable or None
-        ``regressors(signals, joint, shape)`` gives the regressors (N, p), or (N, n, p) where `spread`, in
-        place of `row`, which sees no further channels. Without a `row` beside it there is no simulating it.
+        ``regressors(signals, joint, shape)`` gives the regressors (N, p), or (N, n, p) where `spread`, of
+        signals that have further channels, which `row` does not see. Where there is a `row` too, it stands
+        for signals without channels, such as those of a planned motion, and is what is simulated.
     n_states : int
     depends_on : tuple of str
         Signals, with ``{joint}`` for the joint and ``{other}`` for a driving joint.
@@ -289,7 +290,7 @@ class Effect:
 
     def stack(self, signals: Signals, joint: int, shapes: np.ndarray) -> np.ndarray:
         """Regressors of several shapes (S, k) side by side: (N, S*p), or (N, n, S*p) where `spread`."""
-        if self.regressors is not None:
+        if self.regressors is not None and (signals.channels or self.row is None):
             parts = [self._evaluate_regressors(signals, joint, shape) for shape in shapes]
             return np.concatenate(parts, axis=-1)
         if self.row is None or type(self).columns is not Effect.columns:

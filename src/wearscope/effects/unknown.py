@@ -2,8 +2,9 @@
 
 A linear spline of hat functions of one signal between the least and the largest value seen, or the product
 of two such splines for two signals, times 1, the direction of motion or the speed. Outside of the values seen
-it falls to zero within `TAPER` knots, so that it says nothing of where nobody looked. The knots of each number
-in `LEVELS` are among those of the next one, so that the columns of a fine spline give those of the coarse ones.
+it falls to zero within `TAPER` knots, so that it says nothing of where nobody looked. The knots of each
+number in `LEVELS` are among those of the next one, so that the columns of a fine spline give those of the
+coarse ones.
 """
 
 from collections.abc import Sequence

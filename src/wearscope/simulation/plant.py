@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Plant, load_effect
-from wearscope.effects.vocabulary import list_effects
+from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
 from wearscope.robots.model import RobotModel, check_effects
 from wearscope.simulation.arrays import Gears
 
@@ -33,8 +33,8 @@ def build_plant(model: RobotModel) -> Plant:
     """
     check_effects(model)
     plant = Plant(model.n)
-    for effect in list_effects():
-        stated = getattr(model.drive, effect.given_by, None) if effect.given_by else None
+    for effect in STATED_BY_DRIVE:
+        stated = getattr(model.drive, effect.given_by)
         if stated is None:
             continue
         (coefficient,) = effect.coefficients
@@ -42,9 +42,9 @@ def build_plant(model: RobotModel) -> Plant:
             if not any(e.joint == name and e.effect == effect.name and e.parameters for e in model.effects):
                 effect.install(plant, joint, {coefficient.name: stated[joint]})
     for entry in model.effects:
-        effect = load_effect(entry.effect)
-        if entry.parameters or not effect.given_by:
-            effect.install(plant, model.joints.index(entry.joint), entry.parameters)
+        listed = load_effect(entry.effect)
+        if entry.parameters or not listed.given_by:
+            listed.install(plant, model.joints.index(entry.joint), entry.parameters)
     return plant
 
 

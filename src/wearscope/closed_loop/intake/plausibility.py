@@ -25,6 +25,7 @@ from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
+from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: A joint is doubted above this misfit; another reading must leave less than a share of it and than a bound.
@@ -266,7 +267,7 @@ def _span(x: np.ndarray) -> float:
 
 def _check_lag(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
     """A delay between the torque and the position channels of the whole recorder."""
-    if "time_delay" in prepared.dataset.fields.declared_effects:
+    if TIME_DELAY.name in prepared.dataset.fields.declared_effects:
         return
     lag, ratio = find_lag(sample, _LONGEST)
     heard = np.isfinite(lag)
