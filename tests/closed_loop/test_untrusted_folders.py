@@ -1,4 +1,4 @@
-"""Whatever the files of a data set hold, reading gives a data set or one sentence, and stays in its folder."""
+"""Whatever the files of a data set hold, reading gives a data set or one sentence, and stays in it."""
 
 import os
 import string

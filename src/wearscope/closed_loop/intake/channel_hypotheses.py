@@ -20,8 +20,8 @@ from wearscope.robots.dynamics import RigidBody
 
 #: By which factor the rigid body may be off: as the data set states it is trusted, or approximate.
 GAINS = {"trusted": (0.7, 1.4), "approximate": (0.4, 2.5)}
-#: Least misfit as stated of a joint whose position is in another unit; share of what the stated unit leaves
-#: with a rigid body of any size, and of what the other one leaves without a rigid body, that it may leave.
+#: Least misfit as stated of a joint whose position is in another unit; share of what the stated reading leaves
+#: with a rigid body of any size that another may leave.
 _OTHER_UNIT, _FAR_BETTER = 0.8, 0.25
 _ANY_GAIN = (-np.inf, np.inf)
 _MOST_ROWS, _LEAST_ROWS = 1200, 30
@@ -179,13 +179,15 @@ def total_misfit(left: np.ndarray, heard: np.ndarray) -> float:
     return float(np.sum(np.minimum(np.nan_to_num(left[heard], nan=2.0), 2.0)))
 
 
-def explains_unit(sample: Sample, read: Sample, joints: list[int], stated: np.ndarray) -> bool:
-    """Whether the motion explains the torque of some joints far better with positions in another unit.
+def explains_more(sample: Sample, reading: Reading, read: Sample, stated: np.ndarray) -> bool:
+    """Whether a reading explains its joints far better than the stated one with a rigid body of any size.
 
-    A unit that is right explains what no other size of the rigid body does in the stated one, and explains it
-    by the rigid body, not by friction alone.
+    A body that the URDF merely overstates, on a joint full of friction, suits many readings: those that take it
+    away or average it out. A reading of another unit shrinks it to next to nothing, and must explain far more
+    than friction and rotors alone do, too.
     """
-    if np.nanmedian(stated[joints]) < _OTHER_UNIT:
+    joints = list(reading.joints) or np.flatnonzero(np.isfinite(stated)).tolist()
+    if reading.other_unit and np.nanmedian(stated[joints]) < _OTHER_UNIT:
         return False
     known, other = sample.known(), read.known()
     free = without = left = 0.0
@@ -195,7 +197,7 @@ def explains_unit(sample: Sample, read: Sample, joints: list[int], stated: np.nd
         free += min(any_size, no_body, stated[j])
         without += fit_joint(read, np.zeros_like(other), j)[0]
         left += fit_joint(read, other, j)[0]
-    return bool(left < _FAR_BETTER * free and left < _FAR_BETTER * without)
+    return bool(left < _FAR_BETTER * free and (not reading.other_unit or left < _FAR_BETTER * without))
 
 
 def scale_factors(sample: Sample, doubtful: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

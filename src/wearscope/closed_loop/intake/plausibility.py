@@ -12,7 +12,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     Reading,
     Sample,
     columns_for,
-    explains_unit,
+    explains_more,
     find_lag,
     fit_joint,
     list_readings,
@@ -181,9 +181,7 @@ def _judge_reading(reading: Reading, sample: Sample, stated: np.ndarray, concern
         return np.inf
     if total >= 0.5 * total_misfit(stated, sample.heard):
         return np.inf
-    if reading.other_unit and not explains_unit(sample, read, concerned, stated):
-        return np.inf
-    return total
+    return total if explains_more(sample, reading, read, stated) else np.inf
 
 
 def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tuple[float, _Found | None]:

@@ -335,8 +335,8 @@ _TAKES_CHANNELS = any(one.name == "channels" for one in fields(Signals))
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:
-    """Samples (N, n) at rest, beside a rest, or of which the torque or the motion is no measurement."""
-    # The filter carries friction at rest, which is not determined, into the rows beside a rest.
+    """Samples (N, n) at rest, next to a rest, or of which the torque or the motion is no measurement."""
+    # The filter carries friction at rest, which is not determined, into the rows next to a rest.
     width = int(0.5 * band.rate / band.torque)
     bad = slow | spread_out(keep_lasting(slow, width), width)
     if source.faulty.any():
