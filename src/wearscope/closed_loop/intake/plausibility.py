@@ -13,7 +13,6 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     Sample,
     columns_for,
     explains_more,
-    find_lag,
     fit_joint,
     list_readings,
     misfits,
@@ -21,6 +20,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     take_sample,
     total_misfit,
 )
+from wearscope.closed_loop.intake.channel_lag import find_lag
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.recording import estimate_quantum
