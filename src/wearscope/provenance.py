@@ -34,7 +34,7 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
         "packages": dict(sorted(packages.items())),
         "code": {
             "wearscope": metadata.version("wearscope"),
-            "commit": _git("rev-parse", "HEAD"),
+            "commit": read_commit(),
             "changed": bool(_git("status", "--porcelain", "--untracked-files=no")),
             "sha256": hashlib.sha256(text.encode()).hexdigest(),
             "files": files,
@@ -65,6 +65,11 @@ def digest_file(path: Path) -> str:
         while block := file.read(_BLOCK):
             digest.update(block)
     return digest.hexdigest()
+
+
+def read_commit() -> str | None:
+    """Commit of the checkout; None where there is none."""
+    return _git("rev-parse", "HEAD")
 
 
 def _git(*arguments: str) -> str | None:

@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.linalg import subspace_angles
 
 from wearscope.closed_loop.diagnostics import forward
-from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.diagnostics.black_box import fit_black_box, judge_black_box
 from wearscope.closed_loop.model.blocks import make_blocks, make_folds
@@ -18,12 +16,9 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.model.declared import declared_entries, fit_scale
 from wearscope.closed_loop.diagnostics.dependence import diagnose, find_dependence
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.diagnostics.isolability import measure_isolability
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.model.regression import Entry
 from wearscope.closed_loop.run import close_loop, find_prismatic
 from wearscope.closed_loop.selection.evidence import make_flips
-from wearscope.effects.base import load_effect
 from wearscope.simulation.errors import SimulationError
 
 
@@ -70,69 +65,6 @@ def test_coloured_residual_is_not_white(record):
     table = diagnose(prepared, predict_runs(prepared, model, model))
     assert (table["ljung_box_p"] < 1e-6).all()
     assert np.allclose(table["peak"], 0.7, atol=0.2)
-
-
-@pytest.fixture
-def angles(record):
-    prepared, model = fit_declared(record(runs=3))
-    return prepared, model, measure_isolability(prepared, model)
-
-
-def pick(table, joint, a, b):
-    pair = table[(table["joint"] == joint) & (table["effect_a"] == a) & (table["effect_b"] == b)]
-    assert len(pair) == 1
-    return pair.iloc[0]
-
-
-def test_collinear_candidates_have_no_angle(angles):
-    prepared, _, table = angles
-    same = pick(table, "a", "coulomb_asymmetry", "torque_offset")
-    # They differ only at rest, and rows at rest do not count.
-    assert same["angle_deg"] < 3.0 and same["largest_angle_deg"] < 3.0
-    apart = pick(table, "a", "quadratic_viscous", "torque_offset")
-    assert apart["angle_deg"] > 60.0
-    motions = [one for one in advise(prepared, table) if any("torque_offset" in s for s in one["separates"])]
-    assert any("hold still" in one["motion"] for one in motions)
-
-
-def test_angle_agrees_with_subspaces_of_explicit_columns(angles):
-    prepared, model, table = angles
-
-    def stack(name):
-        effect = load_effect(name)
-        entry = Entry(effect, 0, tuple(effect.pack({})[1]), tuple(range(len(effect.coefficients))))
-        return np.concatenate(
-            [
-                (run.reduce(entry.columns(run)) * w[:, :, None])[:, 0]
-                for run, w in zip(prepared.runs_for("train"), model.weights, strict=True)
-            ]
-        )
-
-    declared = np.concatenate(
-        [(x * w[:, :, None])[:, 0] for x, w in zip(model.columns, model.weights, strict=True)]
-    )
-    base = np.linalg.svd(declared, full_matrices=False)
-    base = base[0][:, base[1] > 1e-9 * base[1][0]]
-    project = lambda x: x - base @ (base.T @ x)  # noqa: E731
-    a, b = project(stack("quadratic_viscous")), project(stack("joint_spring"))
-    expected = np.degrees(subspace_angles(a, b))
-    found = pick(table, "a", "joint_spring", "quadratic_viscous")
-    assert found["angle_deg"] == pytest.approx(expected.min(), abs=0.1)
-    sine = np.linalg.norm(a) / np.linalg.norm(stack("quadratic_viscous"))
-    assert found["sine_b"] == pytest.approx(sine, rel=1e-3)
-
-
-def test_what_the_runs_leave_undetermined_is_said(angles):
-    prepared, _, table = angles
-    said = find_undetermined(prepared, table)
-    assert any("same payload" in one["reason"] for one in said)
-    assert not any(one["effect"] == "temperature_dependent_friction" for one in said)
-    for run in prepared.runs:
-        run.signals.temperature[:] = np.nan
-    said = find_undetermined(prepared, table)
-    missing = [one for one in said if one["effect"] == "temperature_dependent_friction"]
-    assert [one["joint"] for one in missing] == ["a", "b"]
-    assert "temperature" in missing[0]["motion"]
 
 
 def test_black_box_finds_a_planted_interaction_and_no_noise():

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import TEMPERATURE
 
 
 @compile_row
@@ -42,4 +43,7 @@ EFFECT = Effect(
         Parameter("eta8", "{position}/s", lower=0.0),
         Parameter("alpha", "-", lower=0.1, upper=4.0, default=1.0),
     ),
+    candidate=False,
+    contains=("coulomb", "viscous", "stribeck", "temperature_dependent_friction", "wear"),
+    excitation=TEMPERATURE,
 )

@@ -8,7 +8,8 @@ import numpy as np
 import yaml
 from pydantic import Field, PrivateAttr, ValidationError
 
-from wearscope import plugins, tables
+from wearscope import tables
+from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.fields import (
@@ -270,7 +271,7 @@ def check_effects(model: RobotModel) -> None:
         Naming the entry, and the names that exist.
     """
     for k, entry in enumerate(model.effects):
-        effect = plugins.load(entry.effect, "effects", "EFFECT")
+        effect = load_effect(entry.effect).for_robot(model.n)
         effect.check_values(entry.parameters, f"{model.name}: effects[{k}] at joint '{entry.joint}'")
 
 

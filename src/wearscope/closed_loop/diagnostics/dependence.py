@@ -31,7 +31,7 @@ DIAGNOSTIC_UNITS = {
 DEPENDENCE_UNITS = {"share": "1", "share_held_out": "1", "p_value": "1", "p_adjusted": "1"}
 
 
-def diagnose(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
+def diagnose_residuals(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
     """Size, spectrum and whiteness of every residual.
 
     Parameters

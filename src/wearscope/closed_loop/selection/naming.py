@@ -1,0 +1,93 @@
+"""The set of names of a term: what held-out runs cannot tell apart from it, with a stated coverage."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from arch.bootstrap import MCS
+
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Found, Search
+
+#: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
+_DRAWS, _LENGTH, _MOST = 500, 2, 12
+#: Share of the best alternative's gain below which one is not compared.
+_NEAR = 0.5
+#: What may stand beside a name although it may not give it.
+_OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
+
+
+def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Evidence]:
+    """Those terms that are in the model confidence set of their held-out losses by block.
+
+    Hansen, Lunde and Nason 2011, Econometrica 79(2), by `arch`'s stationary bootstrap.
+    """
+    if len(evidence) < 2:
+        return list(evidence)
+    losses = np.column_stack([e.change for e in evidence])
+    losses = losses[np.isfinite(losses).all(axis=1)]
+    same = [k for k in range(1, len(evidence)) if np.ptp(losses[:, k] - losses[:, 0]) <= 1e-9]
+    apart = [k for k in range(len(evidence)) if k not in same]
+    inside = set(same) if len(apart) < 2 else set()
+    if len(apart) > 1:
+        test = MCS(
+            losses[:, apart], policy.set_level, reps=_DRAWS, block_size=_LENGTH, method="R",
+            bootstrap="stationary", seed=np.random.default_rng(policy.seed),
+        )  # fmt: skip
+        test.compute()
+        inside = {apart[int(k)] for k in test.included}
+        if 0 in inside:
+            inside |= set(same)
+    else:
+        inside |= set(apart)
+    # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
+    best = max(evidence, key=lambda e: e.gain)
+    inside |= {k for k, e in enumerate(evidence) if not rule.separates(best, e)}
+    return [e for k, e in enumerate(evidence) if k in inside]
+
+
+def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:
+    """Give each term the simplest name of its set; return the other names beside it.
+
+    A standard term keeps its name: a plain joint is expected to have it.
+    """
+    equivalent: list[list[str]] = [[] for _ in found]
+    for i in range(len(found)):
+        f = found[i]
+        if f.effect.empirical:
+            continue
+        others = [k for k in found if k is not f]
+        beside = search.assemble(others)
+        joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
+        last = search.problem.prepared.n - 1
+        offered = [
+            c
+            for c in search.candidates(beside, others, sorted({*joints, last}))
+            if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
+        ]
+        weighed = sorted(search.weigh_all(beside, offered), key=lambda e: -e.gain)
+        own = f.evidence
+        best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
+        near = [
+            e
+            for e in weighed
+            if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)
+        ][:_MOST]
+        near = [search.refine(beside, e) for e in near]
+        inside = find_confidence_set([own, *near], search.policy)
+        able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
+        opposes = [e.term.effect.name for e in able if search.opposes_gravity(e)]
+        name = rule.simplest(able, opposes) if able and not f.effect.standard else own
+        if name is not own:
+            found = [Found(name.chosen, name) if k is f else k for k in found]
+        most = max((e.complexity for e in able), default=own.complexity)
+        if f.effect.standard:
+            most = own.complexity
+        named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
+        equivalent[i] = [x for x in named if x != name.term.effect.name]
+    return found, equivalent
+
+
+def _is_same(a: Evidence, b: Evidence) -> bool:
+    return a.term.effect is b.term.effect and a.term.joint == b.term.joint and a.chosen.subset == b.chosen.subset
