@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 import yaml
 
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.run import close_loop, find_prismatic
+from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 
 JOINT = (

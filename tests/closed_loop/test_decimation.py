@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import interpolate
 
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake import filtering
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import choose_factor, decimate
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.run import find_prismatic
 
 RATE = 1000.0
 
