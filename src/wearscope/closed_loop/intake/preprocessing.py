@@ -6,9 +6,8 @@ the common filter and the friction's reversal, and make the signals. Recordings 
 ones keep no more samples than the filters leave anything of.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -294,7 +293,6 @@ def _finish_run(
     q, v, a, tau = (decimate(x, factor) for x in (made.q, made.v, made.a, run.tau))
     load = source.body.inverse_dynamics(q, v, a)
     known = load + inertia * a
-    channels = {name: decimate(x, factor) for name, x in run.channels.items()}
     signals = Signals(
         t=run.t[::factor],
         q=q,
@@ -307,10 +305,8 @@ def _finish_run(
         rigid_body=source.body,
         torque=known,
         bandwidth=band.torque,
+        channels={name: decimate(x, factor) for name, x in run.channels.items()},
     )
-    if _TAKES_CHANNELS:
-        further: dict[str, Any] = {"channels": channels}
-        signals = replace(signals, **further)
     bad = _mark_uncounted(np.abs(v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
     prepared = PreparedRun(
@@ -328,10 +324,6 @@ def _finish_run(
         session=run.session,
     )
     return replace(prepared, measured=prepared.reduce(tau))
-
-
-#: Whether signals carry further measured channels.
-_TAKES_CHANNELS = any(one.name == "channels" for one in fields(Signals))
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:
