@@ -146,6 +146,8 @@ def _explain(path: Path, content: dict, error: ValidationError) -> InputError:
     told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
     if first["type"] == "missing":
         told = "is missing"
+    elif first["type"] in ("model_type", "dict_type"):
+        told = f"should hold fields of its own, as 'name: value', but is {str(first['input'])[:40]!r}"
     elif first["type"] not in ("too_short", "too_long"):
         told += f", but is {str(first['input'])[:40]!r}"
     return InputError(
