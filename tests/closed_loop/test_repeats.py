@@ -15,9 +15,7 @@ def make_runs(count, seed, same_motion):
     made = []
     for k in range(count):
         own = np.random.default_rng(seed if same_motion else [seed, k])
-        q = sum(
-            own.normal(size=2) / i * np.sin(i * t[:, None] + own.uniform(0, 6, 2)) for i in range(1, 8)
-        )
+        q = sum(own.normal(size=2) / i * np.sin(i * t[:, None] + own.uniform(0, 6, 2)) for i in range(1, 8))
         tau = 10 * np.sin(q) + np.gradient(q, axis=0) * RATE
         tau = tau + 0.01 * tau.std() * rng.normal(size=q.shape)
         made.append(Run(f"{k}", "train", t, q + 1e-5 * rng.normal(size=q.shape), tau, None, None, None))
