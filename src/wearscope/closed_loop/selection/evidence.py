@@ -27,6 +27,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant beside a residual that drifts"
+    ALONE = "a single run cannot show that structure without a name carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 
 
@@ -98,9 +99,7 @@ class Evidence:
         return self.chosen.candidate.effect.complexity(self.chosen.subset)
 
 
-def weigh(
-    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray
-) -> Evidence:
+def weigh(assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray) -> Evidence:
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open."""
     layout = assembly.layout
     sums = assembly.sum_products(candidate).select(subset)

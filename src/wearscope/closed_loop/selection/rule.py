@@ -63,9 +63,10 @@ def judge(
         return Refusal.SMALL
     if e.p_value > level and not is_beyond_chance(e):
         return Refusal.CHANCE
-    if e.agreement < (1.0 if generic and not by_run else policy.agreeing):
+    # Parts of one run resemble each other more than runs do: all must agree.
+    if e.agreement < (policy.agreeing if by_run else 1.0):
         return Refusal.DISAGREES
-    return Refusal.NONE
+    return Refusal.ALONE if generic and not by_run else Refusal.NONE
 
 
 def is_beyond_chance(e: Evidence) -> bool:
@@ -73,14 +74,14 @@ def is_beyond_chance(e: Evidence) -> bool:
     return e.share >= _BEYOND_CHANCE and e.agreement == 1.0 and e.informing >= 3
 
 
-def is_needed(e: Evidence, policy: Policy) -> bool:
+def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise."""
     gain, error = summed(-e.change)
     return (
         e.sine >= _ABSORBED
         and e.share >= policy.standard_share
         and e.torque >= policy.material_torque
-        and e.agreement >= policy.agreeing
+        and e.agreement >= (policy.agreeing if by_run else 1.0)
         and gain > _ERRORS * error
     )
 
@@ -102,9 +103,22 @@ def touches(a: Evidence, b: Evidence) -> bool:
     return bool(set(a.chosen.candidate.joints) & set(b.chosen.candidate.joints))
 
 
-def simplest(tied: Iterable[Evidence], opposes: Sequence[str] = ()) -> Evidence:
-    """Least complex of tied terms; among equals what opposes gravity where that is its purpose, then gain."""
-    return min(tied, key=lambda e: (e.complexity, e.term.effect.name not in opposes, -e.gain))
+def simplest(tied: Iterable[Evidence], opposing: Sequence[Evidence] = ()) -> Evidence:
+    """Least complex of tied terms; among equals what is built to oppose gravity where it does, then gain.
+
+    Parameters
+    ----------
+    tied : iterable of Evidence
+    opposing : sequence of Evidence
+        Those that take gravity's load off their joint.
+    """
+
+    def fits_purpose(e: Evidence) -> int:
+        if not e.term.effect.opposes_gravity:
+            return 1
+        return 0 if any(e is o for o in opposing) else 2
+
+    return min(tied, key=lambda e: (e.complexity, fits_purpose(e), -e.gain))
 
 
 def choose(able: Sequence[Evidence]) -> Evidence | None:
