@@ -31,6 +31,10 @@ def _miss_inertials(urdf: str, error: float, rng: np.random.Generator) -> str:
     return re.sub(r"<inertial>.*?</inertial>", link, urdf)
 
 
+def _one_or_all(units: list[str]) -> str | list[str]:
+    return units[0] if len(set(units)) == 1 else units
+
+
 def write_folder(
     folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
     sigma: Array, seed: int, declared: list[str], with_temperature: bool,
@@ -42,7 +46,9 @@ def write_folder(
     dict
         Columns to be sealed: `run`, `t`, and by joint `clean_`, `noise_` and `effect_` torque.
     """
-    joints, pos, tau_unit = machine.joints, machine.position_unit, machine.torque_unit
+    joints, n = machine.joints, len(machine.joints)
+    pos = [machine.position_unit(j) for j in range(n)]
+    tau_unit = [machine.torque_unit(j) for j in range(n)]
     resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
     sealed: dict[str, list[Array]] = {"run": [], "t": []}
     listing: list[dict[str, Any]] = []
@@ -61,7 +67,7 @@ def write_folder(
         sealed["t"].append(t)
         for j, joint in enumerate(joints):
             columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
-            units[f"q_{joint}"], units[f"tau_{joint}"] = pos, tau_unit
+            units[f"q_{joint}"], units[f"tau_{joint}"] = pos[j], tau_unit[j]
             if with_temperature:
                 columns[f"temp_{joint}"] = np.round(b.temperature[::OVERSAMPLING, j], 1)
                 units[f"temp_{joint}"] = "degC"
@@ -88,7 +94,7 @@ def write_folder(
         "source": "generated",
         "robot": robot,
         "sample_rate": recipe.rate,
-        "units": {"q": pos, "tau": tau_unit},
+        "units": {"q": _one_or_all(pos), "tau": _one_or_all(tau_unit)},
         "declared_effects": declared,
         "runs": listing,
     }

@@ -186,7 +186,7 @@ def generate_dataset(
         "robot": robot,
         "seed": seed,
         "joints": list(machine.joints),
-        "unit": machine.torque_unit,
+        "unit": machine.torque_unit(0),
         "recipe": asdict(recipe) | {"plans": [asdict(plan) for plan in recipe.plans]},
         "noise": recipe.noise,
         "noise_rms": dict(zip(machine.joints, sigma.tolist(), strict=True)),
@@ -248,7 +248,7 @@ def _judge(
         rivals: dict[str, float] = {}
         best = 0.0
         for number, j in enumerate(concerned):
-            families = Families(tracks, j, recipe.rate, machine.prismatic, declared)
+            families = Families(tracks, j, recipe.rate, machine.prismatic[j], declared)
             order = entry["parameters"].get("order", {}).get("value")
             found = judge_separability(
                 families, entry["effect"], [x[:, j] for x in torque], float(sigma[j]), order

@@ -32,7 +32,7 @@ class Structural:
 
     def parameters(self, amplitude: float, machine: Machine) -> dict[str, tuple[float, str]]:
         """Planted parameters as ``name: (value, unit)``."""
-        tau, pos = machine.torque_unit, machine.position_unit
+        tau, pos = machine.torque_unit(self.joint), machine.position_unit(self.joint)
         if self.kind == "payload_error":
             return {"mass": (amplitude, "kg"), "com_shift_x": (self.detail["shift"] * amplitude, "m")}
         if self.kind == "joint_elasticity":
@@ -193,5 +193,5 @@ def first_amplitude(plant: Term | Structural, machine: Machine) -> float:
     if plant.kind == "backlash":
         return 1e-3 * machine.reach[plant.joint]
     if plant.kind == "joint_elasticity":
-        return 1e-6 if not machine.prismatic else 1e-7
+        return 1e-6 if not machine.prismatic[plant.joint] else 1e-7
     return sign * (0.01 if plant.kind == "torque_constant_error" else 0.002)
