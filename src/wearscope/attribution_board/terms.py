@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from wearscope.attribution_board.machines import Machine
@@ -202,12 +203,17 @@ def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def slip_spring(q: Array, limit: float) -> Array:
     """Force (-1..1) of a spring that slips where its stretch passes `limit`; starts relaxed."""
+    return np.asarray(_slip(np.diff(q, prepend=q[0]), limit))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _slip(steps: Array, limit: float) -> Array:
     stretch = 0.0
-    out = np.empty(len(q))
-    for i, step in enumerate(np.diff(q, prepend=q[0]).tolist()):
-        stretch = min(limit, max(-limit, stretch + step))
-        out[i] = stretch
-    return out / limit
+    out = np.empty(len(steps))
+    for i in range(len(steps)):
+        stretch = min(limit, max(-limit, stretch + steps[i]))
+        out[i] = stretch / limit
+    return out
 
 
 def torque_ripple(m: Machine, j: int, rng: np.random.Generator) -> Term:
@@ -306,9 +312,9 @@ def coulomb(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb friction that the model does not have at all."""
     return Term(
         j,
-        lambda s: 2 / np.pi * np.arctan(s.v[:, j] / (0.5 * s.grain[j])),
+        lambda s: s.v[:, j] / np.sqrt(s.v[:, j] ** 2 + s.grain[j] ** 2),
         lambda x: {"level": (x, m.torque_unit(j))},
-        "2/pi arctan(v/w)",
+        "v / sqrt(v^2 + w^2)",
     )
 
 
@@ -331,6 +337,7 @@ NAMED: dict[str, Builder] = {
     "torque_ripple": torque_ripple,
     "joint_spring": joint_spring,
     "gravity_counterbalance": gravity_counterbalance,
+    "rotor_inertia": rotor_inertia_error,
     "rotor_inertia_error": rotor_inertia_error,
     "cross_coupling": cross_coupling,
     "torque_offset": torque_offset,
