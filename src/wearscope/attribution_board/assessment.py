@@ -15,8 +15,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+STANDARD = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "torque_offset")
+"""Only these are rivals of a standard effect: richer forms come after their simple parents."""
 NOTICED = 0.5
 """An effect on several joints concerns those where it is this much of the noise RMS."""
+SPREAD = 0.2
+"""Standard deviation of approximate inertials over their size, as the refit takes it."""
 MEMORIES = {"drift": 1.0, "hum": 0.25, "harmonics": 0.25, "event": 0.3}
 """Time over which noise is autocorrelated, by kind [s]; coloured noise has its own, the rest none."""
 
@@ -32,8 +36,22 @@ def _inertial_columns(recording: "Recording", tracks: list[Track]) -> Array:
     for track in tracks:
         for i in range(thin, len(track.t) - thin, thin):
             regressor = pin.computeJointTorqueRegressor(model, data, track.q[i], track.v[i], track.a[i])
-            rows.append(regressor.copy())
+            rows.append(regressor.reshape(len(track.q[i]), -1).copy())
     return np.array(rows)
+
+
+def _inertial_spread(recording: "Recording") -> Array:
+    """How far (10 n,) the inertial parameters may be off, as a standard deviation: `SPREAD` of their own size.
+
+    A small one of a group (mass, first moments, inertias of a link) counts as half of the group's largest.
+    """
+    spreads = []
+    for link in list(recording.body.model.inertias)[1:]:
+        parameters = np.abs(link.toDynamicParameters())
+        for group in (slice(0, 1), slice(1, 4), slice(4, 10)):
+            values = parameters[group]
+            spreads.append(SPREAD * np.maximum(values, max(0.5 * float(values.max()), 1e-6)))
+    return np.concatenate(spreads)
 
 
 def assess_entries(
@@ -71,6 +89,7 @@ def assess_entries(
         )  # fmt: skip
     approximate = bool(recipe.inertia_error) if recipe.approximate is None else recipe.approximate
     inertial = _inertial_columns(recording, tracks) if approximate else None
+    spread = _inertial_spread(recording)
     refitted = ["rotor_inertia_given" if x == "rotor_inertia" and recipe.rotor_given else x for x in declared]
     runs = np.asarray(signals["run"])
     memory = recipe.memory if recipe.noise == "coloured" else MEMORIES.get(recipe.noise, 0.0)
@@ -86,7 +105,7 @@ def assess_entries(
             ]
             families.ripple_orders = (*families.ripple_orders, *orders)
             noise = [np.asarray(signals[f"noise_{machine.joints[j]}"])[runs == k] for k in training]
-            extra = None if inertial is None else inertial[:, j]
+            extra = None if inertial is None else (inertial[:, j], spread)
             views[j] = JointView(families, noise, memory, len(machine.joints), extra)
         return views[j]
 
@@ -103,7 +122,9 @@ def assess_entries(
                 for that, other in zip(entries, torques, strict=True)
                 if that is not entry and max(np.abs(x[:, j]).max() for x in other) > 1e-9 * sigma[j]
             ]
-            judged[j] = view(j).judge(entry["effect"], [x[:, j] for x in torque], others)
+            judged[j] = view(j).judge(
+                entry["effect"], [x[:, j] for x in torque], others, STANDARD if entry["standard"] else None
+            )
         best = min(judged, key=lambda j: judged[j]["findable"])
         found = judged[best]
         rivals = dict(found["rivals"])

@@ -79,7 +79,9 @@ def make_noise(
         wave = np.zeros((rows, n))
         for order, share in ((1, 1.0), (2, 0.6), (3, 0.35)):
             wave += share * np.sin(2 * np.pi * order * frequency * t[:, None] + rng.uniform(0, 2 * np.pi, n))
-        swell = 1.0 + 0.5 * np.sin(2 * np.pi * rng.uniform(0.1, 0.4) * t[:, None] + rng.uniform(0, 2 * np.pi, n))
+        swell = 1.0 + 0.5 * np.sin(
+            2 * np.pi * rng.uniform(0.1, 0.4) * t[:, None] + rng.uniform(0, 2 * np.pi, n)
+        )
         return _scaled(0.8 * white + 0.85 * swell * wave, rms)
     moment = rng.uniform(0.2, 0.8, n) * t[-1]
     knock = np.exp(-(((t[:, None] - moment) / 0.15) ** 2)) * rng.choice([-1.0, 1.0], n)

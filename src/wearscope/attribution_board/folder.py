@@ -66,9 +66,7 @@ def write_folder(
         units = {"t": "s"}
         noise = acted
         if noise is None:
-            noise = make_noise(
-                recipe.noise, len(t), sigma, recipe.rate, rng, recipe.memory, recipe.frequency
-            )
+            noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng, recipe.memory, recipe.frequency)
         q = np.column_stack([np.interp(at_q, b.t, b.q[:, j]) for j in range(len(joints))])
         clean = np.column_stack([np.interp(at_tau, b.t, b.tau[:, j]) for j in range(len(joints))])
         effect = b.plant_torque[every]

@@ -48,9 +48,7 @@ def declare_effects(recipe: Recipe, planted: Sequence[Planted]) -> list[str]:
     if recipe.declared is not None:
         return list(recipe.declared)
     lacking = {LACKING[p.effect] for p in planted if p.effect in LACKING}
-    return [
-        name for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous") if name not in lacking
-    ]
+    return [name for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous") if name not in lacking]
 
 
 def make_setting(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str]) -> Setting:
@@ -120,9 +118,7 @@ def record(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str])
     motions, temperatures = [], []
     for number, plan in enumerate(recipe.plans):
         motion_seed = int(make_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
-        motion = make_motion(
-            machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked, plan.pace
-        )
+        motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked, plan.pace)
         rng = make_stream(seed, machine.name, "temperature", str(number))
         motions.append(motion)
         temperatures.append(_warm_up(plan, len(machine.joints), motion.t, rng))

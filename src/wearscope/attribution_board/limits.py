@@ -30,9 +30,7 @@ SHARE = 0.4
 """Largest RMS of any other effect over that of the joint's torque."""
 
 
-def limit_amplitude(
-    recording: "Recording", plant: Term | Structural, effect: str, amplitude: float
-) -> float:
+def limit_amplitude(recording: "Recording", plant: Term | Structural, effect: str, amplitude: float) -> float:
     """Amplitude within what the machine may have.
 
     Parameters

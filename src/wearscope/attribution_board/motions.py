@@ -39,11 +39,14 @@ def _add_move(
     """Add a displacement `by` from `start` over `time`: ramp up, constant speed, ramp down (in place)."""
     ramp_time = ramp * time
     peak = by / (time - ramp_time)
+    first, last = np.searchsorted(t, (start, start + time))
+    now = slice(int(first), int(last))
     for begin, sign in ((start, 1.0), (start + time - ramp_time, -1.0)):
-        integral, value, slope, _ = _step((t - begin) / ramp_time)
-        q += sign * peak * ramp_time * integral
-        v += sign * peak * value
-        a += sign * peak / ramp_time * slope
+        integral, value, slope, _ = _step((t[now] - begin) / ramp_time)
+        q[now] += sign * peak * ramp_time * integral
+        v[now] += sign * peak * value
+        a[now] += sign * peak / ramp_time * slope
+    q[int(last) :] += by
 
 
 def _move_time(by: float, speed: float, acceleration: float, ramp: float) -> float:
@@ -166,7 +169,9 @@ def pass_through_points(machine: Machine, rng: np.random.Generator, t: Array) ->
     spline = make_interp_spline(knots, places, k=7, bc_type=(still, still))
     q, v, a = (spline.derivative(order)(t) if order else spline(t) for order in range(3))
     limits = np.asarray(machine.reach), np.asarray(machine.speed), np.asarray(machine.acceleration)
-    scale = np.min([limit / np.abs(x).max(axis=0) for limit, x in zip(limits, (q, v, a), strict=True)], axis=0)
+    scale = np.min(
+        [limit / np.abs(x).max(axis=0) for limit, x in zip(limits, (q, v, a), strict=True)], axis=0
+    )
     return Motion(t, scale * q + np.asarray(machine.centre), scale * v, scale * a)
 
 

@@ -152,7 +152,12 @@ def turning_point(m: Machine, j: int, rng: np.random.Generator) -> Term:
 TWO_JOINTS = ("other_position", "position_product")
 """Outside effects that need a second joint."""
 KINDS: dict[str, tuple[str, ...]] = {
-    "one_signal": ("position_dependent_friction", "acceleration_cubed", "speed_banded_resonance", "sticking_spot"),
+    "one_signal": (
+        "position_dependent_friction",
+        "acceleration_cubed",
+        "speed_banded_resonance",
+        "sticking_spot",
+    ),
     "two_signals": ("position_speed_product", "other_position", "position_product", "load_speed_product"),
     "time": ("square_wave", "step_in_time", "sine_in_time"),
     "history": ("fading_memory", "turning_point"),

@@ -19,7 +19,14 @@ from wearscope.errors import InputError
 
 Array = NDArray[np.float64]
 
-STRUCTURAL = ("payload_error", "inertial_error", "joint_elasticity", "backlash", "torque_constant_error", "time_delay")
+STRUCTURAL = (
+    "payload_error",
+    "inertial_error",
+    "joint_elasticity",
+    "backlash",
+    "torque_constant_error",
+    "time_delay",
+)
 
 
 @dataclass(frozen=True)

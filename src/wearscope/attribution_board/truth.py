@@ -15,7 +15,8 @@ and at which the effect is at least `MATERIAL` of the noise variance. It knows n
 An effect is *separable* where, for every rival family with no more columns than its own, the rival leaves at
 least `separability.MARGIN` more of f's variance than the effect's own form leaves, and that difference would
 itself be found (d^2 times the margin at least the critical d^2). Effects below the just findable size are
-recorded as such; they are no misses.
+recorded as such; they are no misses. The rivals of an undeclared standard effect (rotor inertia, Coulomb,
+viscous, offset) are the other standard ones alone, since richer forms come after their simple parents.
 """
 
 from dataclasses import dataclass
@@ -97,13 +98,15 @@ class JointView:
         Time over which that noise is autocorrelated [s].
     joints : int
         Number of joints of the machine.
-    extra : array (rows, k), optional
-        Further columns that are refitted (inertial parameters), smoothed and pooled.
+    extra : tuple of array (rows, k) and array (k,), optional
+        Further columns that are refitted (inertial parameters), smoothed and pooled, and the standard
+        deviations of their coefficients a priori. They enter as so many rows more, in which all else is zero.
     """
 
     def __init__(
-        self, families: Families, noise: list[Array], memory: float, joints: int, extra: Array | None = None
-    ):
+        self, families: Families, noise: list[Array], memory: float, joints: int,
+        extra: tuple[Array, Array] | None = None,
+    ):  # fmt: skip
         self.families, self.joints = families, joints
         moving = np.flatnonzero(families.moving())
         self.rows = moving[:: max(1, -(-len(moving) // MOST_ROWS))]
@@ -114,19 +117,28 @@ class JointView:
             pieces.append(start + np.arange(length) // max(1, round(seconds * KEPT_RATE_HZ)))
             start = int(pieces[-1][-1]) + 1
         self.block = np.concatenate(pieces)[self.rows]
-        declared = families.declared[self.rows]
-        self.base = declared if extra is None else np.hstack([declared, extra[self.rows]])
+        self.base = families.declared[self.rows]
+        self.padding = 0
+        if extra is not None:
+            columns, spread = extra
+            self.padding = len(spread)
+            prior = np.diag(float(np.sqrt(np.mean(self.noise**2))) / spread)
+            self.base = np.hstack([self._pad(self.base), np.vstack([columns[self.rows], prior])])
         self._variants: dict[str, list[Array]] = {}
+
+    def _pad(self, columns: Array) -> Array:
+        return np.vstack([columns, np.zeros((self.padding, columns.shape[1]))])
 
     def variants(self, name: str) -> list[Array]:
         """Columns of every variant of a family on this view's rows."""
         if name not in self._variants:
-            self._variants[name] = [x[self.rows] for x in self.families.variants(name)]
+            self._variants[name] = [self._pad(x[self.rows]) for x in self.families.variants(name)]
         return self._variants[name]
 
     def judge(
-        self, effect: str, torque: list[Array], others: list[list[Array]], own: Array | None = None
-    ) -> dict[str, Any]:
+        self, effect: str, torque: list[Array], others: list[list[Array]],
+        rivals_among: tuple[str, ...] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
         """Findability and rivals of one planted effect among others.
 
         Parameters
@@ -136,8 +148,8 @@ class JointView:
             Its torque at this joint, by track.
         others : list of list of array
             The other planted effects' torques at this joint.
-        own : array (rows, k), optional
-            Columns of its own form where it is not one of the families.
+        rivals_among : tuple of str, optional
+            Names that count as rivals; by default all.
 
         Returns
         -------
@@ -145,13 +157,14 @@ class JointView:
             `unabsorbed` (RMS in the common band), `band_noise`, `absorbed_share`, `own_left`, `distance`,
             `critical`, `findable` (factor), `rivals` (name to margin), `nearest` (coefficient or None).
         """
-        target = self.families.pool(torque)[self.rows]
+        target = self._pad(self.families.pool(torque)[self.rows][:, None])[:, 0]
         whole = float(np.mean(target**2))
-        columns = [self.base] + [self.families.pool(other)[self.rows][:, None] for other in others]
+        columns = [self.base]
+        columns += [self._pad(self.families.pool(other)[self.rows][:, None]) for other in others]
         basis = orthonormal(np.hstack(columns))
         kept = target - basis @ (basis.T @ target)
         share = float(np.mean(kept**2)) / max(whole, 1e-300)
-        found = measure_findability(kept, self.noise, self.block, self.joints)
+        found = measure_findability(kept[: len(self.rows)], self.noise, self.block, self.joints)
         names = set(self.families.names())
         known = [name for name in accepted_names(effect) if name in names]
         own_left, own_columns = (0.0, 99) if not known else (np.inf, 99)
@@ -160,7 +173,8 @@ class JointView:
             own_columns = min(own_columns, *(x.shape[1] for x in variants))
             own_left = min(own_left, *(self._left(kept, x, basis) for x in variants))
         rivals: dict[str, float] = {}
-        for name in sorted(names - set(accepted_names(effect))):
+        among = names if rivals_among is None else names & set(rivals_among)
+        for name in sorted(among - set(accepted_names(effect))):
             variants = [x for x in self.variants(name) if x.shape[1] <= own_columns]
             if not variants:
                 continue
