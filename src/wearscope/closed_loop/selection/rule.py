@@ -14,12 +14,12 @@ _FEWEST_BLOCKS = 4.0
 #: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
-#: lies in a few blocks (a lost motion, a reversal), are then not asked.
-_BEYOND_CHANCE = 0.5
+#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of a single run.
+_BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves.
 _GENERIC = 5.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
-#: the larger gain.
+#: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
 
 
@@ -61,7 +61,7 @@ def judge(
         return Refusal.BOUNDS
     if abs(float(e.beta[0])) < least:
         return Refusal.SMALL
-    if e.p_value > level and not is_beyond_chance(e):
+    if e.p_value > level and not is_beyond_chance(e, by_run):
         return Refusal.CHANCE
     # Parts of one run resemble each other more than runs do: all must agree.
     if e.agreement < (policy.agreeing if by_run else 1.0):
@@ -69,9 +69,10 @@ def judge(
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
 
 
-def is_beyond_chance(e: Evidence) -> bool:
+def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
     """Whether every one of three or more informing runs is predicted far better when held out."""
-    return e.share >= _BEYOND_CHANCE and e.agreement == 1.0 and e.informing >= 3
+    least = _BEYOND_CHANCE if by_run else _BEYOND_CHANCE_ALONE
+    return e.share >= least and e.agreement == 1.0 and e.informing >= 3
 
 
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
@@ -95,7 +96,7 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 def separates(better: Evidence, worse: Evidence) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
-    return difference > max(_ERRORS * error, _MATERIAL * better.gain)
+    return difference > max(_ERRORS * error, _MATERIAL * better.left)
 
 
 def touches(a: Evidence, b: Evidence) -> bool:

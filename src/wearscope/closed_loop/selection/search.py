@@ -140,8 +140,8 @@ class Search:
 
     def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves."""
-        loss = np.maximum(self.standard_loss, 1e-300)
-        return [replace(e, whole=e.gain * self.sigma[e.joint] ** 2 / loss[e.joint]) for e in weighed]
+        scale = self.sigma**2 / np.maximum(self.standard_loss, 1e-300)
+        return [replace(e, whole=max(g * scale[j] for j, g in e.gains.items())) for e in weighed]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -278,7 +278,7 @@ class Search:
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
-        if rule.is_beyond_chance(e):
+        if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
             return False
         return drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.drift_level
 
