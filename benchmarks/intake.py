@@ -96,10 +96,10 @@ def main():
         maker.start()
         maker.join()
 
+    from wearscope.closed_loop.diagnosis import find_prismatic
     from wearscope.closed_loop.intake.dataset import read_dataset
     from wearscope.closed_loop.intake.plausibility import check_plausibility
     from wearscope.closed_loop.intake.preprocessing import prepare
-    from wearscope.closed_loop.run import find_prismatic
 
     print(f"{'with the packages':30}{'':10}{peak():8.0f} MiB")
     last = start = time.perf_counter()
@@ -116,9 +116,9 @@ def main():
     busy = resource.getrusage(resource.RUSAGE_SELF).ru_utime
     print("; ".join(prepared.notes))
     print(
-        f"{size} at {arguments.rate:g} Hz: {time.perf_counter() - start:.1f} s ({busy:.1f} s of one core), {peak():.0f} MiB "
-        f"(limit {LIMIT_MIB:g} for the whole loop), {rows} rows kept at {prepared.band.rate:g} Hz; "
-        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+        f"{size} at {arguments.rate:g} Hz: {time.perf_counter() - start:.1f} s ({busy:.1f} s of one core), "
+        f"{peak():.0f} MiB (limit {LIMIT_MIB:g} for the whole loop), {rows} rows kept at "
+        f"{prepared.band.rate:g} Hz; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
     )
 
 

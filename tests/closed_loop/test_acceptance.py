@@ -9,11 +9,11 @@ import yaml
 
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Recipe, RunPlan
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.acceptance import Acceptance, list_codes
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.run import find_prismatic
 from wearscope.errors import InputError
 
 PLANS = (
@@ -160,21 +160,20 @@ def test_the_line_keeps_what_was_accepted_before_and_any_name():
     assert "f: it looks odd; if it is right as it is, write " in str(caught.value)
 
 
-def test_a_light_joint_full_of_friction_is_not_in_degrees(arm, tmp_path):
-    """An overstated body and much friction: any smaller rigid body explains it, not just that in degrees."""
+@pytest.mark.parametrize("reach", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.3, 1.0])
+def test_joints_full_of_friction_under_an_overstated_body_are_believed(arm, tmp_path, reach, size):
+    """Any smaller rigid body explains such a joint, not just that of positions in degrees or turned axes."""
     folder = shutil.copytree(arm, tmp_path / "d")
 
-    def friction_only(table):
+    def rub(table):
         for joint in ("waist", "shoulder", "elbow"):
             v = np.gradient(table[f"q_{joint}"], table["t"])
             noise = np.random.default_rng(0).normal(size=len(v))
-            size = table[f"tau_{joint}"].std()
-            table[f"tau_{joint}"] = size * (0.02 * np.sign(v) + 0.01 * v / v.std() + 1e-3 * noise)
-            table[f"q_{joint}"] = 1.5 * table[f"q_{joint}"]
+            friction = np.sign(v) + 0.5 * v / v.std() + 0.02 * noise
+            table[f"tau_{joint}"] = size * table[f"tau_{joint}"].std() * friction
+            table[f"q_{joint}"] = reach * table[f"q_{joint}"]
         return table
 
-    edit(folder, friction_only)
-    try:
-        check(folder)
-    except InputError as error:
-        assert "degrees" not in str(error)
+    edit(folder, rub)
+    check(folder)

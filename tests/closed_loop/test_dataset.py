@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 import yaml
 
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.run import close_loop, find_prismatic
+from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 
 JOINT = (
@@ -212,6 +213,10 @@ FIELDS = {
     ),
     "gravity_in_mm": (lambda d: d["robot"].update(gravity=[0, 0, -9810]), ["robot.gravity is 9810 m/s^2"]),
     "inertials_odd": (lambda d: d["robot"].update(inertials="good"), ["'robot.inertials'", "'approximate'"]),
+    "payload_bare": (
+        lambda d: d["runs"][0].update(payload=3),
+        ["'runs[0].payload' should hold fields of its own", "but is '3'"],
+    ),
     "payload_negative": (lambda d: d["runs"][0].update(payload={"mass": -1}), ["'runs[0].payload.mass'"]),
     "payload_no_mass": (
         lambda d: d["runs"][0].update(payload={"com": [0, 0, 0]}),

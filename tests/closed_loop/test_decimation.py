@@ -1,14 +1,16 @@
 """Fast recordings are thinned without a trace in the rows, and memory does not grow with the rate."""
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 from scipy import interpolate
 
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake import filtering
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import choose_factor, decimate
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.run import find_prismatic
 
 RATE = 1000.0
 
@@ -75,3 +77,18 @@ def test_memory_does_not_grow_with_the_rate(record):
     prepared = prepare(read_dataset(folder, find_prismatic))
     assert sum(len(run.tau) for run in prepared.runs) <= 3 * 12.0 * prepared.band.rate + 3
     assert prepared.band.rate <= 2 * max(250.0, 20 * prepared.band.torque)
+
+
+@pytest.mark.parametrize("rate", [200.0, RATE])
+def test_further_channels_come_with_the_torque(record, rate):
+    """A motor current that is the torque over a constant has the torque's rows over that constant."""
+    folder = record(runs=3, rate=rate)
+    fields = yaml.safe_load((folder / "dataset.yaml").read_text())
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields | {"channels": {"current_a": "A"}}))
+    for run in fields["runs"]:
+        table = pd.read_parquet(folder / run["file"])
+        table.assign(current_a=table["tau_a"] / 4.0).to_parquet(folder / run["file"], index=False)
+    for run in prepare(read_dataset(folder, find_prismatic)).runs:
+        current = run.signals.channels["current_a"]
+        assert current.shape == (len(run.tau),)
+        np.testing.assert_allclose(run.reduce(current), run.measured[:, 0] / 4.0, rtol=1e-9, atol=1e-9)

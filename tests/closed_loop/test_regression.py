@@ -14,7 +14,7 @@ from wearscope.closed_loop.model.regression import (
     cross_validate_family,
     partial_fit,
 )
-from wearscope.closed_loop.run import find_prismatic
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.selection.search import Tracer
 from wearscope.effects.base import load_effect
 

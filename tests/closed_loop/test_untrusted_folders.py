@@ -1,4 +1,4 @@
-"""Whatever the files of a data set hold, reading gives a data set or one sentence, and stays in its folder."""
+"""Whatever the files of a data set hold, reading gives a data set or one sentence, and stays in it."""
 
 import os
 import string
@@ -11,10 +11,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.dataset_fields import folder_name
-from wearscope.closed_loop.run import find_prismatic
 from wearscope.errors import InputError
 
 URDF = (

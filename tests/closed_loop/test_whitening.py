@@ -9,7 +9,7 @@ from wearscope.closed_loop.selection.rule import TraceOptions
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.regression import Entry
-from wearscope.closed_loop.run import find_prismatic
+from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.selection.evidence import Scorer, make_flips
 from wearscope.closed_loop.selection.search import Tracer
 from wearscope.closed_loop.selection.whitening import drift_p_value, find_filter

@@ -223,9 +223,7 @@ def diagnose(
     ]
     states = judge_joints(prepared, after, named, left)
     full = [dataset.joints[j] for j in sorted(search.full)]
-    return Diagnosis(
-        prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem
-    )
+    return Diagnosis(prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem)
 
 
 def drop_undetermined(before: Regression, found: list[Found]) -> tuple[Regression, list[Found]]:
@@ -241,7 +239,7 @@ def drop_undetermined(before: Regression, found: list[Found]) -> tuple[Regressio
         doubtful = [
             (e.p_value, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not f.effect.empirical and not e.p_value <= _ZERO
+            if not (f.effect.empirical or f.effect.per_robot) and not e.p_value <= _ZERO
         ]
         if not doubtful:
             return after, found
@@ -262,5 +260,3 @@ def load_named_effects(
     own = [load_effect(str(path), allow_code=True) for path in effects]
     own += [load(name) for name in dataset.fields.effects]
     return declared, own
-
-

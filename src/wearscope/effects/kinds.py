@@ -1,6 +1,6 @@
 """Effects that are more than a torque of the joint's own motion."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -12,6 +12,9 @@ from wearscope.effects.effect import Effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant
 from wearscope.effects.signals import Signals
+
+#: Values that describe a body for gravity: its mass and first moments.
+_BODY = 4
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,10 @@ class PayloadEffect(Effect):
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressors of the inertial parameters at every joint, (N, n, 10)."""
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
+
+    def complexity(self, subset: Iterable[int]) -> int:
+        """One body, however many of its parameters a prior lets a fit choose: a mass and three moments."""
+        return _BODY
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Add to the last link."""
@@ -91,6 +98,10 @@ class InertialEffect(Effect):
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Regressors of the links' inertial parameters at every joint, (N, n, 10 n)."""
         return signals.rigid_body.inertial_regressor(signals.q, signals.v, signals.a)
+
+    def complexity(self, subset: Iterable[int]) -> int:
+        """One body for each link concerned, and which of them it is."""
+        return _BODY * len({k // len(self.link) for k in subset}) + 1
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
         """Torque (N, n) along signals for given parameter values."""

@@ -10,7 +10,12 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
 from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
-from wearscope.closed_loop.model.regression import Regression, block_scores, cross_validate_family, partial_fit
+from wearscope.closed_loop.model.regression import (
+    Regression,
+    block_scores,
+    cross_validate_family,
+    partial_fit,
+)
 
 #: Hat functions of a linear spline.
 KNOTS = 8

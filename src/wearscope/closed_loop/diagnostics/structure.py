@@ -221,6 +221,6 @@ def _from_test(train: float, test: float) -> list[_Seen]:
         return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0
-    return [_Seen(min(share, 1.0), [], f"the test runs' error is {test / train:.1f} times the training runs'")]
-
-
+    return [
+        _Seen(min(share, 1.0), [], f"the test runs' error is {test / train:.1f} times the training runs'")
+    ]

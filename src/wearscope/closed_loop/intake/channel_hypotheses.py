@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import interpolate
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
@@ -20,11 +19,11 @@ from wearscope.robots.dynamics import RigidBody
 
 #: By which factor the rigid body may be off: as the data set states it is trusted, or approximate.
 GAINS = {"trusted": (0.7, 1.4), "approximate": (0.4, 2.5)}
-#: Least misfit as stated of a joint whose position is in another unit; share of what the stated unit leaves
-#: with a rigid body of any size, and of what the other one leaves without a rigid body, that it may leave.
+#: Least misfit as stated of a joint whose position is in another unit; what another reading may leave, as a
+#: share of what the stated one leaves with a rigid body of any size.
 _OTHER_UNIT, _FAR_BETTER = 0.8, 0.25
 _ANY_GAIN = (-np.inf, np.inf)
-_MOST_ROWS, _LEAST_ROWS = 1200, 30
+_MOST_ROWS, LEAST_ROWS = 1200, 30
 #: Torque that varies less than this share of what it usually does says nothing.
 _QUIET = 0.2
 #: Least span of a position in degrees, or in mm, that is a motion.
@@ -124,7 +123,7 @@ def take_sample(run: PreparedRun, inertia: np.ndarray, inertials: str, usual: np
     spread = np.array(
         [max(tau[at, j].std(), known[at, j].std()) if at.any() else 0.0 for j, at in enumerate(counts.T)]
     )
-    heard = (spread > _QUIET * usual) & (counts.sum(axis=0) >= _LEAST_ROWS)
+    heard = (spread > _QUIET * usual) & (counts.sum(axis=0) >= LEAST_ROWS)
     rate = run.band.rate / run.band.stride / every
     return Sample(q, v, a, sign, tau, counts, s.rigid_body, inertia, GAINS[inertials], heard, rate)
 
@@ -156,7 +155,7 @@ def fit_joint(
         Factor of the rigid body, inertia, Coulomb, viscous friction, offset.
     """
     y = sample.tau[sample.counts[:, j], j]
-    if len(y) < _LEAST_ROWS or y.std() <= 0.0:
+    if len(y) < LEAST_ROWS or y.std() <= 0.0:
         return np.nan, np.zeros(5)
     x = columns_for(sample, known, j)
     low, high = gains or sample.gains
@@ -179,13 +178,15 @@ def total_misfit(left: np.ndarray, heard: np.ndarray) -> float:
     return float(np.sum(np.minimum(np.nan_to_num(left[heard], nan=2.0), 2.0)))
 
 
-def explains_unit(sample: Sample, read: Sample, joints: list[int], stated: np.ndarray) -> bool:
-    """Whether the motion explains the torque of some joints far better with positions in another unit.
+def explains_more(sample: Sample, reading: Reading, read: Sample, stated: np.ndarray) -> bool:
+    """Whether a reading explains its joints far better than the stated one with a rigid body of any size.
 
-    A unit that is right explains what no other size of the rigid body does in the stated one, and explains it
-    by the rigid body, not by friction alone.
+    A body that the URDF merely overstates, on a joint full of friction, suits many readings: those that take
+    it away or average it out. A reading of another unit shrinks it to next to nothing, and must explain far
+    more than friction and rotors alone do, too.
     """
-    if np.nanmedian(stated[joints]) < _OTHER_UNIT:
+    joints = list(reading.joints) or np.flatnonzero(np.isfinite(stated)).tolist()
+    if reading.other_unit and np.nanmedian(stated[joints]) < _OTHER_UNIT:
         return False
     known, other = sample.known(), read.known()
     free = without = left = 0.0
@@ -195,7 +196,7 @@ def explains_unit(sample: Sample, read: Sample, joints: list[int], stated: np.nd
         free += min(any_size, no_body, stated[j])
         without += fit_joint(read, np.zeros_like(other), j)[0]
         left += fit_joint(read, other, j)[0]
-    return bool(left < _FAR_BETTER * free and left < _FAR_BETTER * without)
+    return bool(left < _FAR_BETTER * free and (not reading.other_unit or left < _FAR_BETTER * without))
 
 
 def scale_factors(sample: Sample, doubtful: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -363,43 +364,3 @@ def _list_exchanges(joints: list[str], i: int, j: int) -> Iterator[Reading]:
             f"columns look swapped: exchange {what}.",
             exchange_code(joints, kinds, i, j),
         )
-
-
-def _misfits_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Share of the variance of each column of y (K, L) that free coefficients of x (K, P) leave (L,)."""
-    basis = np.linalg.qr(x)[0]
-    y = y - y.mean(axis=0)
-    return 1.0 - ((basis.T @ y) ** 2).sum(axis=0) / np.maximum((y**2).sum(axis=0), 1e-300)
-
-
-def find_lag(sample: Sample, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time by which each joint's torque lags its motion, and the misfit there over that without a lag.
-
-    Parameters
-    ----------
-    sample : Sample
-    longest : float
-        Longest lag either way [s].
-
-    Returns
-    -------
-    lag, ratio : ndarray (n,)
-        [s]; NaN for joints that say nothing.
-    """
-    known = sample.known()
-    reach = int(longest * sample.rate)
-    lags, ratios = np.full(sample.n, np.nan), np.full(sample.n, np.nan)
-    inner = np.arange(reach + 1, len(sample.q) - reach - 1)
-    for j in np.flatnonzero(sample.heard).tolist():
-        at = inner[sample.counts[inner, j]]
-        if len(at) < _LEAST_ROWS:
-            continue
-        x = rough_columns(known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j])
-        between = interpolate.CubicSpline(np.arange(len(sample.tau)), sample.tau[:, j])
-        shifts = np.arange(-reach, reach + 1).astype(float)
-        left = _misfits_at(x, between(at[:, None] + shifts))
-        near = shifts[int(np.argmin(left))] + np.linspace(-1.0, 1.0, 41)
-        fine = _misfits_at(x, between(at[:, None] + near))
-        lags[j] = near[int(np.argmin(fine))] / sample.rate
-        ratios[j] = fine.min() / max(left[reach], 1e-300)
-    return lags, ratios

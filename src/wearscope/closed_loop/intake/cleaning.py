@@ -206,8 +206,8 @@ def _bridge_spikes(tau: np.ndarray) -> np.ndarray:
     span = float(np.ptp(np.percentile(tau, [1, 99])))
     spiky = odd > max(_ODD * float(np.percentile(odd, _USUAL)), _OF_SPAN * span, 1e-12)
     for low, high in find_stretches(spiky):
-        beside = abs(tau[min(high + 1, len(tau) - 1)] - tau[max(low - 1, 0)])
-        if high - low >= LONGEST_SPIKE or beside > 0.3 * odd[low : high + 1].max():
+        change = abs(tau[min(high + 1, len(tau) - 1)] - tau[max(low - 1, 0)])
+        if high - low >= LONGEST_SPIKE or change > 0.3 * odd[low : high + 1].max():
             spiky[low : high + 1] = False
             continue
         _bridge(tau, low, high)

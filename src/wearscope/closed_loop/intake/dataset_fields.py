@@ -109,8 +109,8 @@ def folder_name(name: Any, where: str) -> str:
     plain = isinstance(name, str) and re.fullmatch(r"[\w.-]+( +[\w.-]+)*", name) is not None
     if not plain or not name.strip(". ") or len(name) > _LONGEST_NAME:
         raise InputError(
-            f"{where}: name is missing or holds other than letters, digits, '_', '-', '.' and single spaces "
-            f"between them, or more than {_LONGEST_NAME} characters; the results' folder is called like it, "
+            f"{where}: name is missing or holds other than letters, digits, '_', '-', '.' and inner "
+            f"spaces, or more than {_LONGEST_NAME} characters; the results' folder is called like it, "
             "so correct it."
         )
     return re.sub(" +", "-", name)
@@ -126,26 +126,28 @@ def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
 
 
 def _explain(path: Path, content: dict, error: ValidationError) -> InputError:
-    """Sentence about the first field that is wrong; a misspelt name of it is looked for beside it."""
+    """Sentence about the first field that is wrong; a misspelt name of it is looked for at its place."""
     first = error.errors()[0]
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
-    beside: Any = content
+    siblings: Any = content
     for k, part in enumerate(parts):
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
-        if isinstance(beside, dict) and part not in beside:
-            near = difflib.get_close_matches(str(part), [str(key) for key in beside], n=1, cutoff=0.7)
+        if isinstance(siblings, dict) and part not in siblings:
+            near = difflib.get_close_matches(str(part), [str(key) for key in siblings], n=1, cutoff=0.7)
             if near and k == len(parts) - 1:
                 where = f"{path}: {place.rpartition('.')[0]}".rstrip(": ")
                 return InputError(f"{where}: there is no field '{near[0]}'; did you mean '{part}'?")
             break
         try:
-            beside = beside[part]
+            siblings = siblings[part]
         except (KeyError, IndexError, TypeError):
             break
     told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
     if first["type"] == "missing":
         told = "is missing"
+    elif first["type"] in ("model_type", "dict_type"):
+        told = f"should hold fields of its own, as 'name: value', but is {str(first['input'])[:40]!r}"
     elif first["type"] not in ("too_short", "too_long"):
         told += f", but is {str(first['input'])[:40]!r}"
     return InputError(

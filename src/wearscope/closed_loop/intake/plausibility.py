@@ -12,8 +12,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     Reading,
     Sample,
     columns_for,
-    explains_unit,
-    find_lag,
+    explains_more,
     fit_joint,
     list_readings,
     misfits,
@@ -21,6 +20,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     take_sample,
     total_misfit,
 )
+from wearscope.closed_loop.intake.channel_lag import find_lag
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.recording import estimate_quantum
@@ -182,9 +182,7 @@ def _judge_reading(reading: Reading, sample: Sample, stated: np.ndarray, concern
         return np.inf
     if total >= 0.5 * total_misfit(stated, sample.heard):
         return np.inf
-    if reading.other_unit and not explains_unit(sample, read, concerned, stated):
-        return np.inf
-    return total
+    return total if explains_more(sample, reading, read, stated) else np.inf
 
 
 def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tuple[float, _Found | None]:

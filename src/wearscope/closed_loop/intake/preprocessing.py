@@ -6,9 +6,8 @@ the common filter and the friction's reversal, and make the signals. Recordings 
 ones keep no more samples than the filters leave anything of.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.filtering import (
     Band,
+    Motion,
     choose_factor,
     choose_motion_cutoff,
     choose_torque_cutoff,
@@ -286,17 +286,49 @@ def _finish_run(
     """Signals of one run and the rows of it that count."""
     run = source.run
     made = differentiate_run(run, rate, band.motion, motion.top_speed)
+    signals, known = _make_signals(source, made, rate, band, factor, inertia, widths)
+    tau = decimate(run.tau, factor)
+    bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
+    at = rows(band, len(bad))
+    return PreparedRun(
+        run.file,
+        run.use,
+        signals,
+        tau,
+        known,
+        band,
+        keep=~bad[at],
+        measured=low_pass(tau, band.torque, band.rate)[at],
+        t=signals.t[at],
+        start=run.start,
+        piece=run.piece,
+        session=run.session,
+    )
+
+
+def _make_signals(
+    source: Source,
+    made: Motion,
+    rate: float,
+    band: Band,
+    factor: int,
+    inertia: np.ndarray,
+    widths: np.ndarray,
+) -> tuple[Signals, np.ndarray]:
+    """Signals of one run at `band.rate`, and the known torque (N, n) along them.
+
+    The direction of motion is taken at the recording's rate.
+    """
     rest = _find_rest(np.abs(made.v) < made.sure_speed, replace(band, rate=rate))
     sharp = np.where(rest, 0.0, np.sign(made.v))
     sign = np.column_stack(
         [soften_direction(v, width, s) for v, width, s in zip(made.v.T, widths, sharp.T, strict=True)]
     )
-    q, v, a, tau = (decimate(x, factor) for x in (made.q, made.v, made.a, run.tau))
+    q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     load = source.body.inverse_dynamics(q, v, a)
     known = load + inertia * a
-    channels = {name: decimate(x, factor) for name, x in run.channels.items()}
     signals = Signals(
-        t=run.t[::factor],
+        t=made.t[::factor],
         q=q,
         v=v,
         a=a,
@@ -307,36 +339,14 @@ def _finish_run(
         rigid_body=source.body,
         torque=known,
         bandwidth=band.torque,
+        channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
-    if _TAKES_CHANNELS:
-        further: dict[str, Any] = {"channels": channels}
-        signals = replace(signals, **further)
-    bad = _mark_uncounted(np.abs(v) < made.rest_speed, source, factor, band)
-    at = rows(band, len(bad))
-    prepared = PreparedRun(
-        run.file,
-        run.use,
-        signals,
-        tau,
-        known,
-        band,
-        keep=~bad[at],
-        measured=np.empty(0),
-        t=signals.t[at],
-        start=run.start,
-        piece=run.piece,
-        session=run.session,
-    )
-    return replace(prepared, measured=prepared.reduce(tau))
-
-
-#: Whether signals carry further measured channels.
-_TAKES_CHANNELS = any(one.name == "channels" for one in fields(Signals))
+    return signals, known
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:
-    """Samples (N, n) at rest, beside a rest, or of which the torque or the motion is no measurement."""
-    # The filter carries friction at rest, which is not determined, into the rows beside a rest.
+    """Samples (N, n) at rest, next to a rest, or of which the torque or the motion is no measurement."""
+    # The filter carries friction at rest, which is not determined, into the rows next to a rest.
     width = int(0.5 * band.rate / band.torque)
     bad = slow | spread_out(keep_lasting(slow, width), width)
     if source.faulty.any():

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal, spatial
+from scipy import ndimage, spatial
 
 from wearscope.closed_loop.intake.recording import Run
 
@@ -28,12 +28,15 @@ class Signature:
 
     Attributes
     ----------
+    rows : ndarray (A,)
+        Marked rows.
     marks : ndarray (A, 2 n)
-        Torques and positions at the marked rows.
+        Torques and positions there.
     spread : ndarray (2 n,)
         Standard deviation of each channel.
     """
 
+    rows: np.ndarray
     marks: np.ndarray
     spread: np.ndarray
 
@@ -44,7 +47,7 @@ def sign_run(run: Run, rate: float) -> Signature:
     total = run.tau.sum(axis=1)
     width = 2 * max(3, int(_REACH * rate)) + 1
     marked = np.flatnonzero(ndimage.maximum_filter1d(total, width, mode="nearest") == total)
-    return Signature(channels[marked[:_MOST_MARKS]], channels.std(axis=0))
+    return Signature(marked[:_MOST_MARKS], channels[marked[:_MOST_MARKS]], channels.std(axis=0))
 
 
 def find_copies(
@@ -62,31 +65,32 @@ def find_copies(
     """
     scale = np.maximum(np.median([s.spread for s in signatures], axis=0), 1e-12)
     marks = np.vstack([s.marks for s in signatures]) / scale
-    of = np.repeat(np.arange(len(signatures)), [len(s.marks) for s in signatures])
+    row = np.concatenate([s.rows for s in signatures])
+    of = np.repeat(np.arange(len(signatures)), [len(s.rows) for s in signatures])
     near = spatial.cKDTree(marks).query(marks, k=_NEIGHBOURS, p=np.inf, distance_upper_bound=_APART)[1]
-    near = np.minimum(near.reshape(len(marks), -1), len(marks))
-    other = np.append(of, -1)[near]
-    pairs = np.column_stack([np.repeat(of, near.shape[1]), other.ravel()])
-    found, shared = np.unique(
-        pairs[(pairs[:, 1] >= 0) & (pairs[:, 0] != pairs[:, 1])], axis=0, return_counts=True
-    )
-    for (i, k), count in zip(found.tolist(), shared.tolist(), strict=True):
-        least = _SHARED * min(len(signatures[i].marks), len(signatures[k].marks))
-        if i < k and count >= least and pairs_matter(i, k) and is_copy(load(k), load(i)):
+    one = np.repeat(np.arange(len(marks)), _NEIGHBOURS)[near.ravel() < len(marks)]
+    other = near.ravel()[near.ravel() < len(marks)]
+    apart = of[one] < of[other]
+    one, other = one[apart], other[apart]
+    # A copy shares marks at one and the same shift.
+    kinds = np.column_stack([of[one], of[other], row[one] - row[other]])
+    found, shared = np.unique(kinds, axis=0, return_counts=True)
+    for (i, k, shift), count in zip(found.tolist(), shared.tolist(), strict=True):
+        least = _SHARED * min(len(signatures[i].rows), len(signatures[k].rows))
+        if count >= least and pairs_matter(i, k) and is_copy(load(i), load(k), shift):
             return i, k
     return None
 
 
-def _shift_between(a: np.ndarray, b: np.ndarray) -> int:
-    """Row of `a` at which `b` fits best, by the torque that varies most; negative where b starts earlier."""
-    j = int(np.argmax(a.std(axis=0)))
-    match = signal.correlate(a[:, j] - a[:, j].mean(), b[:, j] - b[:, j].mean(), mode="full", method="fft")
-    return int(np.argmax(match)) - (len(b) - 1)
+def is_copy(a: Run, b: Run, shift: int) -> bool:
+    """Whether two runs hold one recording: channels alike to a share of their spread that noise never is.
 
-
-def is_copy(a: Run, b: Run) -> bool:
-    """Whether two runs hold one recording: channels alike to a share of their spread that noise never is."""
-    shift = _shift_between(a.tau, b.tau)
+    Parameters
+    ----------
+    a, b : Run
+    shift : int
+        Row of `a` at which `b` starts; negative where `b` starts earlier.
+    """
     first, second = max(shift, 0), max(-shift, 0)
     shared = min(len(a.t) - first, len(b.t) - second)
     if shared < max(_LEAST_ROWS, _OVERLAP * min(len(a.t), len(b.t))):

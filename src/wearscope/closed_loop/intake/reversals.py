@@ -25,7 +25,7 @@ _STRIBECK = (0.02, 0.1)
 #: travels at its largest speed in a second.
 _PRESLIDING = (0.002, 0.01, 0.05)
 #: Length of a block of residuals in periods of the common filter; most samples that are looked at.
-_BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 400_000
+_BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
 
 
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:

@@ -44,8 +44,9 @@ def fit_bounded(
     """
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
     r = np.linalg.qr(np.column_stack([x / scale, y]))[1]
+    # The interior-reflective method may never end where the torque is far smaller than the columns.
     with np.errstate(invalid="ignore"):
-        found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower * scale, upper * scale)).x
+        found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower * scale, upper * scale), method="bvls").x
     left = float(np.sum((r[:-1, :-1] @ found - r[:-1, -1]) ** 2) + r[-1, -1] ** 2)
     return left, found / scale
 

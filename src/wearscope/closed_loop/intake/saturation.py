@@ -63,7 +63,7 @@ def find_clipped(tau: np.ndarray, predicted: np.ndarray, limits: list[float] | N
 
 
 def bridge_torque(tau: np.ndarray, predicted: np.ndarray, bad: np.ndarray) -> np.ndarray:
-    """Torque (N, n) with bad samples replaced by the prediction, shifted to meet the good ones beside."""
+    """Torque (N, n) with bad samples replaced by the prediction, shifted to meet their good neighbours."""
     bridged = tau.copy()
     rows = np.arange(len(tau))
     for j in np.flatnonzero(bad.any(axis=0)):

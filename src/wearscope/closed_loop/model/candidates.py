@@ -6,6 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.model.inertials import find_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, Signals
 
@@ -120,4 +121,5 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
     if not effect.spread:
         return Candidate(effect, joint, named, (joint,), (stacked,))
     felt = tuple(j for j in range(prepared.n) if prepared.moving[j] and np.any(stacked[:, j]))
-    return Candidate(effect, joint, named, felt, tuple(np.ascontiguousarray(stacked[:, j]) for j in felt))
+    rows = tuple(np.ascontiguousarray(stacked[:, j]) for j in felt)
+    return Candidate(effect, joint, named, felt, rows, find_penalty(prepared, effect))

@@ -42,7 +42,7 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        for k in ([] if entry.effect.empirical else entry.effect.estimated_shapes()):
+        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes():
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.effects.base import Effect, InertialEffect, PayloadEffect
 
 
 def inertial_scale(prepared: Prepared) -> np.ndarray:
@@ -20,3 +21,16 @@ def inertial_scale(prepared: Prepared) -> np.ndarray:
 def inertial_penalty(prepared: Prepared) -> np.ndarray:
     """Prior precision (10 n, 10 n) of deviations of the inertial parameters from the URDF's."""
     return np.diag(1.0 / inertial_scale(prepared) ** 2)
+
+
+def payload_penalty(prepared: Prepared) -> np.ndarray:
+    """Prior precision (10, 10) of a payload's parameters: that of the robot's heaviest link."""
+    scale = inertial_scale(prepared).reshape(-1, 10).max(axis=0)
+    return np.diag(1.0 / scale**2)
+
+
+def find_penalty(prepared: Prepared, effect: Effect) -> np.ndarray | None:
+    """Prior precision of the coefficients of an effect that adds bodies; None for any other."""
+    if isinstance(effect, InertialEffect):
+        return inertial_penalty(prepared)
+    return payload_penalty(prepared) if isinstance(effect, PayloadEffect) else None

@@ -114,9 +114,7 @@ def find_jump_shares(model: Regression, theta: np.ndarray) -> dict[int, float]:
     The moment of a jump is known from the motion only roughly, and the expectation of a torque about an
     uncertain moment is less than the torque: the share is the slope of the training residual on it, 0 to 1.
     """
-    terms = [
-        i for i, e in enumerate(model.entries) if e.is_deflection and getattr(e.effect, "abrupt", False)
-    ]
+    terms = [i for i, e in enumerate(model.entries) if e.is_deflection and getattr(e.effect, "abrupt", False)]
     own = {i: np.zeros(2) for i in terms}
     if not terms:
         return {}

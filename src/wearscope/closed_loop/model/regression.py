@@ -7,7 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.model.blocks import Block, Folds
 from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.model.inertials import inertial_scale
+from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
@@ -193,6 +193,10 @@ class Regression:
         if self.inertial:
             scale = inertial_scale(self.prepared)
             prior[: scale.size] = 1.0 / scale**2
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            penalty = find_penalty(self.prepared, entry.effect)
+            if penalty is not None:
+                prior[span] = np.diag(penalty)[list(entry.subset)]
         diagonal = np.einsum("bii->i", self.gram)
         precision = np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):

@@ -154,9 +154,7 @@ class Assembly:
     @cached_property
     def predicted(self) -> np.ndarray:
         """Torque (M, n) of all terms."""
-        return np.column_stack(
-            [x @ self.theta[k] for x, k in zip(self.columns, self.at, strict=True)]
-        )
+        return np.column_stack([x @ self.theta[k] for x, k in zip(self.columns, self.at, strict=True)])
 
     @property
     def residual(self) -> np.ndarray:
@@ -181,10 +179,7 @@ class Assembly:
     def sample_losses(self) -> np.ndarray:
         """Loss on all blocks by joint, (n,)."""
         return np.array(
-            [
-                ((y - x @ self.theta[k]) ** 2).sum()
-                for (x, y), k in zip(self._packed, self.at, strict=True)
-            ]
+            [((y - x @ self.theta[k]) ** 2).sum() for (x, y), k in zip(self._packed, self.at, strict=True)]
         )
 
     def sum_products(self, candidate: Candidate) -> Sums:

@@ -27,6 +27,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant beside a residual that drifts"
+    ALONE = "a single run cannot show that structure without a name carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 
 
@@ -45,7 +46,11 @@ class Evidence:
     gain, share : float
         Reduction of the held-out loss, and the same over the model's at `joint`.
     whole : float
-        Reduction of the held-out loss over the loss at `joint` that the standard model leaves.
+        Largest reduction of a joint's held-out loss over the loss that the standard model leaves there.
+    gains : dict of int to float
+        Reduction of the held-out loss by joint where the term is felt.
+    left : float
+        Held-out loss that is left where the term is felt.
     torque : float
         RMS of the term's torque over that of the torque at `joint`.
     statistic, chance : float, ndarray (F,)
@@ -73,6 +78,8 @@ class Evidence:
     change: np.ndarray
     gain: float
     share: float
+    gains: dict[int, float]
+    left: float
     torque: float
     statistic: float
     chance: np.ndarray
@@ -98,9 +105,7 @@ class Evidence:
         return self.chosen.candidate.effect.complexity(self.chosen.subset)
 
 
-def weigh(
-    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray
-) -> Evidence:
+def weigh(assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray) -> Evidence:
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open."""
     layout = assembly.layout
     sums = assembly.sum_products(candidate).select(subset)
@@ -129,6 +134,8 @@ def weigh(
         change=change,
         gain=float(-np.nansum(change)),
         share=float(felt[joint][0] / max(felt[joint][1], 1e-300)),
+        gains={j: gain for j, (gain, _) in felt.items()},
+        left=sum(loss - gain for gain, loss in felt.values()),
         torque=float(np.sqrt(np.sum(rows[keep] ** 2) / max(np.sum(measured[keep] ** 2), 1e-300))),
         statistic=float(_odds(np.asarray(observed), sample)),
         chance=_odds(flipped, sample),

@@ -151,7 +151,9 @@ def explain_rest(
                     left[joint] = max(rest, key=lambda e: e.gain)
         search.record(weighed, taken)
         for e in taken:
-            search.progress(f"unknown structure at joint {e.joint}: {100 * e.share:.0f} % of its held-out loss")
+            search.progress(
+                f"unknown structure at joint {e.joint}: {100 * e.share:.0f} % of its held-out loss"
+            )
             found = [*found, Found(e.chosen, e)]
         if taken:
             new = {id(e.chosen) for e in taken}

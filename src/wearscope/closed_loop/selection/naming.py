@@ -69,16 +69,14 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         weighed = sorted(search.weigh_all(beside, offered), key=lambda e: -e.gain)
         own = f.evidence
         best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
-        near = [
-            e
-            for e in weighed
-            if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)
-        ][:_MOST]
+        near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)][
+            :_MOST
+        ]
         near = [search.refine(beside, e) for e in near]
         inside = find_confidence_set([own, *near], search.policy)
         able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
-        opposes = [e.term.effect.name for e in able if search.opposes_gravity(e)]
-        name = rule.simplest(able, opposes) if able and not f.effect.standard else own
+        opposing = [e for e in able if search.opposes_gravity(e)]
+        name = rule.simplest(able, opposing) if able and not f.effect.standard else own
         if name is not own:
             found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
@@ -90,4 +88,6 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:
-    return a.term.effect is b.term.effect and a.term.joint == b.term.joint and a.chosen.subset == b.chosen.subset
+    return (
+        a.term.effect is b.term.effect and a.term.joint == b.term.joint and a.chosen.subset == b.chosen.subset
+    )

@@ -103,7 +103,9 @@ class Problem:
     def _bend(self, effect: Effect, joint: int) -> Candidate | None:
         """Compliance about several values: each with the gear's torque solved from the motion alone."""
         s, p, band = self.joined, self.prepared, self.prepared.band
-        inertia = float(np.mean(np.concatenate([r.signals.load_slopes(joint)[2][:, joint] for r in self.train])))
+        inertia = float(
+            np.mean(np.concatenate([r.signals.load_slopes(joint)[2][:, joint] for r in self.train]))
+        )
         if inertia <= 0.0:
             return None
         upper = effect.coefficients[0].bounds(p.dataset.position_unit[joint])[1]
@@ -175,7 +177,9 @@ class Problem:
 
     def at_rows(self, name: str) -> np.ndarray:
         """A signal (M, n) at the rows of the training runs."""
-        return np.concatenate([getattr(run.signals, name)[rows(run.band, len(run.signals.t))] for run in self.train])
+        return np.concatenate(
+            [getattr(run.signals, name)[rows(run.band, len(run.signals.t))] for run in self.train]
+        )
 
     def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
         """Believable bounds of a term's coefficients at its joint."""

@@ -14,12 +14,12 @@ _FEWEST_BLOCKS = 4.0
 #: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
-#: lies in a few blocks (a lost motion, a reversal), are then not asked.
-_BEYOND_CHANCE = 0.5
+#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of a single run.
+_BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves.
 _GENERIC = 5.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
-#: the larger gain.
+#: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
 
 
@@ -61,26 +61,28 @@ def judge(
         return Refusal.BOUNDS
     if abs(float(e.beta[0])) < least:
         return Refusal.SMALL
-    if e.p_value > level and not is_beyond_chance(e):
+    if e.p_value > level and not is_beyond_chance(e, by_run):
         return Refusal.CHANCE
-    if e.agreement < (1.0 if generic and not by_run else policy.agreeing):
+    # Parts of one run resemble each other more than runs do: all must agree.
+    if e.agreement < (policy.agreeing if by_run else 1.0):
         return Refusal.DISAGREES
-    return Refusal.NONE
+    return Refusal.ALONE if generic and not by_run else Refusal.NONE
 
 
-def is_beyond_chance(e: Evidence) -> bool:
+def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
     """Whether every one of three or more informing runs is predicted far better when held out."""
-    return e.share >= _BEYOND_CHANCE and e.agreement == 1.0 and e.informing >= 3
+    least = _BEYOND_CHANCE if by_run else _BEYOND_CHANCE_ALONE
+    return e.share >= least and e.agreement == 1.0 and e.informing >= 3
 
 
-def is_needed(e: Evidence, policy: Policy) -> bool:
+def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise."""
     gain, error = summed(-e.change)
     return (
         e.sine >= _ABSORBED
         and e.share >= policy.standard_share
         and e.torque >= policy.material_torque
-        and e.agreement >= policy.agreeing
+        and e.agreement >= (policy.agreeing if by_run else 1.0)
         and gain > _ERRORS * error
     )
 
@@ -94,7 +96,7 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 def separates(better: Evidence, worse: Evidence) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
-    return difference > max(_ERRORS * error, _MATERIAL * better.gain)
+    return difference > max(_ERRORS * error, _MATERIAL * better.left)
 
 
 def touches(a: Evidence, b: Evidence) -> bool:
@@ -102,9 +104,22 @@ def touches(a: Evidence, b: Evidence) -> bool:
     return bool(set(a.chosen.candidate.joints) & set(b.chosen.candidate.joints))
 
 
-def simplest(tied: Iterable[Evidence], opposes: Sequence[str] = ()) -> Evidence:
-    """Least complex of tied terms; among equals what opposes gravity where that is its purpose, then gain."""
-    return min(tied, key=lambda e: (e.complexity, e.term.effect.name not in opposes, -e.gain))
+def simplest(tied: Iterable[Evidence], opposing: Sequence[Evidence] = ()) -> Evidence:
+    """Least complex of tied terms; among equals what is built to oppose gravity where it does, then gain.
+
+    Parameters
+    ----------
+    tied : iterable of Evidence
+    opposing : sequence of Evidence
+        Those that take gravity's load off their joint.
+    """
+
+    def fits_purpose(e: Evidence) -> int:
+        if not e.term.effect.opposes_gravity:
+            return 1
+        return 0 if any(e is o for o in opposing) else 2
+
+    return min(tied, key=lambda e: (e.complexity, fits_purpose(e), -e.gain))
 
 
 def choose(able: Sequence[Evidence]) -> Evidence | None:

@@ -89,7 +89,9 @@ class Search:
         """Normal equations of the declared model with the terms found."""
         return Assembly(self.problem.layout, self.problem.target, self._chosen(found), self.sigma)
 
-    def candidates(self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]) -> list[Candidate]:
+    def candidates(
+        self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]
+    ) -> list[Candidate]:
         """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
         n = self.problem.prepared.n
         present: list[list[Effect]] = [list(self.problem.given) for _ in range(n)]
@@ -138,8 +140,8 @@ class Search:
 
     def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves."""
-        loss = np.maximum(self.standard_loss, 1e-300)
-        return [replace(e, whole=e.gain * self.sigma[e.joint] ** 2 / loss[e.joint]) for e in weighed]
+        scale = self.sigma**2 / np.maximum(self.standard_loss, 1e-300)
+        return [replace(e, whole=max(g * scale[j] for j, g in e.gains.items())) for e in weighed]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -181,11 +183,7 @@ class Search:
         """Standard terms that held-out runs need, of each joint as a group."""
         problem = self.problem
         base = self.assemble(())
-        offered = [
-            c
-            for c in self.candidates(base, (), range(problem.prepared.n))
-            if c.effect.standard
-        ]
+        offered = [c for c in self.candidates(base, (), range(problem.prepared.n)) if c.effect.standard]
         kept = [Chosen(c, tuple(int(k) for k in c.effect.subsets()[0])) for c in offered]
         worst: dict[int, tuple[float, Chosen]] = {}
         evidence: dict[int, Evidence] = {}
@@ -194,9 +192,7 @@ class Search:
             worst, evidence = {}, {}
             for chosen in kept:
                 others = tuple(k for k in kept if k is not chosen)
-                beside = Assembly(
-                    problem.layout, problem.target, (*problem.base, *others), self.sigma
-                )
+                beside = Assembly(problem.layout, problem.target, (*problem.base, *others), self.sigma)
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
                 if not self.is_needed(beside, e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
@@ -222,7 +218,11 @@ class Search:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it."""
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
         believable = all(low <= b <= high for b, (low, high) in low_high)
-        return believable and rule.is_needed(e, self.policy) and not self.drifts(beside, e)
+        return (
+            believable
+            and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
+            and not self.drifts(beside, e)
+        )
 
     def extend(self, found: list[Found]) -> list[Found]:
         """Add terms until none is accepted: at each step the best of every joint, where they do not touch."""
@@ -251,7 +251,10 @@ class Search:
             taken.append(best)
             if coupled:
                 break
-            able = [e for e in able if not rule.touches(e, best)]
+            apart = [e for e in able if not rule.touches(e, best)]
+            # What is felt at several joints may explain what is next better than what is felt at one.
+            wide = max((e.gain for e in able if len(e.chosen.candidate.joints) > 1), default=0.0)
+            able = [e for e in apart if e.gain > wide]
         return taken
 
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
@@ -265,13 +268,17 @@ class Search:
         near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > _NEAR * best.gain)]
         near = [self.refine(assembly, e) for e in near]
         chosen = rule.choose(near)
-        if chosen is not None and chosen.term.effect is not best.term.effect and self.drifts(assembly, chosen):
+        if (
+            chosen is not None
+            and chosen.term.effect is not best.term.effect
+            and self.drifts(assembly, chosen)
+        ):
             return near[0]
         return chosen
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
-        if rule.is_beyond_chance(e):
+        if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
             return False
         return drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.drift_level
 
@@ -299,7 +306,9 @@ class Search:
     def _refine_one(self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int) -> float:
         """Best value of one shape parameter, the others held."""
         effect = e.term.effect
-        width = effect.width(self.problem.joined, e.term.joint, shape) if k in effect.estimated_shapes() else 0.8
+        width = (
+            effect.width(self.problem.joined, e.term.joint, shape) if k in effect.estimated_shapes() else 0.8
+        )
         low = np.log(max(effect.shape[k].lower, 1e-12) / shape[k])
         high = np.log(min(effect.shape[k].upper, 1e12) / shape[k])
 
@@ -424,11 +433,15 @@ class Search:
 
 
 def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
-    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other."""
-    plain = [tuple(int(k) for k in s) for s in (effect.subsets() if by_run else effect.plain_subsets())]
+    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
+
+    Those of a body are held by a prior.
+    """
+    if not by_run and not effect.per_robot:
+        return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
     names = [p.name for p in effect.coefficients]
     richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
-    return list(dict.fromkeys([*plain, *(richer if by_run else [])]))
+    return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
 
 
 def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:

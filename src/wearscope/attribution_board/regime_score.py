@@ -1,0 +1,131 @@
+"""Scores a verdict against the truth of a case with several plants: a row a planted effect or false entry.
+
+An entry of the verdict is *accounted for* where its joint has a planted effect that it names, or whose name
+stands in its `equivalent`, or that is not separable and counts the named effect among its rivals; and, where an
+outside effect is planted at its joint, where it is ``unknown``. Any other entry is *extra*. A planted effect is
+*required* where it is separable and at least `TIMES` its just findable size. A case is *exact* where every
+required effect is named and nothing is extra.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from wearscope.attribution_board.score import score_parameter
+
+TIMES = 2.0
+"""Multiple of the just findable size from which on an effect must be named."""
+WORSE = 1.03
+"""Factor on a joint's held-out error above which the verdict has harmed."""
+REPEATING = ("hum", "event", "harmonics")
+"""Noise that a verdict may call `unexplained` without an error."""
+
+
+def accounts_for(entry: dict[str, Any], plant: dict[str, Any]) -> str | None:
+    """How a verdict's entry meets a planted effect.
+
+    Returns
+    -------
+    str or None
+        ``right``, ``equivalent`` (its confidence set holds the truth), ``excused`` (a rival that the data
+        cannot tell apart), ``unknown`` (an outside effect called unknown), or None.
+    """
+    if entry["joint"] not in plant["joints"]:
+        return None
+    if plant["outside"] and entry["effect"] == "unknown":
+        return "unknown"
+    if not plant["outside"] and entry["effect"] in plant["accepted"]:
+        return "right"
+    named = {entry["effect"], *(entry.get("equivalent") or [])}
+    if named & {*plant["accepted"], *plant["also_accepted"]}:
+        return "equivalent"
+    if not plant["separable"] and named & set(plant["rivals"]):
+        return "excused"
+    return None
+
+
+def is_required(plant: dict[str, Any]) -> bool:
+    """Whether a verdict must name this effect."""
+    return bool(plant["separable"]) and not plant["outside"] and plant["times_findable"] >= TIMES
+
+
+def score_regime(
+    truth: dict[str, Any], verdict: dict[str, Any]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Score one case.
+
+    Parameters
+    ----------
+    truth : dict
+        As `generate.generate_dataset` returns it.
+    verdict : dict
+        The content of ``verdict.json``; `status`, `state` and `unexplained_rms` may be absent.
+
+    Returns
+    -------
+    case : dict
+        `planted`, `required`, `named` (required ones that are), `missed`, `extra`, `unknowns`, `exact`, `null`,
+        `false_in_null` (None in a planted case), `worse` (a joint's held-out error beyond `WORSE`), `worst_ratio`,
+        `refuted`, `statuses` (entries that say a status), `outside_answered` (None where none is planted and
+        findable), `outcome`.
+    entries : list of dict
+        A row by planted effect, `kind` ``planted``, and by extra entry, `kind` ``extra``.
+    """
+    said = list(verdict["verdict"])
+    planted = truth["planted"]
+    grades = [[accounts_for(entry, plant) for plant in planted] for entry in said]
+    extra = [entry for entry, row in zip(said, grades, strict=True) if not any(row)]
+    rows: list[dict[str, Any]] = []
+    for p, plant in enumerate(planted):
+        met = sorted(
+            ((_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) is not None)
+        )
+        grade = _ORDER[met[0][0]] if met else "missed"
+        entry = said[met[0][1]] if met else {}
+        state = (verdict["joints"].get(plant["joint"]) or {}).get("state")
+        row = {
+            "kind": "planted", "effect": plant["effect"], "joint": plant["joint"], "outside": plant["outside"],
+            "standard": plant["standard"], "size": plant["measured_size"],
+            "findable_size": plant["findable_size"], "times_findable": plant["times_findable"],
+            "separable": plant["separable"], "required": is_required(plant), "grade": grade,
+            "named_as": entry.get("effect", ""), "found": grade in ("right", "equivalent"),
+            "in_set": grade in ("right", "equivalent") if grade != "missed" else None,
+            "state": state, "status": entry.get("status"),
+        }  # fmt: skip
+        if plant["outside"]:
+            row["found"] = grade == "unknown" or state == "unexplained"
+            row["in_set"] = None
+        if grade == "right":
+            row |= score_parameter(entry, plant)
+        rows.append(row)
+    for entry in extra:
+        rows.append({"kind": "extra", "effect": "none", "joint": entry["joint"], "outside": False,
+                     "standard": False, "required": False, "found": False, "grade": "extra",
+                     "named_as": entry["effect"], "status": entry.get("status"),
+                     "named_set": len(entry.get("equivalent") or [])})  # fmt: skip
+    required = [row for row in rows if row["required"]]
+    missed = [row for row in required if not row["found"]]
+    ratios = [
+        joint["rms_after"] / joint["rms_before"]
+        for joint in verdict["joints"].values()
+        if joint.get("rms_before")
+    ]
+    outer = [row for row in rows if row["outside"] and row["times_findable"] >= TIMES]
+    case: dict[str, Any] = {
+        "planted": len(planted), "required": len(required), "named": len(required) - len(missed),
+        "missed": len(missed), "extra": sum(entry["effect"] != "unknown" for entry in extra),
+        "unknowns": sum(entry["effect"] == "unknown" for entry in extra),
+        "entries": len(said), "exact": not missed and not extra, "null": not planted,
+        "false_in_null": bool(extra) if not planted else None,
+        "worst_ratio": max(ratios, default=np.nan), "worse": max(ratios, default=0.0) > WORSE,
+        "refuted": sum(entry.get("status") == "refuted" for entry in said),
+        "statuses": sum(entry.get("status") is not None for entry in said),
+        "outside_answered": all(row["found"] for row in outer) if outer else None,
+    }  # fmt: skip
+    case["outcome"] = (
+        "exact" if case["exact"] else "extra" if extra and not missed else "missed" if not extra else "both"
+    )
+    return case, rows
+
+
+_ORDER = ("right", "unknown", "equivalent", "excused")
