@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+from scipy import signal, sparse
 
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.differentiation import differentiate
@@ -21,6 +21,8 @@ _REST_NOISE, _REST_SHARE = 5.0, 0.01
 #: ... or below this share of its largest speed in any train run.
 _REST_OF_ALL = 0.002
 _ORDER = 4
+#: Half length of the common filter's impulse response, in periods of its cut-off.
+_REACH = 4.0
 #: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
 _EDGE_PERIODS = 1.0
 #: Samples a period of the common cut-off that a fast recording keeps at least, and its least rate [Hz].
@@ -101,6 +103,45 @@ def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
     length = min(len(x) - 1, int(3 * rate / cutoff))
     columns = np.ascontiguousarray(x.T)
     return np.ascontiguousarray(signal.sosfiltfilt(sections, columns, axis=-1, padlen=length).T)
+
+
+@lru_cache(maxsize=64)
+def _thinning(length: int, band: "Band") -> sparse.csr_matrix:
+    """`low_pass` at the common cut-off and the choice of rows as one sparse matrix (M, N).
+
+    The filter's impulse response is cut where it has fallen below 1e-4 of its peak; beyond the ends the
+    signal is extended by odd reflection, as `low_pass` does.
+    """
+    half = int(_REACH * band.rate / band.torque)
+    impulse = np.zeros(4 * half + 1)
+    impulse[2 * half] = 1.0
+    taps = signal.sosfiltfilt(_sections(band.torque, band.rate), impulse)[half : 3 * half + 1]
+    taps /= taps.sum()
+    centres = np.arange(length)[rows(band, length)]
+    at = centres[:, None] + np.arange(-half, half + 1)
+    weight = np.broadcast_to(taps, at.shape).copy()
+    row = np.broadcast_to(np.arange(len(centres))[:, None], at.shape)
+    before, after = at < 0, at >= length
+    mirrored = np.where(before, -at, np.where(after, 2 * (length - 1) - at, at)).clip(0, length - 1)
+    sign = np.where(before | after, -1.0, 1.0)
+    parts = [
+        sparse.coo_matrix(((weight * sign).ravel(), (row.ravel(), mirrored.ravel())), (len(centres), length))
+    ]
+    for outside, end in ((before, 0), (after, length - 1)):
+        if outside.any():
+            total = 2.0 * (weight * outside).sum(axis=1)
+            column = np.full(len(centres), end)
+            parts.append(
+                sparse.coo_matrix((total, (np.arange(len(centres)), column)), (len(centres), length))
+            )
+    return sum(parts[1:], parts[0]).tocsr()
+
+
+def thin(x: np.ndarray, band: "Band") -> np.ndarray:
+    """Common filter, then one row in `Band.stride`, edges cut: (N, K) to (M, K)."""
+    if band.torque >= 0.45 * band.rate:
+        return x[rows(band, len(x))]
+    return _thinning(len(x), band) @ x
 
 
 def choose_factor(rate: float, motion: float, torque: float) -> int:

@@ -23,6 +23,7 @@ from wearscope.closed_loop.intake.filtering import (
     differentiate_run,
     low_pass,
     rows,
+    thin,
 )
 from wearscope.closed_loop.intake.reversals import choose_reversal_widths, soften_direction
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
@@ -86,8 +87,7 @@ class PreparedRun:
 
     def reduce(self, x: np.ndarray) -> np.ndarray:
         """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
-        flat = low_pass(x.reshape(len(x), -1), self.band.torque, self.band.rate)
-        return flat[rows(self.band, len(x))].reshape(-1, *x.shape[1:])
+        return thin(x.reshape(len(x), -1), self.band).reshape(-1, *x.shape[1:])
 
 
 @dataclass

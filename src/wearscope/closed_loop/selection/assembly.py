@@ -3,6 +3,7 @@
 Nothing here changes once it is made: evaluating a candidate twice, or in another order, gives the same bits.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -88,11 +89,20 @@ class Assembly:
         The model's terms.
     sigma : ndarray (n,)
         Residual scale by joint, whose inverse square weighs the rows.
+    joints : collection of int, optional
+        Those that are asked about, and all that the terms felt there are felt at; all joints where None.
     """
 
     def __init__(
-        self, layout: Layout, target: np.ndarray, chosen: tuple[Chosen, ...], sigma: np.ndarray
+        self,
+        layout: Layout,
+        target: np.ndarray,
+        chosen: tuple[Chosen, ...],
+        sigma: np.ndarray,
+        joints: Collection[int] | None = None,
     ) -> None:
+        if joints is not None:
+            chosen = tuple(c for c in chosen if set(c.candidate.joints) & set(joints))
         self.layout, self.target, self.chosen, self.sigma = layout, target, chosen, sigma
         n = target.shape[1]
         self.spans: list[slice] = []
@@ -114,7 +124,12 @@ class Assembly:
         self.score = np.zeros((blocks, self.p))
         self.power = np.zeros((blocks, n))
         self._packed: list[tuple[np.ndarray, np.ndarray]] = []
+        none = np.zeros((blocks, 0, 0)), np.zeros((blocks, 0))
         for j in range(n):
+            if joints is not None and j not in joints:
+                self.at[j], self.columns[j] = self.at[j][:0], self.columns[j][:, :0]
+                self._packed.append(none)
+                continue
             w = layout.keep[:, j] / sigma[j]
             x, y = layout.pack(self.columns[j] * w[:, None]), layout.pack(target[:, j] * w)
             self._packed.append((x, y))

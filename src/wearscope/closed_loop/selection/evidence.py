@@ -8,7 +8,7 @@ import numpy as np
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
-from wearscope.closed_loop.selection.significance import adjust, flip_scores
+from wearscope.closed_loop.selection.significance import adjust, flip_scores, score_chance
 
 #: Share of the information on a candidate from which a run or part of one is asked whether it agrees.
 _INFORMS = 0.05
@@ -54,7 +54,7 @@ class Evidence:
     torque : float
         RMS of the term's torque over that of the torque at `joint`.
     statistic, chance : float, ndarray (F,)
-        Loss removed over loss left, and the same under random signs.
+        Normal score of the loss removed over the loss left, and the same under random signs.
     p_value : float
         Family-wise, over all candidates scored together.
     agreement : float
@@ -119,6 +119,7 @@ def weigh(assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], fli
     joint = max(felt, key=lambda j: felt[j][0] / max(felt[j][1], 1e-300))
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
+    chance = _odds(flipped, sample)
     information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
@@ -137,8 +138,8 @@ def weigh(assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], fli
         gains={j: gain for j, (gain, _) in felt.items()},
         left=sum(loss - gain for gain, loss in felt.values()),
         torque=float(np.sqrt(np.sum(rows[keep] ** 2) / max(np.sum(measured[keep] ** 2), 1e-300))),
-        statistic=float(_odds(np.asarray(observed), sample)),
-        chance=_odds(flipped, sample),
+        statistic=float(score_chance(_odds(np.asarray(observed), sample), chance)),
+        chance=score_chance(chance, chance),
         agreement=float(np.mean(gain_by_part[informs] > 0.0)) if informs.any() else 0.0,
         informing=int(informs.sum()),
         sine=float(np.sqrt(max(beta @ inner @ beta, 0.0))) / whole,

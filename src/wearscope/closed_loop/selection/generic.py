@@ -2,18 +2,17 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
-from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.search import Found, Search
-from wearscope.effects.base import Effect, Signals
+from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
@@ -22,23 +21,27 @@ _MOST = 2
 #: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must gain
 #: so many times as much as the second.
 _DOUBTED, _CLEARLY = 0.7, 1.5
-#: Columns that are made at once.
-_AT_ONCE = 8
+#: Share of the gain asked for that signals at the rows alone, without the filter, must show.
+_ROUGHLY = 0.6
 
 
-def spline_rows(
-    effect: Effect, joint: int, shapes: np.ndarray, runs: list[PreparedRun]
-) -> Iterator[np.ndarray]:
-    """Reduced regressors (M, knots) of each shape, all with the same number of knots."""
-    knots = int(shapes[0, -1])
-    for start in range(0, len(shapes), _AT_ONCE):
-        part = shapes[start : start + _AT_ONCE]
-        parts = []
-        for run in runs:
-            x = effect.stack(run.signals, joint, part).reshape(len(run.signals.t), len(part), -1)
-            parts.append(run.reduce(np.ascontiguousarray(x[..., :knots])))
-        stacked = np.concatenate(parts)
-        yield from (np.ascontiguousarray(stacked[:, k]) for k in range(len(part)))
+def thin_signals(run: PreparedRun) -> Signals:
+    """Signals of a run at its rows, the direction of motion after the common filter."""
+    s = run.signals
+    at = rows(run.band, len(s.t))
+    return replace(
+        s,
+        t=s.t[at],
+        q=s.q[at],
+        v=s.v[at],
+        a=s.a[at],
+        sign=run.reduce(s.sign),
+        load=s.load[at],
+        temperature=s.temperature[at],
+        wear=s.wear[at],
+        transmitted=None,
+        torque=None,
+    )
 
 
 class GenericTerms:
@@ -54,30 +57,38 @@ class GenericTerms:
     def __init__(self, prepared: Prepared, joined: Signals) -> None:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
-        self._made: dict[int, list[Candidate]] = {}
+        self.runs = prepared.runs_for("train")
+        self.thinned = [thin_signals(run) for run in self.runs]
+        self._rough: dict[int, list[Candidate]] = {}
+        self._exact: dict[Candidate, Candidate] = {}
 
-    def at(self, joint: int) -> list[Candidate]:
-        """Candidates at a joint: every signal and product, at every level of detail."""
-        if joint not in self._made:
-            self._made[joint] = list(self._make(joint))
-        return self._made[joint]
+    def roughly(self, joint: int) -> list[Candidate]:
+        """Candidates at a joint, from the signals at the rows: every signal and product, at every level."""
+        if joint not in self._rough:
+            self._rough[joint] = list(self._make(joint))
+        return self._rough[joint]
+
+    def exactly(self, rough: Candidate) -> Candidate:
+        """The same from the full-rate signals, through the common filter."""
+        if rough not in self._exact:
+            shape = np.array(rough.shapes)
+            parts = [reduce_columns(self.effect, rough.joint, shape, run) for run in self.runs]
+            self._exact[rough] = self._wrap(rough.joint, shape[0], np.concatenate(parts)[:, : rough.count])
+        return self._exact[rough]
 
     def _make(self, joint: int) -> Iterator[Candidate]:
-        runs = self.prepared.runs_for("train")
-        shapes = self.effect.shapes(self.joined, joint)
-        order = sorted(range(len(shapes)), key=lambda k: shapes[k, -1])
-        for knots, same in groupby(order, key=lambda k: int(shapes[k, -1])):
-            own = shapes[list(same)]
-            for shape, x in zip(own, spline_rows(self.effect, joint, own, runs), strict=True):
-                for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
-                    named = shape.copy()
-                    named[-1] = level
-                    columns = x if level == knots else x @ coarsen(knots, level)
-                    weight = float(np.mean((columns**2).sum(axis=0)))
-                    yield Candidate(
-                        self.effect, joint, (tuple(float(v) for v in named),), (joint,), (columns,),
-                        weight * regularise(level),
-                    )  # fmt: skip
+        for shape in self.effect.shapes(self.joined, joint):
+            knots = int(shape[-1])
+            x = np.concatenate([self.effect.columns(s, joint, shape) for s in self.thinned])[:, :knots]
+            for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
+                named = shape.copy()
+                named[-1] = level
+                yield self._wrap(joint, named, x if level == knots else x @ coarsen(knots, level))
+
+    def _wrap(self, joint: int, shape: np.ndarray, columns: np.ndarray) -> Candidate:
+        weight = float(np.mean((columns**2).sum(axis=0)))
+        penalty = weight * regularise(columns.shape[1])
+        return Candidate(self.effect, joint, (tuple(float(v) for v in shape),), (joint,), (columns,), penalty)
 
 
 def weigh_generic(
@@ -93,17 +104,16 @@ def weigh_generic(
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        for candidate in terms.at(joint):
+        least = policy.unknown_share * assembly.sample_losses[joint]
+        for rough in terms.roughly(joint):
             count += 1
-            if not by_run and candidate.count > COARSE:
+            if not by_run and rough.count > COARSE:
                 continue
-            assert candidate.penalty is not None
-            scaled = replace(candidate, penalty=candidate.penalty / sigma**2)
-            sums = assembly.sum_products(scaled)
-            if assembly.add(sums).gain[0] < policy.unknown_share * assembly.sample_losses[joint]:
+            if _gain(assembly, _scale(rough, sigma)) < _ROUGHLY * least:
                 continue
-            subset = tuple(range(candidate.count))
-            weighed.append(weigh(assembly, scaled, subset, search.flips))
+            candidate = _scale(terms.exactly(rough), sigma)
+            if _gain(assembly, candidate) >= least:
+                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     wide = [(-np.inf, np.inf)] * LEVELS[-1]
@@ -111,6 +121,17 @@ def weigh_generic(
         replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
         for e in weighed
     ]
+
+
+def _scale(candidate: Candidate, sigma: float) -> Candidate:
+    """The candidate with its penalty in residual variances, as the rows are."""
+    assert candidate.penalty is not None
+    return replace(candidate, penalty=candidate.penalty / sigma**2)
+
+
+def _gain(assembly: Assembly, candidate: Candidate) -> float:
+    """Loss that it removes on the rows that it is fitted on."""
+    return float(assembly.add(assembly.sum_products(candidate)).gain[0])
 
 
 def choose_plainest(able: list[Evidence]) -> Evidence:

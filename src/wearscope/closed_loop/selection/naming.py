@@ -12,6 +12,8 @@ from wearscope.closed_loop.selection.search import Found, Search
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
+#: Difference of losses, of the largest, below which two alternatives are the same.
+_SAME = 1e-9
 #: Share of the best alternative's gain below which one is not compared.
 _NEAR = 0.5
 #: What may stand beside a name although it may not give it.
@@ -27,9 +29,14 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
         return list(evidence)
     losses = np.column_stack([e.change for e in evidence])
     losses = losses[np.isfinite(losses).all(axis=1)]
-    same = [k for k in range(1, len(evidence)) if np.ptp(losses[:, k] - losses[:, 0]) <= 1e-9]
-    apart = [k for k in range(len(evidence)) if k not in same]
-    inside = set(same) if len(apart) < 2 else set()
+    # Alternatives that predict the same are one to the bootstrap, which divides by what differs.
+    scale = max(float(np.abs(losses).max()), 1e-300)
+    like = [
+        next(i for i in range(k + 1) if np.abs(losses[:, k] - losses[:, i]).max() <= _SAME * scale)
+        for k in range(len(evidence))
+    ]
+    apart = sorted(set(like))
+    inside = set(apart)
     if len(apart) > 1:
         test = MCS(
             losses[:, apart], policy.set_level, reps=_DRAWS, block_size=_LENGTH, method="R",
@@ -37,14 +44,9 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
         )  # fmt: skip
         test.compute()
         inside = {apart[int(k)] for k in test.included}
-        if 0 in inside:
-            inside |= set(same)
-    else:
-        inside |= set(apart)
     # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
     best = max(evidence, key=lambda e: e.gain)
-    inside |= {k for k, e in enumerate(evidence) if not rule.separates(best, e)}
-    return [e for k, e in enumerate(evidence) if k in inside]
+    return [e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e)]
 
 
 def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:

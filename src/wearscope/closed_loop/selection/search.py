@@ -145,13 +145,8 @@ class Search:
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
-        reach = set(candidate.joints)
-        terms = list(assembly.chosen)
-        grown = True
-        while grown:
-            more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
-            grown = not more <= reach
-            reach |= more
+        terms = assembly.chosen
+        reach = find_reach(terms, candidate)
         own = frozenset((t.candidate, t.subset) for t in terms if reach & set(t.candidate.joints))
         scale = tuple(float(assembly.sigma[j]) for j in sorted(reach))
         return (candidate, own, scale, subset)
@@ -192,7 +187,9 @@ class Search:
             worst, evidence = {}, {}
             for chosen in kept:
                 others = tuple(k for k in kept if k is not chosen)
-                beside = Assembly(problem.layout, problem.target, (*problem.base, *others), self.sigma)
+                every = (*problem.base, *others)
+                reach = find_reach(every, chosen.candidate)
+                beside = Assembly(problem.layout, problem.target, every, self.sigma, reach)
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
                 if not self.is_needed(beside, e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
@@ -430,6 +427,17 @@ class Search:
                 }
             )
         self._step += 1
+
+
+def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
+    """Joints that a model couples to those where a candidate is felt, these included."""
+    reach = set(candidate.joints)
+    grown = True
+    while grown:
+        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
+        grown = not more <= reach
+        reach |= more
+    return reach
 
 
 def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:

@@ -34,22 +34,26 @@ def flip_scores(scores: np.ndarray, inner: np.ndarray, flips: np.ndarray) -> tup
     return observed, flipped
 
 
-def tail(observed: np.ndarray | float, chance: np.ndarray) -> np.ndarray:
-    """Logarithm of the tail probability of statistics under a gamma law with chance's mean and variance."""
-    mean, variance = max(float(chance.mean()), 1e-300), max(float(chance.var()), 1e-300)
-    return stats.gamma.logsf(observed, mean**2 / variance, scale=variance / mean)
+def score_chance(observed: np.ndarray | float, chance: np.ndarray) -> np.ndarray:
+    """Normal scores of statistics under a gamma law with chance's mean and variance.
+
+    By the cube root (Wilson and Hilferty 1931), which is monotone and makes candidates with different numbers
+    of columns and shapes comparable.
+    """
+    mean = max(float(chance.mean()), 1e-100)
+    ninth = max(float(chance.var()) / mean**2, 1e-12) / 9.0
+    return (np.cbrt(np.maximum(np.asarray(observed), 0.0) / mean) - (1.0 - ninth)) / np.sqrt(ninth)
 
 
 def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Sequence[float]) -> np.ndarray:
-    """Family-wise p-values: the least tail over all candidates against its distribution under random signs.
+    """Family-wise p-values: the largest score over all candidates against its distribution under random signs.
 
-    Tails make candidates with different numbers of columns and shapes comparable (Westfall and Young 1993,
-    minP).
+    Westfall and Young 1993, minP.
 
     Parameters
     ----------
     observed : sequence of float
-        Statistic of each candidate.
+        Normal score of each candidate's statistic.
     chance : sequence of ndarray (F,)
         The same under random signs, the same ones for all.
     tried : sequence of float
@@ -57,12 +61,12 @@ def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Seque
     """
     if not len(observed):
         return np.zeros(0)
-    own = np.array([float(tail(value, law)) for value, law in zip(observed, chance, strict=True)])
-    lowest = np.min([tail(law, law) for law in chance], axis=0)
-    ordered = np.sort(lowest)
+    highest = np.sort(np.max(np.asarray(chance), axis=0))
     # Few blocks give the observed signs again, but for rounding.
-    own = np.minimum(own * (1.0 - 1e-6) + np.log(np.asarray(tried, dtype=float)), 0.0)
-    return (1.0 + np.searchsorted(ordered, own, side="right")) / (len(ordered) + 1.0)
+    log_p = np.minimum(stats.norm.logsf(observed) * (1.0 - 1e-6) + np.log(tried), np.log(1.0 - 1e-16))
+    scores = stats.norm.isf(np.exp(np.maximum(log_p, -700.0)))
+    above = len(highest) - np.searchsorted(highest, scores, side="left")
+    return (1.0 + above) / (len(highest) + 1.0)
 
 
 def find_memory(left: np.ndarray, run: np.ndarray, remembered: float = 0.2) -> int:

@@ -9,10 +9,10 @@ drift is another one in every run, which runs are too few to tell from a term's.
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg, signal
+from scipy import linalg, signal, stats
 
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
-from wearscope.closed_loop.selection.significance import find_memory, flip_scores, tail
+from wearscope.closed_loop.selection.significance import find_memory, flip_scores, score_chance
 
 #: Length of the filter, of the shortest run, and at most so many rows.
 _LENGTH, _LONGEST = 0.125, 80
@@ -78,7 +78,7 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     inner += 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(len(inner))
     scores = layout.pack(clean * residual[:, None]).sum(axis=1)
     observed, chance = flip_scores(scores[:, None, :], inner[None], flips)
-    return float(np.exp(tail(observed, chance)))
+    return float(stats.norm.sf(score_chance(observed, chance)))
 
 
 def find_filter(series: list[np.ndarray], length: int) -> np.ndarray:
