@@ -52,9 +52,7 @@ def test_solution_is_weighted_least_squares(model):
     x, y, _ = weighted_rows(model)
     expected = np.linalg.lstsq(x, y, rcond=None)[0]
     np.testing.assert_allclose(model.solve(), expected, rtol=1e-6)
-    np.testing.assert_allclose(
-        model.losses(model.solve()).sum(), ((y - x @ expected) ** 2).sum(), rtol=1e-8
-    )
+    np.testing.assert_allclose(model.losses(model.solve()).sum(), ((y - x @ expected) ** 2).sum(), rtol=1e-8)
 
 
 def test_family_beside_the_model_is_the_joint_fit(model, curved):

@@ -65,17 +65,29 @@ def test_prediction_along_the_motion_does_not_see_the_recorded_torque(soft_model
     np.testing.assert_array_equal(predict_full(model, theta, run), before)
 
 
+def lost_motion_of(folder, bounded):
+    """Verdict on the board's arm, whose load changes sign as the small arm's never does; the planted gap."""
+    recipe = Recipe(duration=12.0, bounded=bounded)
+    truth = generate_dataset(folder / "arm", "arm3", [Planted("backlash", "elbow", 6.0)], 11, recipe)
+    return close_loop(folder / "arm", folder / "out", light=True), truth["planted"][0]["parameters"]["gap"]
+
+
 def test_lost_motion_is_named_and_measured(tmp_path):
-    # The small arm's load never changes sign; the board's does.
-    truth = generate_dataset(
-        tmp_path / "arm", "arm3", [Planted("backlash", "elbow", 6.0)], 11, Recipe(duration=12.0)
-    )
-    verdict = close_loop(tmp_path / "arm", tmp_path / "out", light=True)
+    verdict, gap = lost_motion_of(tmp_path, bounded=True)
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("elbow", "backlash")]
-    found = verdict["verdict"][0]["parameters"]["lost_motion"]["value"]
-    assert found == pytest.approx(truth["planted"][0]["parameters"]["gap"]["value"], rel=0.25)
+    assert verdict["verdict"][0]["parameters"]["lost_motion"]["value"] == pytest.approx(
+        gap["value"], rel=0.25
+    )
     joint = verdict["joints"]["elbow"]
     assert joint["rms_after"] < joint["rms_before"]
+
+
+@pytest.mark.xfail(
+    strict=True, reason="a lost motion of 1.3 deg, which no gear has, is answered payload_error of -0.1 g"
+)
+def test_a_lost_motion_beyond_belief_is_no_payload(tmp_path):
+    verdict, _ = lost_motion_of(tmp_path, bounded=False)
+    assert {e["effect"] for e in verdict["verdict"]} <= {"backlash", "unknown"}
 
 
 @pytest.mark.parametrize("width", [0.0, 0.004])
