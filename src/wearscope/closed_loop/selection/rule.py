@@ -14,7 +14,7 @@ _FEWEST_BLOCKS = 4.0
 #: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
-#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of a single run.
+#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves.
 _GENERIC = 5.0
