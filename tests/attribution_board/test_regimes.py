@@ -144,7 +144,7 @@ def test_light_wrists_have_next_to_no_gravity_torque():
             ]
         )
         rms = np.sqrt(np.mean(gravity**2, axis=0))
-        assert np.all(rms[-2:] < 0.05 * np.asarray(machine.coulomb)[-2:])
+        assert np.all(rms[-2:] < 0.2 * np.asarray(machine.coulomb)[-2:])
 
 
 def test_number_of_joints_can_be_asked_for_and_unknown_families_are_refused():
