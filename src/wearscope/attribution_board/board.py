@@ -233,7 +233,9 @@ def run_board(
         if path.is_file():
             done[case.number] = json.loads(path.read_text(encoding="utf-8"))
     if done:
-        tell(f"attribution board: {len(done)} of {len(todo)} cases are already there; another --out runs them anew")
+        tell(
+            f"attribution board: {len(done)} of {len(todo)} cases are already there; another --out runs them anew"
+        )
 
     def report(case: Case, result: dict[str, Any]) -> None:
         done[case.number] = result
