@@ -221,12 +221,14 @@ class ClosedLoopSettings(Section):
 
 
 class BoardSettings(Section):
-    """The attribution board: planted effects, their verdicts scored."""
+    """The attribution board: planted effects over regimes, their verdicts scored."""
 
-    size: Literal["small", "medium", "full"] = "full"
-    """How many cases; the full board takes hours."""
-    nulls: Annotated[int, Field(ge=0)] | None = None
-    """Number of cases with nothing planted; the board's own where left out."""
+    part: Literal["development", "held_out"] = "held_out"
+    """Which part: what the tracer may be tuned on, or what is kept out of it by seed and family."""
+    cases: Annotated[int, Field(ge=2)] = 300
+    """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
+    limit: Annotated[float, Field(gt=0.0)] = 300.0
+    """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
 def _short_detectors(value: Any) -> Any:
