@@ -70,7 +70,9 @@ def describe_candidates(loop: ClosedLoop) -> Markup:
         "training runs; one is taken only if it gains enough, is significant with all candidates counted, "
         "and the runs agree. What was taken may still be dropped or replaced beside later terms, get the "
         "name of a simpler term that does as well, or be left out in the end because its parameters are not "
-        "told from zero. candidates.parquet has them all."
+        "told from zero. Too little gained is too little of the joint's held-out loss, of what the standard "
+        "model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
+        "candidates.parquet has them all."
     )
     return Markup("{}{}").format(_note(text), Markup("").join(parts))
 
