@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class Policy(BaseModel):
     """Numbers of the rule; written to ``verdict.json`` with the version."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     family_level: float = Field(0.005, gt=0, lt=1)
     """p-value of a term, over all candidates, shapes and joints tried beside the same model, by sign flips
