@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
 Model = Literal["main", "full", "simplified"]
@@ -218,15 +219,33 @@ class ClosedLoopSettings(Section):
     demonstration: bool = True
     """Whether the study records a twin of the medium robot with an effect that nobody declared, and closes
     the loop on it."""
+    policy: Policy = Policy()
+    """Numbers of the rule that accepts, ties and names; `verdict.json` repeats them."""
+    effects: list[str] = []
+    """Paths of .py files that define `EFFECT`: own effects, candidates beside the vocabulary."""
+    allow_code: bool = False
+    """Whether effect files that a data set names may run: a data set may come from someone else."""
+
+    @field_validator("effects")
+    @classmethod
+    def _python_files(cls, value: list[str]) -> list[str]:
+        for path in value:
+            if not path.endswith(".py"):
+                raise ValueError(
+                    f"{path} is no path of a .py file; the vocabulary's own effects take part anyway"
+                )
+        return value
 
 
 class BoardSettings(Section):
-    """The attribution board: planted effects, their verdicts scored."""
+    """The attribution board: planted effects over regimes, their verdicts scored."""
 
-    size: Literal["small", "medium", "full"] = "full"
-    """How many cases; the full board takes hours."""
-    nulls: Annotated[int, Field(ge=0)] | None = None
-    """Number of cases with nothing planted; the board's own where left out."""
+    part: Literal["development", "held_out"] = "held_out"
+    """Which part: what the tracer may be tuned on, or what is kept out of it by seed and family."""
+    cases: Annotated[int, Field(ge=2)] = 300
+    """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
+    limit: Annotated[float, Field(gt=0.0)] = 300.0
+    """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -278,6 +297,13 @@ class StudyConfig(Section):
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""
+    allow_code: bool = False
+    """The same as `closed_loop.allow_code`, for the command line: `--config dataset=PATH allow_code=true`.
+    Either of the two allows it."""
+
+    def may_run_code(self) -> bool:
+        """Whether effect files that the data set names may run."""
+        return self.allow_code or self.closed_loop.allow_code
 
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""

@@ -151,6 +151,11 @@ def effect_files():
     )
 
 
+def own_effects():
+    """Own effects' files that the configuration names and that are there; the loop itself says which is missing."""
+    return [path for path in STUDY.closed_loop.effects if os.path.isfile(path)]
+
+
 def dataset_file(path):
     """The dataset.yaml of a measured data set given as its folder or that file."""
     return os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path
@@ -175,11 +180,14 @@ def dataset_name(path):
 
 
 def dataset_files(path):
-    """URDF and runs that a data set names and that are there; the loop itself says which is missing."""
+    """URDF, runs and own effects that a data set names and that are there; the loop says which is missing."""
     content, folder = read_dataset(path), os.path.dirname(dataset_file(path))
     robot, runs = content.get("robot"), content.get("runs")
     names = [robot.get("urdf")] if isinstance(robot, dict) else []
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    for field in ("effects", "declared_effects"):
+        listed = content.get(field)
+        names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
     paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
     return [path for path in paths if path is not None]
 

@@ -62,7 +62,7 @@ def make_corrected_model(
         effects.append(
             {
                 "joint": dataset.joints[estimate.entry.joint],
-                "effect": estimate.entry.effect.name,
+                "effect": estimate.entry.effect.label,
                 "parameters": estimate.values | dict(zip(names, theta[span].tolist(), strict=True)),
                 "source": f"fitted on {', '.join(run.file for run in train)}",
             }

@@ -15,7 +15,7 @@ _DRAWS, _LENGTH, _MOST = 500, 2, 12
 #: Difference of losses, of the largest, below which two alternatives are the same.
 _SAME = 1e-9
 #: Share of the best alternative's gain below which one is not compared.
-_NEAR = 0.5
+_NEAR = 0.7
 #: What may stand beside a name although it may not give it.
 _OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
 

@@ -277,7 +277,8 @@ class Search:
         """Whether a drift of what a term leaves explains it as well."""
         if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
             return False
-        return drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.drift_level
+        tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
+        return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
