@@ -245,7 +245,7 @@ def drop_undetermined(
     """
     found = list(found)
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
-    while True:
+    while found:
         after = refit(base, [*base.entries, *(f.evidence.term for f in found)])
         estimates = estimate(after)[len(before.entries) :]
         doubtful = [
@@ -256,6 +256,7 @@ def drop_undetermined(
         if not doubtful:
             return after, found
         del found[max(doubtful)[1]]
+    return before, []
 
 
 def load_named_effects(

@@ -169,8 +169,10 @@ def explain_rest(
             else:
                 joints.remove(joint)
                 rest = [e for e in weighed if e.joint == joint and is_structure(search, e)]
-                if rest:
-                    left[joint] = max(rest, key=lambda e: e.gain)
+                rest.sort(key=lambda e: -e.gain)
+                best = next((e for e in rest if not search.drifts(assembly, e)), None)
+                if best is not None:
+                    left[joint] = best
         search.record(weighed, taken)
         for e in taken:
             search.progress(

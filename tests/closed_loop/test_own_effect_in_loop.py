@@ -1,0 +1,139 @@
+"""A user's own effect, from a file outside the package to its name in the verdict and its torque simulated."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.closed_loop.run import close_loop
+from wearscope.cycles.base import Reference
+from wearscope.errors import InputError
+from wearscope.robots.model import load_model
+from wearscope.simulation.forward import simulate_forward
+
+HOSE = """
+import numpy as np
+from wearscope.effects.base import Effect, Parameter, compile_row
+
+
+@compile_row
+def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    out[0] = np.sin(3.0 * q[j]) * sign[j]
+
+
+EFFECT = Effect(
+    name="hose_drag",
+    form="level sin(3 q) sign(v)",
+    coefficients=(Parameter("level", "{torque}"),),
+    source="a test",
+    depends_on=("q_{joint}", "sign_qd_{joint}"),
+    row=_row,
+)
+"""
+PRESSURE = """
+from wearscope.effects.base import Effect, Parameter
+
+
+EFFECT = Effect(
+    name="balancer_pressure",
+    form="area p sin(2 q)",
+    coefficients=(Parameter("area", "{torque}/bar"),),
+    source="a test",
+    depends_on=("pressure", "q_{joint}"),
+    regressors=lambda s, j, shape: s.channels["pressure"][:, None] * s.q[:, [j]],
+    applies=lambda s, j: "pressure" in s.channels,
+)
+"""
+SMALL = {"runs": 4, "duration": 8.0, "seed": 4}
+
+
+def drag(t, q, v, a, rng):
+    return np.column_stack([5.0 * np.sin(3.0 * q[:, 0]) * np.sign(v[:, 0]), 0.0 * t])
+
+
+@pytest.fixture
+def hose(tmp_path):
+    """Effect file outside of package and data set."""
+    path = tmp_path / "mine" / "hose.py"
+    path.parent.mkdir()
+    path.write_text(HOSE)
+    return path
+
+
+def entries(verdict):
+    return [(e["joint"], e["effect"]) for e in verdict["verdict"]]
+
+
+def test_named_on_the_command_line_it_is_named_and_simulated(record, hose, tmp_path):
+    folder, out = record(extra_torque=drag, **SMALL), tmp_path / "out"
+    verdict = close_loop(folder, out, light=True, effects=[hose])
+    assert entries(verdict) == [("a", "hose_drag")]
+    (entry,) = verdict["verdict"]
+    level = entry["parameters"]["level"]
+    assert level["value"] == pytest.approx(5.0, rel=0.05) and level["unit"] == "N m"
+    assert level["ci95"][0] < level["value"] < level["ci95"][1]
+    assert entry["depends_on"] == ["q_a", "sign_qd_a"] and entry["status"] == "confirmed"
+
+    # The model as it lies there is simulated with the drag, and without it.
+    t = np.arange(0.0, 2.0, 1e-3)
+    angle = np.outer(t, [2.0, 1.5])
+    reference = Reference(
+        t, np.sin(angle), [2.0, 1.5] * np.cos(angle), -np.square([2.0, 1.5]) * np.sin(angle)
+    )
+    after, before = (load_model(out / f"model_{stage}.yaml") for stage in ("after", "before"))
+    recorded = {
+        name: simulate_forward(model, reference, declared=before)
+        for name, model in (("after", after), ("before", before))
+    }
+    own = (recorded["after"].tau - recorded["before"].tau)[:, 0]
+    expected = level["value"] * np.sin(3.0 * reference.q[:, 0]) * np.sign(reference.v[:, 0])
+    moving = (np.abs(reference.v[:, 0]) > 0.3) & (t > 0.3)
+    assert np.corrcoef(own[moving], expected[moving])[0, 1] > 0.98
+    assert np.std((own - expected)[moving]) < 0.2 * np.std(expected[moving])
+
+
+def test_without_the_file_the_same_torque_has_no_name(record, tmp_path):
+    verdict = close_loop(record(extra_torque=drag, **SMALL), tmp_path / "out", light=True)
+    assert entries(verdict) == [("a", "unknown")]
+
+
+@pytest.mark.parametrize("place", ["effects", "declared_effects"])
+def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(record, tmp_path, place):
+    declared = ["rigid_body", "rotor_inertia", "coulomb", "viscous"]
+    fields = {"effects": ["hose.py"]} if place == "effects" else {"declared_effects": [*declared, "hose.py"]}
+    folder = record(extra_torque=drag, fields=fields, **SMALL)
+    mark = tmp_path / "ran"
+    (folder / "hose.py").write_text(f"open({str(mark)!r}, 'w').close()\n{HOSE}")
+    with pytest.raises(InputError, match=r"hose\.py: is Python code that a data set names.*allow_code=true"):
+        close_loop(folder, tmp_path / "out", light=True)
+    assert not mark.exists() and not (tmp_path / "out").exists()
+    verdict = close_loop(folder, tmp_path / "out", light=True, allow_code=True)
+    assert mark.exists()
+    # A candidate is named; what is declared is fitted, and nothing is missing then.
+    assert entries(verdict) == ([("a", "hose_drag")] if place == "effects" else [])
+    assert verdict["joints"]["a"]["rms_after"] < 0.35
+    stage = yaml.safe_load((tmp_path / "out" / "model_after.yaml").read_text())
+    (own,) = [
+        e
+        for e in stage["effects"]
+        if e["joint"] == "a" and "level" in e.get("parameters", {}) and "hose" in e["effect"]
+    ]
+    assert own["parameters"]["level"] == pytest.approx(5.0, rel=0.05)
+
+
+def test_an_effect_with_a_measured_channel_is_named(record, tmp_path):
+    """A pressure that is another one in every run; the effect needs it, the simulator does not have it."""
+    folder = record(fields={"channels": {"pressure": "bar"}}, **SMALL)
+    for r, path in enumerate(sorted((folder / "runs").glob("*.parquet"))):
+        table = pd.read_parquet(path)
+        table["pressure"] = 30.0 + 6.0 * r + 2.0 * np.sin(0.7 * table["t"])
+        table["tau_a"] += 0.15 * table["pressure"] * table["q_a"]
+        table.to_parquet(path)
+    own = tmp_path / "pressure.py"
+    own.write_text(PRESSURE)
+    verdict = close_loop(folder, tmp_path / "out", light=True, effects=[own])
+    (entry,) = verdict["verdict"]
+    assert entry["effect"] == "balancer_pressure" and entry["equivalent"] == []
+    assert entry["depends_on"] == ["pressure", "q_a"]
+    area = entry["parameters"]["area"]
+    assert area["unit"] == "N m/bar" and area["value"] == pytest.approx(0.15, rel=0.05)

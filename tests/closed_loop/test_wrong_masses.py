@@ -1,0 +1,48 @@
+"""Masses that are wrong where they are trusted have a name of their own, and no drive is blamed."""
+
+import json
+
+import pytest
+
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from wearscope.closed_loop.run import close_loop
+
+PLANS = (
+    RunPlan("train", "fourier", 0, 24.0),
+    RunPlan("train", "sweep", 1, 52.0),
+    RunPlan("train", "points", 2, 31.0),
+    RunPlan("test", "points", 3, 47.0),
+)
+SHORT = {"duration": 8.0, "rate": 125.0, "plans": PLANS}
+BODIES = {"payload_error", "inertial_error"}
+
+
+def close_on(folder, planted, seed, **changed):
+    generate_dataset(folder / "d1", "arm3", planted, seed, Recipe(**SHORT, **changed))
+    close_loop(folder / "d1", folder / "out", light=True)
+    return json.loads((folder / "out" / "verdict.json").read_text())
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_wrong_masses_under_trusted_are_named_as_such(tmp_path, seed):
+    verdict = close_on(tmp_path, [], seed, inertia_error=0.1, approximate=False)
+    assert verdict["verdict"], "errors of 10 % of every mass must be seen"
+    for entry in verdict["verdict"]:
+        assert {entry["effect"], *entry["equivalent"]} & BODIES, entry
+    for joint in verdict["joints"].values():
+        assert joint["rms_after"] < 1.03 * joint["rms_before"]
+    assert min(j["rms_after"] / j["rms_before"] for j in verdict["joints"].values()) < 0.5
+
+
+def test_the_same_masses_under_approximate_are_refitted_without_a_name(tmp_path):
+    verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=True)
+    assert verdict["verdict"] == []
+
+
+def test_a_fault_is_found_beside_wrong_masses(tmp_path):
+    planted = [Planted("viscous_asymmetry", "elbow", 8.0)]
+    verdict = close_on(tmp_path, planted, 33, inertia_error=0.05, approximate=False)
+    named = [(e["joint"], {e["effect"], *e["equivalent"]}) for e in verdict["verdict"]]
+    assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
+    assert all("viscous_asymmetry" in names or names & BODIES for _, names in named)
