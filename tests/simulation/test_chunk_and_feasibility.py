@@ -9,7 +9,7 @@ import pytest
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation import chunk, recording, study
+from wearscope.simulation import chunk, study
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
@@ -168,7 +168,7 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
             raise OSError(errno.ENOSPC, "No space left on device")
         genuine(table, name, **options)
 
-    monkeypatch.setattr(recording.pq, "write_table", fill)
+    monkeypatch.setattr(pq, "write_table", fill)
     with pytest.raises(InputError, match=r"point=2.*No space left on device.*free disk space"):
         simulate(tmp_path, ROWS, model, cycle)
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["recording.parquet"]
