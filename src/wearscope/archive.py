@@ -24,7 +24,8 @@ import pandas as pd
 from wearscope import tables
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
-from wearscope.provenance import describe_provenance, digest_file
+from wearscope.files import digest_file
+from wearscope.provenance import describe_provenance
 
 MANIFEST = "MANIFEST.json"
 FORMAT = 1

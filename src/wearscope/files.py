@@ -1,6 +1,7 @@
 """Files written whole or not at all; what a killed writer left is cleared by the next one."""
 
 import fcntl
+import hashlib
 import os
 import re
 import tempfile
@@ -79,7 +80,9 @@ def clear_stale(folder: str | Path) -> list[Path]:
     """
     removed = []
     with os.scandir(folder) as entries:
-        names = [entry.name for entry in entries if entry.name.endswith(".part") and OWN.fullmatch(entry.name)]
+        names = [
+            entry.name for entry in entries if entry.name.endswith(".part") and OWN.fullmatch(entry.name)
+        ]
     for name in names:
         path = Path(folder) / name
         with suppress(OSError):  # gone in the meantime, or its writer lives
@@ -91,6 +94,15 @@ def clear_stale(folder: str | Path) -> list[Path]:
             finally:
                 os.close(handle)
     return removed
+
+
+def digest_file(path: Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def set_aside(path: str | Path) -> Path:

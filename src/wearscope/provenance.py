@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-_BLOCK = 1 << 20
+from wearscope.files import digest_file
 
 
 def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
@@ -56,15 +56,6 @@ def list_platform_files(root: str | Path = ".") -> list[Path]:
     found = {file.relative_to(root) for pattern in patterns for file in root.glob(pattern) if file.is_file()}
     left_out = {"__pycache__", "wearscope.egg-info"}
     return sorted(file for file in found if not left_out & set(file.parts))
-
-
-def digest_file(path: Path) -> str:
-    """SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def _git(*arguments: str) -> str | None:

@@ -1,7 +1,7 @@
 """Parquet tables with units in the column metadata, written whole or not at all, sealed with a checksum.
 
-A sealed file is a plain Parquet file with page checksums. Between its last page and its footer, where no reader
-looks, stand 8 bytes and the SHA-256 of all other bytes: any flipped bit is found, in the footer too.
+A sealed file is a plain Parquet file with page checksums. Between its last page and its footer, where no
+reader looks, stand 8 bytes and the SHA-256 of all other bytes: any flipped bit is found, in the footer too.
 """
 
 import hashlib

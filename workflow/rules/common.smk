@@ -23,7 +23,11 @@ os.environ.update(
 
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.processes import MAIN, identify_process
 from wearscope.sources import find_sources, plugin_file
+
+# A job ends with this process, also where it alone is killed.
+os.environ[MAIN] = identify_process(os.getpid())
 
 try:
     STUDY = load_config(config)

@@ -8,7 +8,7 @@ from wearscope.designs.factors import Factor
 from wearscope.detectors.base import Batch
 from wearscope.detectors.run import DetectorSpec, compute_test_quantities
 from wearscope.robots.model import load_model
-from wearscope.simulation.failures import check_failures, failure_table, read_failures
+from wearscope.simulation.failures import check_failures, failure_table, read_markers
 from wearscope.simulation.traces import read_points
 
 with run_job(snakemake) as say:
@@ -18,13 +18,13 @@ with run_job(snakemake) as say:
     designs = {name: tables.read_table(snakemake.input[name]) for name in params.sets}
     nominal = tables.read_table(snakemake.input.nominal)
 
-    failed = read_failures(snakemake.input.traces)
+    fingerprints, failed = read_markers(snakemake.input.traces)
     points = {name: list(table["point"]) for name, table in [*designs.items(), ("nominal", nominal)]}
     check_failures(failed, points, f"robot {w.robot}, cycle {w.cycle}", params.max_failed_share)
 
     def read_batches(name):
         there = [point for point in points[name] if (name, point) not in failed]
-        for point, one in read_points(traces, name, there, model):
+        for point, one in read_points(traces, name, there, model, fingerprints):
             yield name, point, Batch(one.t, one.q, one.qd, one.tau)
 
     batches = sum((name, point) not in failed for name in designs for point in points[name])

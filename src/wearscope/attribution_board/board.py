@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import os
 import sys
 import tempfile
 import time
@@ -24,6 +25,7 @@ from wearscope.attribution_board.summary import (
     tabulate_confusion,
     write_markdown,
 )
+from wearscope.processes import end_with, identify_process
 from wearscope.tables import write_table, write_text
 
 Closer = Callable[[Path, Path], Any]
@@ -145,7 +147,9 @@ def run_board(
         for done, case in enumerate(open_cases, start=1):
             report(case, _keep_case(case, out_dir, closer, baselines), done)
     elif open_cases:
-        with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        me = identify_process(os.getpid())
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with, initargs=(me,)) as pool:
             futures = {pool.submit(_keep_case, c, out_dir, closer, baselines): c for c in open_cases}
             for done, future in enumerate(as_completed(futures), start=1):
                 report(futures[future], future.result(), done)

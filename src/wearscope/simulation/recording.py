@@ -91,7 +91,7 @@ def write_recording(
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of a recording, every byte checked; None where there is no whole recording or it has none."""
+    """Fingerprint of a recording, every byte checked; None where none is whole or it has none."""
     try:
         table = tables.read_arrow(path, list(COLUMNS))
     except tables.DamagedFile:
