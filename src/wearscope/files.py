@@ -28,6 +28,9 @@ class DamagedFile(InputError):
         super().__init__(message)
         self.path = Path(path)
 
+    def __reduce__(self) -> tuple[type, tuple[Path, str]]:
+        return type(self), (self.path, str(self))
+
 
 def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
     """Write a file under a temporary name in the same folder, then rename it.

@@ -48,7 +48,7 @@ def load(reference: str, room: str, attribute: str) -> Any:
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise InputError(
                 f"{reference}: importing it raised {type(error).__name__}: {error}; mend the file."
             ) from error

@@ -14,7 +14,7 @@ from wearscope.simulation.traces import read_points
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
     traces = Path(snakemake.input.traces[0]).parents[1]
-    model = load_model(params.reference)
+    model = load_model(params.reference, allow_code=params.allow_code)
     designs = {name: tables.read_table(snakemake.input[name]) for name in params.sets}
     nominal = tables.read_table(snakemake.input.nominal)
 
@@ -41,6 +41,7 @@ with run_job(snakemake) as say:
         max_failed_share=params.max_failed_share,
         failed_simulations=failed,
         report=count_progress(say, batches, "batches"),
+        time_limit=params.time_limit,
     )
     tables.write_table(snakemake.output.failed, failure_table(failed, points, w.robot, w.cycle))
     tables.write_table(snakemake.output.table, table)

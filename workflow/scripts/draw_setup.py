@@ -20,7 +20,10 @@ with run_job(snakemake):
     params, out = snakemake.params, snakemake.output
     factors = [Factor(**one) for one in params.factors]
     designs = {Path(file).stem: tables.read_table(file) for file in snakemake.input.designs}
-    models = {robot: load_model(reference) for robot, reference in params.robots.items()}
+    models = {
+        robot: load_model(reference, allow_code=params.allow_code)
+        for robot, reference in params.robots.items()
+    }
 
     save_figure(draw_design(designs, factors), out.design_svg, out.design_png)
 

@@ -24,11 +24,12 @@ with run_job(snakemake) as say:
         Path(snakemake.output[0]).parents[1],
         w.set,
         rows,
-        load_model(params.robot),
+        load_model(params.robot, allow_code=params.allow_code),
         load_cycle(params.cycle),
         plan,
         common.hexdigest(),
         count_progress(say, len(rows), "points"),
+        params.time_limit,
     )
     for point, reason in outcome.failed.items():
         say(f"point {point} failed: {reason}")

@@ -61,7 +61,9 @@ def _check_temperatures(model: RobotModel, factor: str, low: float) -> None:
     for entry in model.effects:
         if entry.effect != FRICTION_LAW:
             continue
-        eta3, eta4 = entry.parameters["eta3"], entry.parameters["eta4"]
+        if "eta3" not in entry.parameters:
+            raise InputError(f"{model.name}: the friction law of joint '{entry.joint}' has no eta3; add it.")
+        eta3, eta4 = (entry.parameters.get(key, 0.0) for key in ("eta3", "eta4"))
         if eta3 + eta4 * low <= 0:
             valid = f"is positive above {-eta3 / eta4:.1f} degC only" if eta4 > 0 else "is not positive there"
             raise InputError(
@@ -104,7 +106,7 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
             reference = cycle.build(model, dwell, step)
         except InputError:
             raise
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             raise InputError(
                 f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
                 f"{' '.join(str(problem).split())}; mend the test-cycle."
