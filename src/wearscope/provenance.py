@@ -22,9 +22,9 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` (None where
-        git knows none), ``changed`` (whether tracked files differ from it), ``sha256`` (of all sources),
-        ``files`` (digest by source).
+        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` and its
+        ``date`` (None where git knows none), ``changed`` (whether tracked files differ from it), ``sha256``
+        (of all sources), ``files`` (digest by source).
     """
     files = {Path(source).as_posix(): digest_file(Path(source)) for source in sources}
     text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
@@ -35,6 +35,7 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
         "code": {
             "wearscope": metadata.version("wearscope"),
             "commit": _git("rev-parse", "HEAD"),
+            "date": _git("show", "--no-patch", "--format=%cI", "HEAD"),
             "changed": bool(_git("status", "--porcelain", "--untracked-files=no")),
             "sha256": hashlib.sha256(text.encode()).hexdigest(),
             "files": files,

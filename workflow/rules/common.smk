@@ -129,6 +129,14 @@ def cycle_files():
     return [plugin_file(reference, "cycles") for reference in STUDY.cycles]
 
 
+def own_files():
+    """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
+    files = [file for reference in ROBOTS.values() for file in robot_files(reference)]
+    files += [file for reference in ROBOTS.values() for file in robot_effects(reference)]
+    files += [*cycle_files(), *detector_files()]
+    return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
+
+
 def traces(robot, cycle, *sets):
     """Markers of the simulated chunks of some sets."""
     return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
