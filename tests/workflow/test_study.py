@@ -1,5 +1,6 @@
 """The whole workflow on the smallest study, in copies of the tree."""
 
+import importlib.util
 import json
 import os
 import re
@@ -33,48 +34,11 @@ CONTRACT = {
 }
 
 
-def copy_tree(target: Path) -> Path:
-    """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    compiled = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("src/**/__pycache__/*.nb?")]
-    for name in [*listed.stdout.splitlines(), *compiled]:
-        if (ROOT / name).is_file():
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, target / name)
-    return target
-
-
-def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
-    return [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores), "--configfile", study]
-
-
-def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
-    return subprocess.run(
-        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
-    )
-
-
-def run_well(folder: Path, *arguments: str, **options) -> str:
-    done = run(folder, *arguments, **options)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
-    return done.stdout + done.stderr
-
-
-def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
-    """Rules with jobs to do, by a dry run."""
-    text = run_well(folder, "-n", *arguments, study=study)
-    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
-
-
-def digests(folder: Path) -> dict[str, bytes]:
-    results = folder / "results" / "tiny"
-    return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+copy_tree, command, run, run_well = clones.copy_tree, clones.command, clones.run, clones.run_well
+stale, digests = clones.stale, clones.digests
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +176,11 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
             {"validate_surrogates"},
             {"compute_snr", "fit_surrogates"},
         ),
-        ("src/wearscope/closed_loop/intake/dataset.py", set(), {"simulate_points", "compute_snr", "fit_surrogates"}),
+        (
+            "src/wearscope/closed_loop/intake/dataset.py",
+            set(),
+            {"simulate_points", "compute_snr", "fit_surrogates"},
+        ),
     ],
 )
 def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, must_not):

@@ -129,7 +129,7 @@ def check_names(names: Iterable[str], where: str) -> None:
         elif name in (MANIFEST, CHECKSUM):
             reason = "is taken by the archive itself"
         if reason:
-            raise InputError(f"{where}: the name {name[:80]!a} {reason}; get the file again.")
+            raise InputError(f"{where}: the name {show(name)} {reason}; get the file again.")
 
 
 def show(name: str) -> str:
