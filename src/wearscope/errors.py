@@ -6,7 +6,7 @@ LONGEST = 1000
 class InputError(ValueError):
     """Bad input, told in one sentence: the file, field or row, what is wrong, and the remedy.
 
-    What is quoted from the input can neither break the line nor steer a terminal, and is cut where it is long.
+    What is quoted from the input can neither break the line nor steer a terminal; it is cut where long.
     """
 
     def __init__(self, message: object = "") -> None:
