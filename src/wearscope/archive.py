@@ -306,7 +306,7 @@ def _tell_restored(file: str, manifest: Manifest, folder: Path, changed: list[st
             f"{', ...' if len(changed) > 3 else ''}); for the same bytes use wearscope "
             f"{manifest.code.wearscope}, commit {manifest.code.commit or 'unknown'}"
         )
-    print(f"one stage again, e.g.: snakemake --cores 2 --configfile {folder / CONFIG} -R compute_snr -- snr")
+    print(f"one stage again, e.g.: snakemake snr --cores 2 --configfile {folder / CONFIG} -R compute_snr")
 
 
 if __name__ == "__main__":

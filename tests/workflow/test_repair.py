@@ -135,8 +135,8 @@ def test_restored_archive_runs_a_single_stage_to_the_same_bytes(finished, study,
     assert clones.stale(clone, study=config) == set()
     wanted = (clone / RESULTS / "snr.parquet").read_bytes()
     (clone / RESULTS / "snr.parquet").write_bytes(b"")
-    assert clones.stale(clone, "-R", "compute_snr", "--", "snr", study=config) == {"compute_snr", "snr"}
-    clones.run_well(clone, "-R", "compute_snr", "--", "snr", study=config)
+    assert clones.stale(clone, "snr", "-R", "compute_snr", study=config) == {"compute_snr", "snr"}
+    clones.run_well(clone, "snr", "-R", "compute_snr", study=config)
     assert (clone / RESULTS / "snr.parquet").read_bytes() == wanted
     assert yaml.safe_load((clone / config).read_text())["study"] == "tiny"
     done = module(clone, "wearscope.archive", "compare", str(archive), str(RESULTS))

@@ -24,7 +24,7 @@ os.environ.update(
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
-from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file
+from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file, read_text
 from wearscope.sources import find_sources, plugin_file
 
 # A job ends with this process, also where it alone is killed.
@@ -109,7 +109,9 @@ def robot_files(reference):
     path, content = read_robot(reference)
     urdf = os.path.join(path.parent, content["urdf"])
     if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
-        raise SystemExit(f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF.")
+        raise SystemExit(
+            f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF."
+        )
     return [str(path), urdf]
 
 
@@ -162,16 +164,18 @@ def dataset_file(path):
 def read_dataset(path):
     """Content of a dataset.yaml; ends the run in one sentence where there is none."""
     try:
-        with open(dataset_file(path), encoding="utf-8") as file:
-            content = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = yaml.safe_load(read_text(dataset_file(path), "the folder of a data set"))
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise SystemExit(
             f"config: dataset: {path} has no readable dataset.yaml ({reason}); correct the path."
         )
-    if not isinstance(content, dict) or not re.fullmatch(r"[\w.-]+", str(content.get("name", ""))):
+    if not isinstance(content, dict) or not re.fullmatch(
+        r"[A-Za-z0-9][\w.-]{0,99}", str(content.get("name", ""))
+    ):
         raise SystemExit(
-            f"{dataset_file(path)}: name is missing or holds other than letters, digits, '_', '-' and '.'; "
+            f"{dataset_file(path)}: name is missing, does not start with a letter or digit, or holds other "
+            "than letters, digits, '_', '-' and '.'; "
             "the results' folder is called like it, so correct it."
         )
     return content
