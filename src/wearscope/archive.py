@@ -233,7 +233,9 @@ def _prepare(place: Path, manifest: Manifest) -> None:
     """Make unpacked results such as the workflow's own: with checksums, and none older than another."""
     if CONFIG not in manifest.files:
         write_text(place / CONFIG, yaml.safe_dump(manifest.config, sort_keys=False, allow_unicode=True))
-    record_checksums(place, [place / name for name in manifest.files])
+    # Logs and timings are no job's output: they are written over without a word.
+    outputs = [name for name in manifest.files if not name.startswith(("logs/", "benchmarks/"))]
+    record_checksums(place, [place / name for name in outputs])
     now = time.time()
     for file in place.rglob("*"):
         os.utime(file, (now, now))

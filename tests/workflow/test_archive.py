@@ -401,6 +401,7 @@ def test_restored_study_has_checksums_and_no_second_restoring(tmp_path):
     manifest, folder, changed = archive.restore_archive(path, tmp_path / "clone")
     assert changed == []
     assert (folder / ".checksums" / "report.html.sha256").read_text().endswith("  report.html\n")
+    assert not (folder / ".checksums" / "logs").exists()
     with pytest.raises(InputError, match="is not empty"):
         archive.restore_archive(path, tmp_path / "clone")
     # What was restored is packed again to the same bytes.

@@ -139,6 +139,7 @@ def test_restored_archive_runs_a_single_stage_to_the_same_bytes(finished, study,
     clones.run_well(clone, "snr", "-R", "compute_snr", study=config)
     assert (clone / RESULTS / "snr.parquet").read_bytes() == wanted
     assert yaml.safe_load((clone / config).read_text())["study"] == "tiny"
+    assert module(clone, "wearscope.integrity", str(RESULTS)).returncode == 0
     done = module(clone, "wearscope.archive", "compare", str(archive), str(RESULTS))
     assert "no conclusion differs" in done.stdout
     inputs = json.loads((clone / RESULTS / "MANIFEST.json").read_text())["inputs"]
