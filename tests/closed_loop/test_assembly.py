@@ -163,7 +163,9 @@ def test_scores_are_those_of_columns_with_the_model_projected_out(assembly):
     own, model = x[:, -1], x[:, :-1]
     normal = model.T @ model + precision[:-1, :-1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    turned = np.linalg.solve(normal * np.outer(scale, scale) + 1e-10 * np.eye(len(scale)), scale * (model.T @ own))
+    turned = np.linalg.solve(
+        normal * np.outer(scale, scale) + 1e-10 * np.eye(len(scale)), scale * (model.T @ own)
+    )
     clean = own - model @ (scale * turned)
     left = y - model @ fit(model, y, precision[:-1, :-1])
     np.testing.assert_allclose(
@@ -191,7 +193,14 @@ def test_coupled_joints_are_reached():
             self.candidate = self
             self.joints = joints
 
-    chain = [Term(0, 1), Term(1, 2), Term(4,), Term(4, 5)]
+    chain = [
+        Term(0, 1),
+        Term(1, 2),
+        Term(
+            4,
+        ),
+        Term(4, 5),
+    ]
     assert find_reach(chain, Term(0)) == {0, 1, 2}
     assert find_reach(chain, Term(3)) == {3}
     assert find_reach(chain, Term(5, 3)) == {3, 4, 5}
@@ -211,7 +220,9 @@ def test_blocks_and_folds_do_not_grow_with_the_square_of_the_runs():
         assert held.max() - held.min() <= 4
 
 
-def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(record_at, pose, tmp_path, monkeypatch):
+def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(
+    record_at, pose, tmp_path, monkeypatch
+):
     """Calls are counted, not time: with eight times the runs, folds and not runs multiply."""
     counted = {}
     for runs in (4, 25):

@@ -42,9 +42,7 @@ def test_plain_friction_is_named_and_nothing_else(record, declared_whole, declar
 
 
 def test_one_run_is_enough_for_plain_friction(record):
-    verdict = diagnose(
-        record(declared=["rigid_body"], robot=UNSTATED, seed=7, runs=2, duration=8.0)
-    ).verdict
+    verdict = diagnose(record(declared=["rigid_body"], robot=UNSTATED, seed=7, runs=2, duration=8.0)).verdict
     assert {(e["joint"], e["effect"]) for e in verdict["verdict"]} == {(j, n) for j in "ab" for n in TRUTH}
 
 
@@ -74,9 +72,7 @@ def test_a_joint_without_friction_is_given_none(record):
     def free(t, q, v, a, rng):
         return np.column_stack([-6.0 * np.sign(v[:, 0]) - 4.0 * v[:, 0], 0.0 * t])
 
-    folder = record(
-        declared=["rigid_body", "rotor_inertia"], extra_torque=free, seed=7, runs=4, duration=8.0
-    )
+    folder = record(declared=["rigid_body", "rotor_inertia"], extra_torque=free, seed=7, runs=4, duration=8.0)
     named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
     assert named == {("b", "coulomb"), ("b", "viscous")}
 

@@ -48,7 +48,10 @@ def assert_same_bits(one, other):
                 assert a.term.shape == other[key].term.shape
                 continue
             x, y = getattr(a, field.name), getattr(other[key], field.name)
-            assert np.array_equal(x, y, equal_nan=not isinstance(x, dict | type(a.refusal))), (key, field.name)
+            assert np.array_equal(x, y, equal_nan=not isinstance(x, dict | type(a.refusal))), (
+                key,
+                field.name,
+            )
 
 
 def test_all_candidates_twice_and_in_reverse_give_the_same_bits(arm):
