@@ -238,12 +238,14 @@ class ClosedLoopSettings(Section):
 
 
 class BoardSettings(Section):
-    """The attribution board: planted effects, their verdicts scored."""
+    """The attribution board: planted effects over regimes, their verdicts scored."""
 
-    size: Literal["small", "medium", "full"] = "full"
-    """How many cases; the full board takes hours."""
-    nulls: Annotated[int, Field(ge=0)] | None = None
-    """Number of cases with nothing planted; the board's own where left out."""
+    part: Literal["development", "held_out"] = "held_out"
+    """Which part: what the tracer may be tuned on, or what is kept out of it by seed and family."""
+    cases: Annotated[int, Field(ge=2)] = 300
+    """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
+    limit: Annotated[float, Field(gt=0.0)] = 300.0
+    """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -278,6 +280,10 @@ class StudyConfig(Section):
     max_failed_share: Share = 0.05
     """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
     study is refused."""
+    time_limit: Annotated[float, Field(gt=0)] = 300.0
+    """Longest time [s] for the check of a robot and test-cycle, the simulation of a design point, and a
+    detector's fit or answer. What takes longer is ended: a simulation or an answer is then a failed point, a
+    check or a fit refuses the study."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()
@@ -292,6 +298,9 @@ class StudyConfig(Section):
     """The closed loop."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
+    allow_code: bool | list[str] = False
+    """Whether a robot's model may name effects by the path of a .py file, whose code then runs: `true`, or
+    the paths that may be named. A robot folder may come from someone else."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from folder_damage import DAMAGES, damage
 
-from wearscope.attribution_board.damage import DAMAGES, damage
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.run import close_loop

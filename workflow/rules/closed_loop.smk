@@ -157,9 +157,8 @@ rule run_board:
     input:
         code=code("run_board", *effect_files()),
     output:
-        f"{BOARD}/board.parquet",
-        f"{BOARD}/confusion.parquet",
-        f"{BOARD}/smallest_sizes.parquet",
+        f"{BOARD}/cases.parquet",
+        f"{BOARD}/entries.parquet",
         f"{BOARD}/summary.json",
         f"{BOARD}/board.md",
     log:
@@ -170,8 +169,9 @@ rule run_board:
         ENV
     threads: 64  # all there are
     params:
-        size=STUDY.attribution_board.size,
-        nulls=STUDY.attribution_board.nulls,
+        part=STUDY.attribution_board.part,
+        cases=STUDY.attribution_board.cases,
+        limit=STUDY.attribution_board.limit,
         seed=STUDY.seed,
     message:
         "Run the attribution board"

@@ -2,7 +2,7 @@
 
 import sys
 
-from wearscope.attribution_board.runner import main
+from wearscope.attribution_board.board import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -41,7 +41,7 @@ def _inertial_columns(recording: "Recording", tracks: list[Track]) -> Array:
 
 
 def _inertial_spread(recording: "Recording") -> Array:
-    """How far (10 n,) the inertial parameters may be off, as a standard deviation: `SPREAD` of their own size.
+    """How far (10 n,) the inertial parameters may be off, as a standard deviation: `SPREAD` of their size.
 
     A small one of a group (mass, first moments, inertias of a link) counts as half of the group's largest.
     """
@@ -58,7 +58,10 @@ def assess_entries(
     entries: list[dict[str, Any]], torques: list[list[Array]], recording: "Recording", declared: list[str],
     signals: dict[str, Array], with_temperature: bool,
 ) -> None:  # fmt: skip
-    """Add `measured_size`, `unabsorbed_size`, `findable_size`, `times_findable`, `separable`, `rivals` in place.
+    """Add to every entry, in place, what its plant is worth and whether it can be found and told apart.
+
+    `measured_size`, `unabsorbed_size`, `findable_size`, `times_findable`, `separable`, `rivals`,
+    `absorbed_share`, `own_left`; see `truth`.
 
     Parameters
     ----------

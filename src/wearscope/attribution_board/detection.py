@@ -50,13 +50,13 @@ def fit_detection(entries: pd.DataFrame) -> dict[str, Any]:
     Parameters
     ----------
     entries : DataFrame
-        Rows of `runner.run_board`.
+        Rows of `board.run_board`.
 
     Returns
     -------
     dict
-        `effects`, `a90`, `a90_95` (None with a `note` where the data do not carry a curve), `slope`, and `axes`:
-        by axis, what one factor of e does to the logit, with its standard error.
+        `effects`, `a90`, `a90_95` (None with a `note` where the data do not carry a curve), `slope`, and
+        `axes`: by axis, what one factor of e does to the logit, with its standard error.
     """
     if entries.empty:
         return _say_no("nothing was planted", 0)

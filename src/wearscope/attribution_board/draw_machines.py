@@ -49,7 +49,7 @@ def _write_urdf(links: list[_Link]) -> str:
 
 
 def _consistent_gyration(length: float, rng: np.random.Generator) -> Array:
-    """Radii of gyration (3,) [m] of a box-like link about its centre: any such triple can be a real body's."""
+    """Radii of gyration (3,) [m] of a box about its centre, as a real body may have them."""
     sides = length * rng.uniform(0.25, 1.0, 3)
     squares = sides**2
     return np.asarray(np.sqrt((squares.sum() - squares) / 12.0))
@@ -169,7 +169,8 @@ def draw_machine(family: str, rng: np.random.Generator, joints: int | None = Non
     scale = np.sqrt(scale**2 + (0.4 * rotor * acceleration) ** 2)
     if family == "light_wrist":
         rotor[-2:] = rotor[:-2].min() * rng.uniform(0.01, 0.1, 2)
-        scale[-2:] = np.maximum(scale[-2:], 3.0 * rotor[-2:] * acceleration[-2:])
+        # seals and bearings of a wrist do not shrink with its weight
+        scale[-2:] = np.maximum(scale[-2:], np.maximum(0.05 * scale.max(), 40.0 * scale[-2:]))
     low, high = FRICTION
     return Machine(
         name=family,

@@ -41,7 +41,8 @@ def write_folder(
 ) -> dict[str, Array]:  # fmt: skip
     """Write ``dataset.yaml``, ``robot.urdf`` and the runs; sensor errors are drawn here, by run.
 
-    `noises` holds a run's torque disturbance (N, n) where it has acted already inside a position loop, else None.
+    `noises` holds a run's torque disturbance (N, n) where it has acted already inside a position loop, else
+    None.
 
     Returns
     -------

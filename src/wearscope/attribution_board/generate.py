@@ -162,6 +162,11 @@ def scale_plant(
         size *= float(np.clip(wanted / ratio[joint], 0.05, 20.0))
         if not below < size < above:
             size = 0.5 * (below + above)
+        if effect == "inertial_error":
+            # a mass can fall by no more than itself
+            size = min(size, 0.9)
+            if size == abs(amplitude):
+                break
         amplitude = float(sign * size)
     if recording.recipe.bounded:
         amplitude = limit_amplitude(recording, plant, effect, amplitude)

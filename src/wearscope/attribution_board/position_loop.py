@@ -5,9 +5,9 @@ machine obeys M q'' + h(q, q') + friction(q') = u - d, and the controller's comm
 
     e'' + kd e' + kp e = M_r^-1 d
 
-(computed torque, its feedback weighted by the mass matrix). What is recorded is u = M q'' + h + friction + d
-along the motion that happens: nothing in the data is linearised, and the command holds the disturbance only as
-far as the loop passes it on.
+(computed torque, its feedback weighted by the mass matrix). What is recorded is u = M q'' + h + friction +
+d along the motion that happens: nothing in the data is linearised, and the command holds the disturbance
+only as far as the loop passes it on.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The board's regimes: every axis of a Latin hypercube by the project's own designs, and the cases drawn on it.
+"""The board's regimes: the axes of a Latin hypercube by the project's own designs, and the cases on it.
 
 A part is ``development`` or ``held_out``. The seeds of the two never meet, and some families are held out
 altogether: see `HELD_OUT`. Development never sees them; the held-out part draws from all families.
@@ -92,7 +92,8 @@ ONE_JOINT = (
 )  # fmt: skip
 """Effects of the vocabulary that a plant may be."""
 LOADED = (
-    "backlash", "joint_elasticity", "load_dependent_friction", "gravity_counterbalance", "torque_constant_error",
+    "backlash", "joint_elasticity", "load_dependent_friction", "gravity_counterbalance",
+    "torque_constant_error",
 )  # fmt: skip
 """Effects that need load: they are planted on the inner half of the joints."""
 
@@ -113,7 +114,7 @@ class Case:
     @property
     def name(self) -> str:
         """Name of the data set: a digest that tells nothing of the truth."""
-        return "d" + hashlib.sha256(f"{self.part}/{self.seed}/{self.number}".encode()).hexdigest()[:12]
+        return "d" + hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
     def tell(self) -> str:
         """The axes and the plants in a few words."""
@@ -203,12 +204,10 @@ def _make_case(part: str, seed: int, number: int, axes: dict[str, Any]) -> Case:
         axes = axes | {"noise": "coloured"}
     train, test, rate = int(axes["runs"]), int(axes["test_runs"]), float(axes["rate"])
     duration, shortened = axes["duration"], False
-    most = MOST_VALUES / (joints * rate * (train + test))
+    while (most := MOST_VALUES / (joints * rate * (train + test))) < SHORTEST and train + test > 2:
+        train, test, shortened = max(1, train - 1), test if train > 1 else test - 1, True
     if duration > most:
         duration, shortened = most, True
-    while duration < SHORTEST:
-        train, test = max(1, train - 1), max(1, test - 1) if train <= 2 else test
-        duration = max(SHORTEST, MOST_VALUES / (joints * rate * (train + test))) if train > 1 else SHORTEST
     axes = axes | {"runs": str(train), "test_runs": str(test)}
     recipe = Recipe(
         noise=axes["noise"],
@@ -238,7 +237,7 @@ def _plan_runs(
     axes: Mapping[str, Any], train: int, test: int, part: str, rng: np.random.Generator
 ) -> tuple[RunPlan, ...]:
     kinds = [kind for kind in choose_levels("motion", part) if kind != "mixed"]
-    plans = []
+    plans: list[RunPlan] = []
     for number in range(train + test):
         kind = axes["motion"] if axes["motion"] != "mixed" else str(rng.choice(kinds))
         pace = {"fast": 1.0, "slow": 0.4}.get(axes["pace"], float(rng.choice([0.4, 0.7, 1.0])))

@@ -1,16 +1,17 @@
 """How large a planted effect is, how large it must be to be found at all, and whether it can be told apart.
 
-Everything is worked out on the training runs where the joint moves, smoothed and thinned as in `features` (the
-common band), and before any verdict is looked at. Let f be the effect's torque less what refitting the declared
-effects and the other planted effects at the joint absorbs, and n the recording's own noise, both in that band.
-A test of one coefficient by blocks has the non-centrality
+Everything is worked out on the training runs where the joint moves, smoothed and thinned as in `features`
+(the common band), and before any verdict is looked at. Let f be the effect's torque less what refitting the
+declared effects and the other planted effects at the joint absorbs, and n the recording's own noise, both
+in that band. A test of one coefficient by blocks has the non-centrality
 
     d = sum f^2 / sqrt(sum_b (sum_{t in b} f n)^2),
 
-with blocks b of `BLOCK_SECONDS`, or four memories of the noise where that is longer. The *just findable size* is
-the size at which d reaches what `POWER` of such tests pass at level `LEVEL`, corrected for `NAMES` names at
-each of the n joints, with as many degrees of freedom as the effect has blocks (weighted by its power in each);
-and at which the effect is at least `MATERIAL` of the noise variance. It knows nothing of the tracer.
+with blocks b of `BLOCK_SECONDS`, or four memories of the noise where that is longer. The *just findable
+size* is the size at which d reaches what `POWER` of such tests pass at level `LEVEL`, corrected for `NAMES`
+names at each of the n joints, with as many degrees of freedom as the effect has blocks (weighted by its
+power in each); and at which the effect is at least `MATERIAL` of the noise variance. It knows nothing of
+the tracer.
 
 An effect is *separable* where, for every rival family with no more columns than its own, the rival leaves at
 least `separability.MARGIN` more of f's variance than the effect's own form leaves, and that difference would

@@ -223,7 +223,7 @@ def record_twin(
     Returns
     -------
     dict
-        The truth, in the form that `score.score_case` reads (without `signals`).
+        The truth, in the form of `generate.generate_dataset` (without `signals`).
 
     Raises
     ------

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from wearscope import tables
@@ -211,7 +212,7 @@ def diagnose(
     found, left = explain_rest(search, terms, found)
     found, equivalent = name_terms(search, found)
     before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    after, kept = drop_undetermined(before, found)
+    after, kept = drop_undetermined(before, found, search.sigma)
     equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]
     found = kept
     marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
@@ -226,15 +227,26 @@ def diagnose(
     return Diagnosis(prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem)
 
 
-def drop_undetermined(before: Regression, found: list[Found]) -> tuple[Regression, list[Found]]:
+def drop_undetermined(
+    before: Regression, found: list[Found], sigma: np.ndarray
+) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
     Held-out runs speak of a prediction; a name is of a parameter, and one that its own interval does not tell
     from zero is none.
+
+    Parameters
+    ----------
+    before : Regression
+    found : list of Found
+    sigma : ndarray (n,)
+        Residual scale with the terms found: that of the declared model would weigh the runs too little
+        against the prior of the inertial parameters.
     """
     found = list(found)
+    base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
     while True:
-        after = refit(before, [*before.entries, *(f.evidence.term for f in found)])
+        after = refit(base, [*base.entries, *(f.evidence.term for f in found)])
         estimates = estimate(after)[len(before.entries) :]
         doubtful = [
             (e.p_value, k)

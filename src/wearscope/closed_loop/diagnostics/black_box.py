@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 from wearscope.closed_loop.diagnostics.dependence import thin_signals
 from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 
 #: Most rows that trees are grown on, and most trees.
 _MOST_ROWS, _MOST_TREES = 6000, 80

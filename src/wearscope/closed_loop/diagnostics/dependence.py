@@ -7,9 +7,9 @@ import pandas as pd
 from scipy import signal, stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
-from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.model.blocks import Folds
+from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
 from wearscope.closed_loop.model.regression import (
     Regression,
     block_scores,

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
+from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
 #: Information on a spline's height below which nothing is known of it, over that on its best known one.

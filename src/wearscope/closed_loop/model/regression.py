@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.model.blocks import Block, Folds
 from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.blocks import Block, Folds
 from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
-
 
 #: Weight with which a coefficient is held, of the runs' own information on it.
 _HOLD = 1e8

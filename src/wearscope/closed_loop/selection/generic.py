@@ -18,8 +18,8 @@ from wearscope.effects.vocabulary import empirical_effect
 
 #: Most generic terms of a joint.
 _MOST = 2
-#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must gain
-#: so many times as much as the second.
+#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must
+#: gain so many times as much as the second.
 _DOUBTED, _CLEARLY = 0.7, 1.5
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
@@ -96,8 +96,9 @@ def weigh_generic(
 ) -> list[Evidence]:
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
 
-    A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to others.
-    Those that remove too little even of the rows that they are fitted on are counted and not weighed.
+    A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to
+    others. Those that remove too little even of the rows that they are fitted on are counted and not
+    weighed.
     """
     policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed: list[Evidence] = []
@@ -194,7 +195,8 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
         if not able:
             continue
         e = choose_plainest(able)
-        if e.gain > _CLEARLY * f.evidence.gain and rule.separates(e, f.evidence):
+        own = search.weigh_again(beside, f)
+        if e.gain > _CLEARLY * own.gain and rule.separates(e, own):
             search.progress(f"{f.evidence.term.label} is replaced by unknown structure")
             found = [Found(e.chosen, e) if k is f else k for k in found]
     return found

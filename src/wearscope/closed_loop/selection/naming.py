@@ -15,7 +15,7 @@ _DRAWS, _LENGTH, _MOST = 500, 2, 12
 #: Difference of losses, of the largest, below which two alternatives are the same.
 _SAME = 1e-9
 #: Share of the best alternative's gain below which one is not compared.
-_NEAR = 0.5
+_NEAR = 0.7
 #: What may stand beside a name although it may not give it.
 _OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
 
@@ -69,7 +69,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
             if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
         ]
         weighed = sorted(search.weigh_all(beside, offered), key=lambda e: -e.gain)
-        own = f.evidence
+        own = search.refine(beside, search.weigh_again(beside, f))
         best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
         near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)][
             :_MOST
@@ -79,8 +79,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
         opposing = [e for e in able if search.opposes_gravity(e)]
         name = rule.simplest(able, opposing) if able and not f.effect.standard else own
-        if name is not own:
-            found = [Found(name.chosen, name) if k is f else k for k in found]
+        found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
         if f.effect.standard:
             most = own.complexity

@@ -13,8 +13,9 @@ class Policy(BaseModel):
 
     family_level: float = Field(0.005, gt=0, lt=1)
     """p-value of a term, over all candidates, shapes and joints tried beside the same model, by sign flips
-    of blocks: a machine whose search ends after ten terms then has a chance of 5 % at most of a false one,
-    before held-out runs are asked."""
+    of blocks, or by residual and regressors made white where the residual is autocorrelated beyond a block: a
+    machine whose search ends after ten terms then has a chance of 5 % at most of a false one, before held-out
+    runs are asked."""
 
     material_share: float = Field(0.06, ge=0, lt=1)
     """Least share of its joint's held-out loss (variance, current model) that a term must remove: less
@@ -44,10 +45,6 @@ class Policy(BaseModel):
 
     unknown_share: float = Field(0.1, ge=0, lt=1)
     """As `material_share`, for the generic term."""
-
-    drift_level: float = Field(0.01, gt=0, lt=1)
-    """p-value of a term beside a residual that is autocorrelated beyond a block, with residual and regressors
-    filtered so that what is left is white."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted; reaching it is said in the verdict."""

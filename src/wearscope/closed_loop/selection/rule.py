@@ -14,7 +14,7 @@ _FEWEST_BLOCKS = 4.0
 #: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
-#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of a single run.
+#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves.
 _GENERIC = 5.0
@@ -48,23 +48,24 @@ def judge(
     level = policy.unknown_level if generic else policy.family_level
     if e.refusal is not Refusal.NONE:
         return e.refusal
-    if e.sine < _ABSORBED:
+    # Asked so that what is NaN is refused.
+    if not e.sine >= _ABSORBED:
         return Refusal.ABSORBED
     whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
-    if e.share < share or e.torque < policy.material_torque or e.whole < whole:
+    if not (e.share >= share and e.torque >= policy.material_torque and e.whole >= whole):
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL
-    if not generic and e.chosen.candidate.penalty is None and e.cancellation > _CANCELS:
+    if not generic and e.chosen.candidate.penalty is None and not e.cancellation <= _CANCELS:
         return Refusal.CANCELS
     if any(not low <= b <= high for b, (low, high) in zip(e.beta, bounds, strict=True)):
         return Refusal.BOUNDS
-    if abs(float(e.beta[0])) < least:
+    if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
-    if e.p_value > level and not is_beyond_chance(e, by_run):
+    if not e.p_value <= level and not is_beyond_chance(e, by_run):
         return Refusal.CHANCE
     # Parts of one run resemble each other more than runs do: all must agree.
-    if e.agreement < (policy.agreeing if by_run else 1.0):
+    if not e.agreement >= (policy.agreeing if by_run else 1.0):
         return Refusal.DISAGREES
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
 

@@ -277,7 +277,8 @@ class Search:
         """Whether a drift of what a term leaves explains it as well."""
         if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
             return False
-        return drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.drift_level
+        tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
+        return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
@@ -344,15 +345,22 @@ class Search:
                 found = [again if k is f else k for k in found]
         return found
 
+    def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
+        """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
+
+        Gains of different scales must not be compared.
+        """
+        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+        return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+
     def ask_again(self, beside: Assembly, others: list[Found], f: Found) -> Found | None:
         """A term again beside all others: itself, what is better, or None."""
-        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+        own = self.weigh_again(beside, f)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
         n = self.problem.prepared.n
         offered = self.candidates(beside, others, sorted({*joints, n - 1}))
         offered = [c for c in offered if set(c.joints) & set(joints)]
         weighed = self.weigh_all(beside, offered)
-        own = self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
         refused = self.judge(own)
         able = [e for e in weighed if e.refusal is Refusal.NONE]
         if refused in (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES):
@@ -376,8 +384,7 @@ class Search:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
-            own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-            own = self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+            own = self.weigh_again(beside, f)
             if f.effect.standard:
                 needed = self.is_needed(beside, own)
             elif f.effect.empirical:

@@ -46,7 +46,7 @@ def score_chance(observed: np.ndarray | float, chance: np.ndarray) -> np.ndarray
 
 
 def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Sequence[float]) -> np.ndarray:
-    """Family-wise p-values: the largest score over all candidates against its distribution under random signs.
+    """Family-wise p-values: the largest score over all candidates against that under random signs.
 
     Westfall and Young 1993, minP.
 
