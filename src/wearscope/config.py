@@ -280,6 +280,10 @@ class StudyConfig(Section):
     max_failed_share: Share = 0.05
     """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
     study is refused."""
+    time_limit: Annotated[float, Field(gt=0)] = 300.0
+    """Longest time [s] for the check of a robot and test-cycle, the simulation of a design point, and a
+    detector's fit or answer. What takes longer is ended: a simulation or an answer is then a failed point, a
+    check or a fit refuses the study."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()
@@ -294,6 +298,9 @@ class StudyConfig(Section):
     """The closed loop."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
+    allow_code: bool | list[str] = False
+    """Whether a robot's model may name effects by the path of a .py file, whose code then runs: `true`, or
+    the paths that may be named. A robot folder may come from someone else."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""

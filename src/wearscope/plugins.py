@@ -63,7 +63,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
         return known
     try:
         return _execute(name, place, digest)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         failure = error
     if isinstance(failure, ModuleNotFoundError) and str(failure.name).startswith((_PREFIX, "<dynamic>")):
         # Compiled functions kept beside the file before it was moved here.
@@ -71,7 +71,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
             kept.unlink(missing_ok=True)
         try:
             return _execute(name, place, digest)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             failure = error
     told = " ".join(str(failure).split())
     raise InputError(

@@ -1,5 +1,6 @@
 """The whole workflow on the smallest study, in copies of the tree."""
 
+import importlib.util
 import json
 import os
 import re
@@ -34,48 +35,11 @@ CONTRACT = {
 }
 
 
-def copy_tree(target: Path) -> Path:
-    """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    compiled = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("src/**/__pycache__/*.nb?")]
-    for name in [*listed.stdout.splitlines(), *compiled]:
-        if (ROOT / name).is_file():
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, target / name)
-    return target
-
-
-def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
-    return [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores), "--configfile", study]
-
-
-def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
-    return subprocess.run(
-        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
-    )
-
-
-def run_well(folder: Path, *arguments: str, **options) -> str:
-    done = run(folder, *arguments, **options)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
-    return done.stdout + done.stderr
-
-
-def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
-    """Rules with jobs to do, by a dry run."""
-    text = run_well(folder, "-n", *arguments, study=study)
-    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
-
-
-def digests(folder: Path) -> dict[str, bytes]:
-    results = folder / "results" / "tiny"
-    return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+copy_tree, command, run, run_well = clones.copy_tree, clones.command, clones.run, clones.run_well
+stale, digests = clones.stale, clones.digests
 
 
 @pytest.fixture(scope="module")
@@ -456,7 +420,9 @@ def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "config: dataset:" in done.stderr and "a data set is a folder with a dataset.yaml" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
-    assert done.returncode == 1 and "dataset.yaml: name is missing or holds other than letters" in done.stderr
+    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
+    done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'y', '..')}")
+    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
 
 
 def test_the_board_runs_by_command(clone):
@@ -472,4 +438,3 @@ def test_the_board_runs_by_command(clone):
     assert 0.0 <= low < high <= 1.0
     assert len(pd.read_parquet(folder / "cases.parquet")) == 2
     assert (folder / "board.md").read_text().count("axis") > 0
-

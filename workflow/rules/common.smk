@@ -26,7 +26,12 @@ from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.processes import MAIN, identify_process
+from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file, read_text
 from wearscope.sources import find_sources, plugin_file
+
+# A job ends with this process, also where it alone is killed.
+os.environ[MAIN] = identify_process(os.getpid())
 
 try:
     STUDY = load_config(config)
@@ -92,36 +97,31 @@ def code(script, *plugins):
 
 @cache
 def read_robot(reference):
-    """Path and content of a robot's model file; ends the run in one sentence where there is none."""
-    for path in (
-        reference,
-        os.path.join(reference, "model.yaml"),
-        os.path.join("config/robots", reference, "model.yaml"),
-    ):
-        if os.path.isfile(path):
-            break
-    else:
-        raise SystemExit(
-            f"config: robots: {reference} is no folder of config/robots nor a path of a robot folder or model "
-            f"file; choose among {', '.join(sorted(os.listdir('config/robots')))}, or correct the path."
-        )
-    with open(path, encoding="utf-8") as file:
-        return path, yaml.safe_load(file)
+    """Path and content of a robot's model file; ends the run in one sentence where it cannot be used."""
+    try:
+        path = find_model(reference)
+        content = read_model_file(path)
+        check_code(list_effects(content, str(path)), STUDY.allow_code, str(path))
+    except InputError as error:
+        raise SystemExit(f"config: robots: {error}") from None
+    return path, content
 
 
 def robot_files(reference):
     """Model file and URDF of a robot."""
-    path, model = read_robot(reference)
-    files = [path]
-    if isinstance(model, dict) and isinstance(model.get("urdf"), str):
-        files.append(os.path.join(os.path.dirname(path), model["urdf"]))
-    return files
+    path, content = read_robot(reference)
+    urdf = os.path.join(path.parent, content["urdf"])
+    if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
+        raise SystemExit(
+            f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF."
+        )
+    return [str(path), urdf]
 
 
 def robot_effects(reference):
     """Files of the effects that a robot's model lists."""
-    names = {entry["effect"] for entry in read_robot(reference)[1].get("effects") or []}
-    return [plugin_file(name, "effects") for name in sorted(names)]
+    path, content = read_robot(reference)
+    return [plugin_file(name, "effects") for name in list_effects(content, str(path))]
 
 
 def detector_files():
@@ -132,6 +132,14 @@ def detector_files():
 def cycle_files():
     """Files of the study's test-cycles."""
     return [plugin_file(reference, "cycles") for reference in STUDY.cycles]
+
+
+def own_files():
+    """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
+    files = [file for reference in ROBOTS.values() for file in robot_files(reference)]
+    files += [file for reference in ROBOTS.values() for file in robot_effects(reference)]
+    files += [*cycle_files(), *detector_files()]
+    return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
 
 
 def traces(robot, cycle, *sets):

@@ -97,7 +97,7 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
             reference = cycle.build(model, dwell, step)
         except InputError:
             raise
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             raise InputError(
                 f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
                 f"{' '.join(str(problem).split())}; mend the test-cycle."
