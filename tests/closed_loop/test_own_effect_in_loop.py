@@ -1,4 +1,4 @@
-"""A user's own effect, from a file outside the package to its name in the verdict and its torque simulated."""
+"""A user's own effect, from a file outside the package to its name in the verdict and its torque."""
 
 import numpy as np
 import pandas as pd

@@ -21,6 +21,8 @@ _MOST = 2
 #: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must
 #: gain so many times as much as the second.
 _DOUBTED, _CLEARLY = 0.7, 1.5
+#: Standard errors by which structure that cannot be added must stand out of the noise of held-out losses.
+_OUTSIDE = 3.0
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
 
@@ -47,8 +49,21 @@ def thin_signals(run: PreparedRun) -> Signals:
 def join(parts: Iterable[Signals]) -> Signals:
     """Signals end to end."""
     every = list(parts)
-    names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-    return replace(every[0], **{name: np.concatenate([getattr(s, name) for s in every]) for name in names})
+
+    def end_to_end(name: str) -> np.ndarray:
+        return np.concatenate([getattr(s, name) for s in every])
+
+    return replace(
+        every[0],
+        t=end_to_end("t"),
+        q=end_to_end("q"),
+        v=end_to_end("v"),
+        a=end_to_end("a"),
+        sign=end_to_end("sign"),
+        load=end_to_end("load"),
+        temperature=end_to_end("temperature"),
+        wear=end_to_end("wear"),
+    )
 
 
 class GenericTerms:
@@ -214,8 +229,10 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
 
 def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
+    gain, error = rule.summed(-e.change)
     return (
         e.share >= search.policy.unknown_share
+        and gain > _OUTSIDE * error
         and e.p_value <= search.policy.unknown_level
         and e.refusal is not Refusal.NONE
     )

@@ -288,11 +288,11 @@ class Search:
         grid = effect.shapes(self.problem.joined, candidate.joint)
         first = effect.estimated_shapes()
         # The estimated one again once the others have moved.
-        others = [k for k in np.flatnonzero(np.ptp(grid, axis=0) > 0) if k not in first]
+        others = [int(k) for k in np.flatnonzero(np.ptp(grid, axis=0) > 0) if k not in first]
         order = [*first[:1], *others, *(first[:1] if others else [])]
         shape = np.array(candidate.shapes[0])
         for k in order:
-            shape[k] = self._refine_one(assembly, e, shape, int(k))
+            shape[k] = self._refine_one(assembly, e, shape, k)
         finer = weigh(assembly, self._shaped(e, shape), e.chosen.subset, self.flips)
         if finer.gain <= e.gain:
             return e
@@ -305,7 +305,9 @@ class Search:
         """Best value of one shape parameter, the others held."""
         effect = e.term.effect
         width = (
-            effect.width(self.problem.joined, e.term.joint, shape) if k in effect.estimated_shapes() else 0.8
+            effect.width(self.problem.joined, e.term.joint, shape.tolist())
+            if k in effect.estimated_shapes()
+            else 0.8
         )
         low = np.log(max(effect.shape[k].lower, 1e-12) / shape[k])
         high = np.log(min(effect.shape[k].upper, 1e12) / shape[k])
