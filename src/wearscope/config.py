@@ -224,7 +224,8 @@ class ClosedLoopSettings(Section):
     effects: list[str] = []
     """Paths of .py files that define `EFFECT`: own effects, candidates beside the vocabulary."""
     allow_code: bool = False
-    """Whether effect files that a data set names may run: a data set may come from someone else."""
+    """Whether effect files that a data set names may run: a data set may come from someone else. The
+    study's own `allow_code: true` allows it too."""
 
     @field_validator("effects")
     @classmethod
@@ -299,18 +300,16 @@ class StudyConfig(Section):
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
-    """Whether a robot's model may name effects by the path of a .py file, whose code then runs: `true`, or
-    the paths that may be named. A robot folder may come from someone else."""
+    """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
+    `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
+    may come from someone else."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""
-    allow_code: bool = False
-    """The same as `closed_loop.allow_code`, for the command line: `--config dataset=PATH allow_code=true`.
-    Either of the two allows it."""
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
-        return self.allow_code or self.closed_loop.allow_code
+        return self.allow_code is True or self.closed_loop.allow_code
 
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
