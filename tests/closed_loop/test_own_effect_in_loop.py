@@ -80,7 +80,9 @@ def test_named_on_the_command_line_it_is_named_and_simulated(record, hose, tmp_p
     reference = Reference(
         t, np.sin(angle), [2.0, 1.5] * np.cos(angle), -np.square([2.0, 1.5]) * np.sin(angle)
     )
-    after, before = (load_model(out / f"model_{stage}.yaml") for stage in ("after", "before"))
+    after, before = (
+        load_model(out / f"model_{stage}.yaml", allow_code=[str(hose)]) for stage in ("after", "before")
+    )
     recorded = {
         name: simulate_forward(model, reference, declared=before)
         for name, model in (("after", after), ("before", before))

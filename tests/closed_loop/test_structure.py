@@ -67,7 +67,7 @@ def hum(t, q, v, a, rng):
 
 def square(t, q, v, a, rng):
     """Turns over at moments of its own in every run."""
-    return np.outer(5.0 * np.sign(np.sin(2 * np.pi * t / 2.7 + rng.uniform(0, 6))), [1.0, 0.0])
+    return np.outer(5.0 * np.sign(np.sin(2 * np.pi * t / 1.1 + rng.uniform(0, 6))), [1.0, 0.0])
 
 
 def product(t, q, v, a, rng):

@@ -298,7 +298,7 @@ def _finish_run(
         known,
         band,
         keep=~bad[at],
-        measured=low_pass(tau, band.torque, band.rate)[at],
+        measured=thin(tau, band),
         t=signals.t[at],
         start=run.start,
         piece=run.piece,

@@ -93,7 +93,7 @@ class Regression:
     Attributes
     ----------
     prepared : Prepared
-    entries : list of Entry
+    entries : list of ModelTerm
     sigma : ndarray (n,)
         Residual scale by joint, whose inverse square weighs the rows.
     inertial : bool
