@@ -21,7 +21,6 @@ from wearscope.closed_loop.intake.filtering import (
     choose_torque_cutoff,
     decimate,
     differentiate_run,
-    low_pass,
     rows,
     thin,
 )
