@@ -9,6 +9,7 @@ rule make_design:
     output:
         identification=f"{R}/design/identification.parquet",
         validation=f"{R}/design/validation.parquet",
+        **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS[2:]},
         nominal=f"{R}/design/nominal.parquet",
         checks=f"{R}/design/checks.parquet",
         aliases=f"{R}/design/aliases.parquet",
@@ -25,6 +26,8 @@ rule make_design:
         models=STUDY.surrogates.models,
         axes=STUDY.axes,
         nominal_runs=STUDY.simulation.nominal_runs,
+        filling=STUDY.surrogates.filling.model_dump() if FILLED else None,
+        questions=STUDY.scope.factors,
         seed=STUDY.seed,
     message:
         "Make the design matrices and check what they can tell"

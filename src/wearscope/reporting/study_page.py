@@ -98,7 +98,7 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ("Q-3: where does it work?", answers.effective_scope(study), "q3", "Figure 4 and tolerances"),
         (
             "Can it be trusted?",
-            [trust.surrogate_quality(study), *trust.audit_outcome(study)],
+            [trust.surrogate_quality(study), *trust.audit_outcome(study), *trust.direct_outcome(study)],
             "trust",
             "Fits, audit, assumptions",
         ),
@@ -307,7 +307,8 @@ def _trust(study: Study) -> Markup:
             "predictor "
             "has 0 %, 90 % leaves 1 % of the variance.",
         ),
-        _paragraphs(trust.audit_outcome(study)),
+        _chosen(study),
+        _paragraphs([*trust.audit_outcome(study), *trust.direct_outcome(study)]),
     ]  # fmt: skip
     if study.audit is not None:
         caption = (
@@ -331,6 +332,32 @@ def _trust(study: Study) -> Markup:
         render_table(checks, "The design, checked before anything was simulated; variances in σ² of a run.")
     )
     return Markup("").join(parts)
+
+
+def _chosen(study: Study) -> Markup:
+    """The chosen surrogates by detector: kinds, fits, states."""
+    if study.chosen is None:
+        return Markup("")
+    records = []
+    for fda, rows in study.chosen.groupby("fda", sort=True):
+        states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
+        records.append(
+            {"fda": fda, "cells": len(rows)}
+            | {state: int(states.get(state, 0)) for state in ("reached", "at ceiling", "short", "constant")}
+            | {
+                "median fit [%]": float(rows["fit"].median()),
+                "worst fit [%]": float(rows["fit"].min()),
+                "median ceiling [%]": float(rows["ceiling"].median()),
+                "kinds": ", ".join(f"{str(kind).replace('_', ' ')} {n}" for kind, n in kinds.items()),
+                "answer": "withheld" if fda in study.withheld() else "given",
+            }
+        )
+    note = (
+        "The surrogate chosen for each cell by cross-validation, its fit (6) on runs that no choice saw; "
+        "ceiling: what the noise of a run, known from replicates, leaves. The figure shows the paper's "
+        "quadratic models."
+    )
+    return render_table(pd.DataFrame(records), note)
 
 
 def _failures(study: Study) -> Markup:

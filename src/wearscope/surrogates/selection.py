@@ -1,0 +1,191 @@
+"""Which kind of surrogate a cell takes: chosen by cross-validation on the training runs alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from wearscope.surrogates.kinds.base import FittedSurrogate
+from wearscope.surrogates.kinds.gaussian_process import (
+    BENT_GAUSSIAN_PROCESS,
+    GAUSSIAN_PROCESS,
+    GaussianProcess,
+    fit_gaussian_process,
+)
+from wearscope.surrogates.kinds.linear import (
+    POLYNOMIAL_CHAOS,
+    QUADRATIC,
+    fit_polynomial_chaos,
+    fit_quadratic,
+    rebuild_polynomial_chaos,
+)
+from wearscope.surrogates.validation import model_fit, pure_error
+
+Array = NDArray[np.float64]
+KINDS = (QUADRATIC, POLYNOMIAL_CHAOS, GAUSSIAN_PROCESS, BENT_GAUSSIAN_PROCESS)
+CONSTANT = "constant"
+CHOSEN = "chosen"
+_CONSTANT = 1e-12
+
+
+@dataclass(frozen=True)
+class ChosenSurrogate:
+    """The surrogate that a cell's questions are asked of.
+
+    Attributes
+    ----------
+    fitted : FittedSurrogate or None
+        None where y is always the same.
+    names : tuple of str
+        Factor names, in column order.
+    spread : float
+        By what the surrogate's own standard deviations are multiplied, so that 95 % of the left-out training
+        values lie in their 95 % intervals.
+    constant : float
+        y where it is always the same, else NaN.
+    """
+
+    fitted: FittedSurrogate | None
+    names: tuple[str, ...]
+    spread: float = 1.0
+    constant: float = np.nan
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind."""
+        return CONSTANT if self.fitted is None else self.fitted.kind
+
+    @property
+    def status(self) -> str:
+        """``constant`` or ``ok``."""
+        return CONSTANT if self.fitted is None else "ok"
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of one run about the response, as the surrogate estimates it."""
+        return 0.0 if self.fitted is None else self.fitted.noise
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of one run about the surrogate, widened by `spread`."""
+        return self.spread * self.noise
+
+    def predict(self, z: ArrayLike) -> Array:
+        """Mean response at coded levels (M, n), shape (M,)."""
+        if self.fitted is None:
+            return np.full(len(np.atleast_2d(z)), self.constant)
+        if isinstance(self.fitted, GaussianProcess):
+            return self.fitted.predict_mean(z)
+        return self.fitted.predict(z)[0]
+
+    def standard_error(self, z: ArrayLike) -> Array:
+        """Standard deviation of the mean response at coded levels (M, n), shape (M,)."""
+        if self.fitted is None:
+            return np.zeros(len(np.atleast_2d(z)))
+        return self.spread * self.fitted.predict(z)[1]
+
+    def prediction_interval(self, z: ArrayLike, level: float = 0.95) -> tuple[Array, Array]:
+        """Interval that holds one new run with probability `level`, low and high (M,)."""
+        value = self.predict(z)
+        half = special.ndtri(0.5 + level / 2) * np.hypot(self.standard_error(z), self.sigma)
+        return value - half, value + half
+
+    def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
+        """Response functions that the runs allow, shape (draws, M), their scatter widened by `spread`."""
+        if self.fitted is None:
+            return np.full((draws, len(np.atleast_2d(z))), self.constant)
+        mean = self.predict(z)
+        return mean + self.spread * (self.fitted.draw(z, rng, draws) - mean)
+
+
+def choose_surrogate(
+    z: Array,
+    y: Array,
+    names: Sequence[str],
+    nominal: Mapping[str, float],
+    kinds: Sequence[str] = KINDS,
+    enough: float = 98.0,
+) -> tuple[ChosenSurrogate, dict[str, float]]:
+    """Surrogate of the best cross-validated fit.
+
+    Parameters
+    ----------
+    z, y : array (N, n), (N,)
+        Training runs, finite.
+    names : sequence of str, (n,)
+    nominal : mapping of str to float
+        Coded nominal levels; the factor of the shortest length may be bent at its own.
+    kinds : sequence of str
+        Those of `KINDS` that are tried.
+    enough : float
+        Cross-validated fit [%] above which no bent process is tried.
+
+    Returns
+    -------
+    chosen : ChosenSurrogate
+    fits : dict of str to float
+        Fit (6) [%] of the left-out predictions by kind that was tried and could be fitted.
+    """
+    fits: dict[str, float] = {}
+    if np.ptp(y) <= _CONSTANT * np.abs(y).max():
+        return ChosenSurrogate(None, tuple(names), 1.0, float(y.mean())), fits
+    squares, freedom = pure_error(z, y)
+    noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
+    tried: list[FittedSurrogate] = []
+
+    def consider(fitted: FittedSurrogate | None) -> None:
+        if fitted is not None:
+            fits[fitted.kind] = model_fit(y, fitted.left_out)
+            tried.append(fitted)
+
+    if QUADRATIC in kinds:
+        consider(fit_quadratic(z, y, names))
+    if POLYNOMIAL_CHAOS in kinds:
+        consider(fit_polynomial_chaos(z, y))
+    if GAUSSIAN_PROCESS in kinds:
+        process = fit_gaussian_process(z, y, noise)
+        consider(process)
+        if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
+            column = int(np.argmin(process.parameters["log_lengths"]))
+            consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]]))
+    if not tried:
+        raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
+    best = max(tried, key=lambda one: fits[one.kind])
+    return ChosenSurrogate(best, tuple(names), calibrate_spread(best, y)), fits
+
+
+def calibrate_spread(fitted: FittedSurrogate, y: Array, level: float = 0.95) -> float:
+    """Factor on the standard deviations that brings `level` of the left-out values into their intervals.
+
+    The split-conformal quantile of |y - left out| / deviation over that of a normal distribution.
+    """
+    ratio = np.sort(np.abs(y - fitted.left_out) / fitted.left_out_deviation)
+    place = min(int(np.ceil(level * (len(ratio) + 1))), len(ratio))
+    return float(ratio[place - 1] / special.ndtri(0.5 + level / 2))
+
+
+def rebuild_surrogate(
+    kind: str, parameters: Mapping[str, Any], spread: float, z: Array, y: Array, names: Sequence[str]
+) -> ChosenSurrogate:
+    """The surrogate that was chosen, from its kind, parameters and training runs, without any search.
+
+    Raises
+    ------
+    ValueError
+        Where the runs are not those that it was chosen on.
+    """
+    if kind == CONSTANT:
+        return ChosenSurrogate(None, tuple(names), spread, float(y.mean()))
+    fitted: FittedSurrogate | None
+    if kind == QUADRATIC:
+        fitted = fit_quadratic(z, y, names)
+    elif kind == POLYNOMIAL_CHAOS:
+        fitted = rebuild_polynomial_chaos(z, y, dict(parameters))
+    else:
+        fitted = GaussianProcess(z, y, dict(parameters))
+    if fitted is None:
+        raise ValueError(f"{len(y)} runs do not determine the {kind} that was chosen")
+    return ChosenSurrogate(fitted, tuple(names), spread)
