@@ -177,9 +177,13 @@ class FillingSettings(Section):
     @model_validator(mode="after")
     def _few_replicates(self) -> "FillingSettings":
         if self.replicates > self.points:
-            raise ValueError(f"replicates {self.replicates} are more than the {self.points} points; give fewer")
+            raise ValueError(
+                f"replicates {self.replicates} are more than the {self.points} points; give fewer"
+            )
         if self.kinds == ["bent_gaussian_process"]:
-            raise ValueError("kinds: bent_gaussian_process alone; add gaussian_process, which says what to bend")
+            raise ValueError(
+                "kinds: bent_gaussian_process alone; add gaussian_process, which says what to bend"
+            )
         return self
 
 
@@ -255,7 +259,7 @@ class AuditSettings(Section):
 
 
 class DirectSettings(Section):
-    """The question of the SNR (20) asked of the simulator itself, without a surrogate (the paper's Level 2)."""
+    """The SNR's question (20) asked of the simulator itself, without a surrogate (the paper's Level 2)."""
 
     enabled: bool = True
     """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""

@@ -1,4 +1,4 @@
-"""Surrogate against direct simulation: both values, how often the interval held, verdicts, what is withheld."""
+"""Surrogate against direct simulation: both values, how often the interval held, what is withheld."""
 
 import pandas as pd
 

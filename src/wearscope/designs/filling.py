@@ -1,4 +1,4 @@
-"""Runs beside the paper's design: space-filling ones where the questions are asked, and ones to check with."""
+"""Runs beside the paper's design: space-filling ones, ones where the questions are asked, and checks."""
 
 from collections.abc import Sequence
 
@@ -133,5 +133,3 @@ def _hypercube(factors: Sequence[Factor], points: int, stream: str, seed: int) -
     names = [factor.name for factor in factors]
     table = make_design("latin_hypercube", factors, {"points": points, "stream": stream}, seed)
     return table[names].to_numpy(dtype=float, copy=True)
-
-

@@ -49,7 +49,7 @@ def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
 
 @numba.njit(cache=True)
 def _detect(
-    values: Array, left: Array, share: Array, weights: Array, false_alarm: float, result: Array
+    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float, result: Array
 ) -> None:
     """P_d (S, J) of tabulated responses (1 + J, W): row 0 is H0, the others H1."""
     count = weights.size
@@ -164,9 +164,7 @@ def sampled_confidence(
     away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
     left, share = interpolation(coarse, faults)
     away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-    passes = [
-        tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away
-    ]
+    passes = [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
     return np.mean(passes, axis=0)
 
 

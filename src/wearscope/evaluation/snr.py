@@ -265,11 +265,11 @@ def rank_by_median(
     values = wide.to_numpy(dtype=float)
     keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
     if len(values) < FEW and {"snr_low", "snr_high"} <= set(table.columns):
-        ends = [
+        low, high = (
             table.pivot(index=rest, columns=by, values=name).reindex_like(wide).to_numpy(dtype=float)
             for name in ("snr_low", "snr_high")
-        ]
-        return _rank_few(values, *ends, keys, by)
+        )
+        return _rank_few(values, low, high, keys, by)
     rows = bootstrap_indices(len(values), draws, generator_for(seed, "rank", value, *by))
     median = _median(values)
     boot = np.stack([_median(values[index]) for index in rows])

@@ -107,7 +107,8 @@ def direct_outcome(study: Study) -> list[str]:
     return [
         f"SNR without a surrogate, {first['robot']}, {first['cycle']}, axis {first['axis']}, "
         f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
-        f"included: {'; '.join(parts)}. The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
+        f"included: {'; '.join(parts)}. "
+        f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
         f"{count_text(len(known), 'cell')}."
     ]
 

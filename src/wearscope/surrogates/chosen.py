@@ -31,16 +31,14 @@ STATES = ("reached", "at ceiling", "short", "constant")
 def training_runs(
     cell: pd.DataFrame, names: Sequence[str], max_failed_share: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coded levels (N, n) and values (N,) that a cell's surrogate learns from, in the order of sets and points."""
+    """Coded levels (N, n) and values (N,) that a cell's surrogate learns from, by set and point."""
     rows = cell[cell["set"].isin(TRAINING)].sort_values(["set", "point"])
     key = tuple(rows[CELL].iloc[0]) if len(rows) else ()
     good = usable_points(rows, key, max_failed_share)
     return good[list(names)].to_numpy(dtype=float), good["y"].to_numpy(dtype=float)
 
 
-def noise_ceiling(
-    y: np.ndarray, squares: float, freedom: int, level: float = 0.95
-) -> tuple[float, float]:
+def noise_ceiling(y: np.ndarray, squares: float, freedom: int, level: float = 0.95) -> tuple[float, float]:
     """Fit (6) [%] that noise alone leaves at values y, and the lowest that its uncertainty allows.
 
     Parameters
@@ -150,7 +148,9 @@ def _state(chosen: ChosenSurrogate, fit: float, lowest: float, goal: float) -> s
     return "at ceiling" if fit >= lowest else "short"
 
 
-def read_chosen(chosen: pd.DataFrame, test_quantities: pd.DataFrame) -> Iterator[tuple[tuple, ChosenSurrogate]]:
+def read_chosen(
+    chosen: pd.DataFrame, test_quantities: pd.DataFrame
+) -> Iterator[tuple[tuple, ChosenSurrogate]]:
     """Each cell's chosen surrogate with its key (robot, cycle, axis, fda), in sorted order.
 
     Parameters
@@ -182,5 +182,5 @@ def read_chosen(chosen: pd.DataFrame, test_quantities: pd.DataFrame) -> Iterator
 
 
 def read_noise(chosen: pd.DataFrame) -> dict[tuple, float]:
-    """Standard deviation of a run from replicates by cell (robot, cycle, axis, fda); NaN without replicates."""
+    """Standard deviation of a run by cell (robot, cycle, axis, fda); NaN without replicates."""
     return {tuple(row[name] for name in CELL): float(row["noise"]) for row in chosen.to_dict("records")}

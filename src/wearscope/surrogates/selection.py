@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 KINDS = (QUADRATIC, POLYNOMIAL_CHAOS, GAUSSIAN_PROCESS, BENT_GAUSSIAN_PROCESS)
 CONSTANT = "constant"
 CHOSEN = "chosen"
+#: Fit [%] by which a polynomial must be better than a Gaussian process to be taken.
+MARGIN = 1.0
 _CONSTANT = 1e-12
 
 
@@ -109,7 +111,9 @@ def choose_surrogate(
     kinds: Sequence[str] = KINDS,
     enough: float = 98.0,
 ) -> tuple[ChosenSurrogate, dict[str, float]]:
-    """Surrogate of the best cross-validated fit.
+    """Surrogate of the best cross-validated fit; a Gaussian process where it is less than `MARGIN` behind.
+
+    The intervals of a polynomial leave out what its chosen terms cannot express, those of a process do not.
 
     Parameters
     ----------
@@ -153,7 +157,7 @@ def choose_surrogate(
             consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]]))
     if not tried:
         raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
-    best = max(tried, key=lambda one: fits[one.kind])
+    best = max(tried, key=lambda one: fits[one.kind] + (MARGIN if isinstance(one, GaussianProcess) else 0.0))
     return ChosenSurrogate(best, tuple(names), calibrate_spread(best, y)), fits
 
 

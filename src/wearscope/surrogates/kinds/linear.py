@@ -1,8 +1,8 @@
 """Surrogates linear in their coefficients: the full quadratic model, and sparse polynomial chaos.
 
 The terms of the chaos are chosen by OpenTURNS (least-angle regression, corrected leave-one-out error) among
-the products of Legendre polynomials up to a total degree; Blatman and Sudret, Adaptive sparse polynomial chaos
-expansion based on least angle regression, J. Comput. Phys. 230 (2011).
+the products of Legendre polynomials up to a total degree; Blatman and Sudret, Adaptive sparse polynomial
+chaos expansion based on least angle regression, J. Comput. Phys. 230 (2011).
 """
 
 from collections.abc import Callable, Sequence
