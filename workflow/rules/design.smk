@@ -7,9 +7,9 @@ rule make_design:
     input:
         code=code("make_design"),
     output:
+        **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS[2:]},
         identification=f"{R}/design/identification.parquet",
         validation=f"{R}/design/validation.parquet",
-        **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS[2:]},
         nominal=f"{R}/design/nominal.parquet",
         checks=f"{R}/design/checks.parquet",
         aliases=f"{R}/design/aliases.parquet",

@@ -18,8 +18,8 @@ from wearscope.surrogates.fitting import (
     factor_columns,
     usable_points,
 )
+from wearscope.surrogates.goodness import model_fit, pure_error
 from wearscope.surrogates.selection import KINDS, ChosenSurrogate, choose_surrogate, rebuild_surrogate
-from wearscope.surrogates.validation import model_fit, pure_error
 
 FILLING = "filling"
 CHECKING = "checking"

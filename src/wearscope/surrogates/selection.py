@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from wearscope.surrogates.goodness import model_fit, pure_error
 from wearscope.surrogates.kinds.base import FittedSurrogate
 from wearscope.surrogates.kinds.gaussian_process import (
     BENT_GAUSSIAN_PROCESS,
@@ -22,7 +23,6 @@ from wearscope.surrogates.kinds.linear import (
     fit_quadratic,
     rebuild_polynomial_chaos,
 )
-from wearscope.surrogates.validation import model_fit, pure_error
 
 Array = NDArray[np.float64]
 KINDS = (QUADRATIC, POLYNOMIAL_CHAOS, GAUSSIAN_PROCESS, BENT_GAUSSIAN_PROCESS)
@@ -135,7 +135,7 @@ def choose_surrogate(
     """
     fits: dict[str, float] = {}
     if np.ptp(y) <= _CONSTANT * np.abs(y).max():
-        return ChosenSurrogate(None, tuple(names), 1.0, float(y.mean())), fits
+        return ChosenSurrogate(None, tuple(names), 1.0, float(y[0])), fits
     squares, freedom = pure_error(z, y)
     noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
     tried: list[FittedSurrogate] = []
@@ -182,7 +182,7 @@ def rebuild_surrogate(
         Where the runs are not those that it was chosen on.
     """
     if kind == CONSTANT:
-        return ChosenSurrogate(None, tuple(names), spread, float(y.mean()))
+        return ChosenSurrogate(None, tuple(names), spread, float(y[0]))
     fitted: FittedSurrogate | None
     if kind == QUADRATIC:
         fitted = fit_quadratic(z, y, names)

@@ -87,7 +87,8 @@ def fit_gaussian_process(
     z, y : array (N, n), (N,)
         Training runs.
     noise : float
-        Standard deviation of a run from replicates, where the search for the noise begins; 0 where unknown.
+        Standard deviation of a run from replicates: the search for the noise begins there and does not go
+        below half of it; 0 where unknown.
     bent : int, optional
         Column of the factor that is bent at `centre`.
     centre : float
@@ -105,8 +106,8 @@ def fit_gaussian_process(
     if len(y) < z.shape[1] + 4 or scale == 0:
         return None
     seen = _see(z, bent, centre)
-    start = min(max((noise / scale) ** 2, 1e-6), 0.5) if noise > 0 else 1e-3
-    kernel = _signal(seen.shape[1]) + WhiteKernel(start, (1e-8, 1.0))
+    known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
+    kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
 
     def climb(objective: Any, first: Array, bounds: Array) -> tuple[Array, float]:
         found = minimize(
