@@ -164,7 +164,12 @@ AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
     "audit_surrogates", "draw_audit", "draw_findings", "write_report", "report", "all",
 }  # fmt: skip
-AFTER_SURROGATES = AFTER_SNR | AFTER_SCOPE | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
+AFTER_SURROGATES = (
+    AFTER_SNR
+    | AFTER_SCOPE
+    | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
+    | {"choose_surrogates", "join_chosen", "compare_direct"}
+)
 AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}
 
 
@@ -215,7 +220,11 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
             {"validate_surrogates"},
             {"compute_snr", "fit_surrogates"},
         ),
-        ("src/wearscope/closed_loop/intake/dataset.py", set(), {"simulate_points", "compute_snr", "fit_surrogates"}),
+        (
+            "src/wearscope/closed_loop/intake/dataset.py",
+            set(),
+            {"simulate_points", "compute_snr", "fit_surrogates"},
+        ),
     ],
 )
 def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, must_not):
