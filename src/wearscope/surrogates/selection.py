@@ -13,6 +13,7 @@ from wearscope.surrogates.kinds.base import FittedSurrogate
 from wearscope.surrogates.kinds.gaussian_process import (
     BENT_GAUSSIAN_PROCESS,
     GAUSSIAN_PROCESS,
+    SHAPES,
     GaussianProcess,
     fit_gaussian_process,
 )
@@ -138,12 +139,13 @@ def choose_surrogate(
         return ChosenSurrogate(None, tuple(names), 1.0, float(y[0])), fits
     squares, freedom = pure_error(z, y)
     noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
-    tried: list[FittedSurrogate] = []
+    tried: list[tuple[float, FittedSurrogate]] = []
 
     def consider(fitted: FittedSurrogate | None) -> None:
         if fitted is not None:
-            fits[fitted.kind] = model_fit(y, fitted.left_out)
-            tried.append(fitted)
+            fit = model_fit(y, fitted.left_out)
+            fits[fitted.kind] = max(fit, fits.get(fitted.kind, -np.inf))
+            tried.append((fit, fitted))
 
     if QUADRATIC in kinds:
         consider(fit_quadratic(z, y, names))
@@ -154,10 +156,11 @@ def choose_surrogate(
         consider(process)
         if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
             column = int(np.argmin(process.parameters["log_lengths"]))
-            consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]]))
+            for shape in SHAPES:
+                consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]], shape))
     if not tried:
         raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
-    best = max(tried, key=lambda one: fits[one.kind] + (MARGIN if isinstance(one, GaussianProcess) else 0.0))
+    _, best = max(tried, key=lambda one: one[0] + (MARGIN if isinstance(one[1], GaussianProcess) else 0.0))
     return ChosenSurrogate(best, tuple(names), calibrate_spread(best, y)), fits
 
 

@@ -2,8 +2,9 @@
 
 Some test quantities change fast where one factor is nominal (detector A's residual all but vanishes where the
 temperature is the one that it learned from): a stationary process would need many runs there. So a process
-may see one factor bent: as the signed cube root of its distance to nominal, with a smooth step at nominal
-beside it. Whether it does is chosen by cross-validation like everything else.
+may see one factor bent: as the signed cube root of its distance to nominal with a smooth step at nominal
+beside it (``root``), or as it is with a narrow and a wide step beside it (``steps``). Whether and how is
+chosen by cross-validation like everything else.
 """
 
 import warnings
@@ -18,7 +19,9 @@ Array = NDArray[np.float64]
 GAUSSIAN_PROCESS = "gaussian_process"
 BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
 LENGTHS = (0.1, 100.0)
-STEP = 0.1
+#: Widths of the steps at nominal, coded.
+STEP, WIDE_STEP = 0.1, 0.4
+SHAPES = ("root", "steps")
 ITERATIONS = 40
 #: Added to the variance of standardised y where functions are drawn, so that rounding leaves it positive.
 JITTER = 1e-8
@@ -34,7 +37,7 @@ class GaussianProcess:
     parameters : dict
         ``theta``, the kernel's logarithms for standardised y as scikit-learn orders them, without the noise;
         ``log_noise``, of its variance; ``log_lengths``, of the Matern part, by factor; ``bent``, the column
-        of the bent factor or None; ``centre``, its nominal level.
+        of the bent factor or None; ``centre``, its nominal level; ``shape``, one of `SHAPES`.
     """
 
     def __init__(self, z: Array, y: Array, parameters: dict[str, Any]) -> None:
@@ -46,7 +49,7 @@ class GaussianProcess:
         self.middle, self.scale = float(y.mean()), float(y.std())
         variance = float(np.exp(parameters["log_noise"]))
         self.noise = self.scale * float(np.sqrt(variance))
-        seen = _see(z, bent, parameters["centre"])
+        seen = self._see(z)
         kernel = _signal(seen.shape[1]).clone_with_theta(np.array(parameters["theta"]))
         self._process = GaussianProcessRegressor(kernel, alpha=variance, optimizer=None)
         target = (y - self.middle) / self.scale
@@ -56,9 +59,12 @@ class GaussianProcess:
         self.left_out = self.middle + self.scale * (target - (inverse @ target) / free)
         self.left_out_deviation = self.scale / np.sqrt(free)
 
+    def _see(self, z: ArrayLike) -> Array:
+        return _see(z, self.parameters["bent"], self.parameters["centre"], self.parameters["shape"])
+
     def predict(self, z: ArrayLike) -> tuple[Array, Array]:
         """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
-        seen = _see(z, self.parameters["bent"], self.parameters["centre"])
+        seen = self._see(z)
         with warnings.catch_warnings():  # variances that round to just below zero are set to it
             warnings.filterwarnings("ignore", message="Predicted variances smaller than 0")
             mean, deviation = self._process.predict(seen, return_std=True)
@@ -66,19 +72,24 @@ class GaussianProcess:
 
     def predict_mean(self, z: ArrayLike) -> Array:
         """Mean response alone, which is much cheaper."""
-        seen = _see(z, self.parameters["bent"], self.parameters["centre"])
+        seen = self._see(z)
         return self.middle + self.scale * self._process.predict(seen)
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
         """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
-        seen = _see(z, self.parameters["bent"], self.parameters["centre"])
+        seen = self._see(z)
         mean, covariance = self._process.predict(seen, return_cov=True)
         root = np.linalg.cholesky(covariance + JITTER * np.eye(len(mean)))
         return self.middle + self.scale * (mean + rng.standard_normal((draws, len(mean))) @ root.T)
 
 
 def fit_gaussian_process(
-    z: Array, y: Array, noise: float = 0.0, bent: int | None = None, centre: float = 0.0
+    z: Array,
+    y: Array,
+    noise: float = 0.0,
+    bent: int | None = None,
+    centre: float = 0.0,
+    shape: str = SHAPES[0],
 ) -> GaussianProcess | None:
     """Gaussian process of the highest marginal likelihood.
 
@@ -93,6 +104,8 @@ def fit_gaussian_process(
         Column of the factor that is bent at `centre`.
     centre : float
         Coded nominal level of that factor.
+    shape : {"root", "steps"}
+        How it is bent.
 
     Returns
     -------
@@ -105,7 +118,7 @@ def fit_gaussian_process(
     scale = float(y.std())
     if len(y) < z.shape[1] + 4 or scale == 0:
         return None
-    seen = _see(z, bent, centre)
+    seen = _see(z, bent, centre, shape)
     known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
     kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
 
@@ -126,6 +139,7 @@ def fit_gaussian_process(
         "log_lengths": [float(one) for one in theta[1 : 1 + z.shape[1]]],
         "bent": bent,
         "centre": centre,
+        "shape": shape,
     }
     return GaussianProcess(z, y, parameters)
 
@@ -137,12 +151,15 @@ def _signal(columns: int) -> Any:
     return matern + ConstantKernel(0.1, (1e-6, 1e3)) * DotProduct(1.0, (0.1, 10.0)) ** 2
 
 
-def _see(z: ArrayLike, bent: int | None, centre: float) -> Array:
-    """Coded levels as the process sees them: as they are, or one column bent and its step added."""
+def _see(z: ArrayLike, bent: int | None, centre: float, shape: str) -> Array:
+    """Coded levels as the process sees them: as they are, or with one column bent, its steps added."""
     z = np.atleast_2d(np.asarray(z, dtype=float))
     if bent is None:
         return z
     away = z[:, bent] - centre
-    seen = np.column_stack([z, 2.0 * np.tanh(away / STEP)])
+    step = 2.0 * np.tanh(away / STEP)
+    if shape == "steps":
+        return np.column_stack([z, step, 2.0 * np.tanh(away / WIDE_STEP)])
+    seen = np.column_stack([z, step])
     seen[:, bent] = 2.0 * np.cbrt(away / 2.0)
     return seen
