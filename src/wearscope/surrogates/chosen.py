@@ -92,7 +92,8 @@ def choose_surrogates(
         and ``ceiling_low`` [%], see `noise_ceiling`; ``state``: ``reached`` (fit >= goal), ``at ceiling``
         (what is missing the noise explains), ``short`` (the points are spent) or ``constant``; ``noise``
         (standard deviation of a run, from replicates), ``inside`` (share of the checking runs in their 95 %
-        intervals), ``spread``, ``n_points``, ``n_checking``, ``n_failed``, the cross-validated fit
+        intervals), ``spread`` and ``spread_asked`` (see `wearscope.surrogates.selection.ChosenSurrogate`),
+        ``nominal``, ``n_points``, ``n_checking``, ``n_failed``, the cross-validated fit
         ``left_out_<kind>`` of each kind tried, and ``parameters`` (JSON), with which `read_chosen` makes the
         surrogate again.
 
@@ -130,6 +131,8 @@ def choose_surrogates(
                 "noise": float(np.sqrt(squares / freedom)) if freedom else np.nan,
                 "inside": float(np.mean((y_new >= low) & (y_new <= high))) if len(y_new) else np.nan,
                 "spread": chosen.spread,
+                "spread_asked": chosen.spread_asked,
+                "nominal": list(chosen.nominal),
                 "n_points": len(y),
                 "n_checking": len(y_new),
                 "n_failed": int((~np.isfinite(cell["y"].to_numpy(dtype=float))).sum()),
@@ -178,7 +181,13 @@ def read_chosen(
                 f"{len(y)}; choose the surrogates again."
             )
         parameters = json.loads(row["parameters"])
-        yield key, rebuild_surrogate(row["kind"], parameters, float(row["spread"]), z, y, names)
+        spreads = float(row["spread"]), float(row["spread_asked"])
+        yield (
+            key,
+            rebuild_surrogate(
+                row["kind"], parameters, spreads[0], z, y, names, spreads[1], list(row["nominal"])
+            ),
+        )
 
 
 def read_noise(chosen: pd.DataFrame) -> dict[tuple, float]:

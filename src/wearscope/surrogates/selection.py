@@ -31,6 +31,11 @@ CONSTANT = "constant"
 CHOSEN = "chosen"
 #: Fit [%] by which a polynomial must be better than a Gaussian process to be taken.
 MARGIN = 1.0
+#: On the lines that the scope asks about at most so many factors are off nominal: the fault and a nuisance.
+OFF = 2
+#: Fewest runs on these lines from which their own spread is taken; a quantile would need many more, so it is
+#: the root mean square of the left-out errors in units of their stated deviation.
+FEWEST = 10
 _CONSTANT = 1e-12
 
 
@@ -49,12 +54,18 @@ class ChosenSurrogate:
         values lie in their 95 % intervals.
     constant : float
         y where it is always the same, else NaN.
+    spread_asked : float
+        The same where the scope asks: at points with at most `OFF` factors off nominal.
+    nominal : tuple of float
+        Coded nominal levels; empty where `spread` holds everywhere.
     """
 
     fitted: FittedSurrogate | None
     names: tuple[str, ...]
     spread: float = 1.0
     constant: float = np.nan
+    spread_asked: float = np.nan
+    nominal: tuple[float, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -70,6 +81,12 @@ class ChosenSurrogate:
     def noise(self) -> float:
         """Standard deviation of one run about the response, as the surrogate estimates it."""
         return 0.0 if self.fitted is None else self.fitted.noise
+
+    def spread_at(self, z: ArrayLike) -> Array:
+        """Factor on the standard deviations at coded levels (M, n), shape (M,)."""
+        if not self.nominal:
+            return np.full(len(np.atleast_2d(z)), self.spread)
+        return np.where(is_asked(z, self.nominal), self.spread_asked, self.spread)
 
     @property
     def sigma(self) -> float:
@@ -88,12 +105,13 @@ class ChosenSurrogate:
         """Standard deviation of the mean response at coded levels (M, n), shape (M,)."""
         if self.fitted is None:
             return np.zeros(len(np.atleast_2d(z)))
-        return self.spread * self.fitted.predict(z)[1]
+        return self.spread_at(z) * self.fitted.predict(z)[1]
 
     def prediction_interval(self, z: ArrayLike, level: float = 0.95) -> tuple[Array, Array]:
         """Interval that holds one new run with probability `level`, low and high (M,)."""
         value = self.predict(z)
-        half = special.ndtri(0.5 + level / 2) * np.hypot(self.standard_error(z), self.sigma)
+        noise = self.spread_at(z) * self.noise
+        half = special.ndtri(0.5 + level / 2) * np.hypot(self.standard_error(z), noise)
         return value - half, value + half
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
@@ -101,7 +119,7 @@ class ChosenSurrogate:
         if self.fitted is None:
             return np.full((draws, len(np.atleast_2d(z))), self.constant)
         mean = self.predict(z)
-        return mean + self.spread * (self.fitted.draw(z, rng, draws) - mean)
+        return mean + self.spread_at(z) * (self.fitted.draw(z, rng, draws) - mean)
 
 
 def choose_surrogate(
@@ -161,7 +179,23 @@ def choose_surrogate(
     if not tried:
         raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
     _, best = max(tried, key=lambda one: one[0] + (MARGIN if isinstance(one[1], GaussianProcess) else 0.0))
-    return ChosenSurrogate(best, tuple(names), calibrate_spread(best, y)), fits
+    levels = tuple(float(nominal[name]) for name in names)
+    spread = calibrate_spread(best, y)
+    asked = is_asked(z, levels)
+    if asked.sum() < FEWEST:
+        return ChosenSurrogate(best, tuple(names), spread), fits
+    ratio = ((y - best.left_out) / best.left_out_deviation)[asked]
+    return ChosenSurrogate(best, tuple(names), spread, np.nan, _root_mean_square(ratio), levels), fits
+
+
+def is_asked(z: ArrayLike, nominal: Sequence[float]) -> NDArray[np.bool_]:
+    """Which coded points (M, n) lie on the lines that the scope asks about: at most `OFF` factors vary."""
+    off = np.abs(np.atleast_2d(np.asarray(z, dtype=float)) - np.asarray(nominal)) > 1e-9
+    return off.sum(axis=1) <= OFF
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def calibrate_spread(fitted: FittedSurrogate, y: Array, level: float = 0.95) -> float:
@@ -175,7 +209,14 @@ def calibrate_spread(fitted: FittedSurrogate, y: Array, level: float = 0.95) -> 
 
 
 def rebuild_surrogate(
-    kind: str, parameters: Mapping[str, Any], spread: float, z: Array, y: Array, names: Sequence[str]
+    kind: str,
+    parameters: Mapping[str, Any],
+    spread: float,
+    z: Array,
+    y: Array,
+    names: Sequence[str],
+    spread_asked: float = np.nan,
+    nominal: Sequence[float] = (),
 ) -> ChosenSurrogate:
     """The surrogate that was chosen, from its kind, parameters and training runs, without any search.
 
@@ -195,4 +236,5 @@ def rebuild_surrogate(
         fitted = GaussianProcess(z, y, dict(parameters))
     if fitted is None:
         raise ValueError(f"{len(y)} runs do not determine the {kind} that was chosen")
-    return ChosenSurrogate(fitted, tuple(names), spread)
+    levels = () if np.isnan(spread_asked) else tuple(map(float, nominal))
+    return ChosenSurrogate(fitted, tuple(names), spread, np.nan, spread_asked, levels)
