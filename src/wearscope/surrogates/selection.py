@@ -185,17 +185,16 @@ def choose_surrogate(
     if asked.sum() < FEWEST:
         return ChosenSurrogate(best, tuple(names), spread), fits
     ratio = ((y - best.left_out) / best.left_out_deviation)[asked]
-    return ChosenSurrogate(best, tuple(names), spread, np.nan, _root_mean_square(ratio), levels), fits
+    # A deviation from few values: their Student t quantile in place of the normal one.
+    few = special.stdtrit(len(ratio), 0.975) / special.ndtri(0.975)
+    there = float(few * np.sqrt(np.mean(ratio**2)))
+    return ChosenSurrogate(best, tuple(names), spread, np.nan, there, levels), fits
 
 
 def is_asked(z: ArrayLike, nominal: Sequence[float]) -> NDArray[np.bool_]:
     """Which coded points (M, n) lie on the lines that the scope asks about: at most `OFF` factors vary."""
     off = np.abs(np.atleast_2d(np.asarray(z, dtype=float)) - np.asarray(nominal)) > 1e-9
     return off.sum(axis=1) <= OFF
-
-
-def _root_mean_square(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def calibrate_spread(fitted: FittedSurrogate, y: Array, level: float = 0.95) -> float:
