@@ -72,6 +72,7 @@ def direct_table(
     test_quantities: pd.DataFrame,
     design: pd.DataFrame,
     chosen: Mapping[tuple, ChosenSurrogate],
+    noise: Mapping[tuple, float] | None = None,
     f0: float = -0.5,
     delta: float = 1.0,
     sigma: float = 0.25,
@@ -92,6 +93,9 @@ def direct_table(
         From `direct_design`.
     chosen : mapping
         Chosen surrogate by cell.
+    noise : mapping, optional
+        Standard deviation of a run by cell, from replicates. Where it is missing or NaN, the surrogate's own
+        estimate stands for it, which holds its misfit too.
     f0, delta, sigma : float
         As the design was made with.
     seed, level, draws
@@ -132,7 +136,9 @@ def direct_table(
         said = [np.nan] * 3
         if surrogate.status == "ok":
             stream = generator_for(seed, "direct surrogate", cell_name(key))
-            answers = draw_snr(surrogate, stream, min(draws, 400), f0, delta, sigma, surrogate.noise)
+            known_noise = (noise or {}).get(key, np.nan)
+            scatter = surrogate.noise if np.isnan(known_noise) else known_noise
+            answers = draw_snr(surrogate, stream, min(draws, 400), f0, delta, sigma, scatter)
             said = [float(one) for one in np.quantile(answers, [0.5, *tail])]
         known = np.isfinite([low, high, *said]).all()
         records.append(
