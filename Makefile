@@ -1,5 +1,5 @@
 # make run    set everything up and run the paper's study
-# make test   set everything up and run the tests
+# make test   set everything up and run the tests; make test-kills runs the long ones
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
 # The first Python 3.11 on the path; expanded only when the environment is made.
@@ -13,13 +13,17 @@ LOCKS := envs/build.lock envs/requirements.lock
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test setup lint format lock clean
+.PHONY: run test test-kills setup lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
 
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
+
+# Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md.
+test-kills: setup
+	$(BIN)/python -m pytest -m long tests/workflow $(ARGS)
 
 setup: $(VENV)/installed
 

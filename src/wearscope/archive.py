@@ -1,33 +1,56 @@
-"""A finished study in one file: packed, verified, unpacked elsewhere, compared with another.
+"""A finished study in one file: packed, verified, unpacked, restored, compared with another.
 
-The file is an uncompressed tar (Parquet and PNG are compressed already) whose first member,
-``MANIFEST.json``, holds the configuration, the versions of code and packages, and the SHA-256 of every other
-member. Equal content gives equal bytes.
+The file is an uncompressed tar (Parquet and PNG are compressed already). Its first member,
+``MANIFEST.json``, holds the configuration, the versions of code and packages, and size and SHA-256 of every
+file; the second, ``MANIFEST.sha256``, the manifest's own. ``ro-crate-metadata.json`` says the same as an
+RO-Crate, ``config.yaml`` is the configuration. Equal content gives equal bytes.
 
     python -m wearscope.archive verify FILE
     python -m wearscope.archive unpack FILE FOLDER
+    python -m wearscope.archive restore FILE
     python -m wearscope.archive compare A B
 """
 
 import argparse
 import hashlib
-import io
 import json
+import os
+import shutil
 import sys
-import tarfile
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path, PurePosixPath
-from typing import Any
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
 
 import pandas as pd
+import yaml
 
-from wearscope import tables
-from wearscope.compare import compare_tables
+from wearscope.archives.comparison import compare_archives, list_results
+from wearscope.archives.crate import describe_crate
+from wearscope.archives.manifest import (
+    CHECKSUM,
+    CONFIG,
+    CRATE,
+    FORMAT,
+    MANIFEST,
+    FileEntry,
+    Manifest,
+    check_names,
+    parse_manifest,
+)
+from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
+from wearscope.checksums import record_checksums
 from wearscope.errors import InputError
-from wearscope.provenance import describe_provenance, digest_file
+from wearscope.files import digest_file, write_text, write_whole
+from wearscope.provenance import describe_provenance
 
-MANIFEST = "MANIFEST.json"
-FORMAT = 1
+__all__ = [
+    "compare_archives", "list_results", "main", "pack_study", "restore_archive", "unpack_archive",
+    "verify_archive",
+]  # fmt: skip
 
 
 def pack_study(
@@ -37,7 +60,8 @@ def pack_study(
     config: Mapping[str, Any],
     sources: Iterable[str | Path],
     report: Callable[[str], None] | None = None,
-) -> dict[str, Any]:
+    inputs: Iterable[str | Path] = (),
+) -> Manifest:
     """Pack a finished study.
 
     Parameters
@@ -54,205 +78,180 @@ def pack_study(
         Source files, paths from the repository; their digests are the code's version.
     report : callable, optional
         Called with a line about how far it is.
+    inputs : iterable of path-like
+        The user's own files: robots, test-cycles, detectors. They are not packed, their digests are kept.
 
     Returns
     -------
-    dict
-        The manifest.
+    Manifest
 
     Raises
     ------
     InputError
-        Where a file is missing or the disk is full.
+        Where a file is missing, a name cannot be packed, or the disk is full.
     """
     folder = Path(folder)
     names = sorted(Path(file).relative_to(folder).as_posix() for file in files)
-    members: dict[str, dict[str, Any]] = {}
+    check_names(names, str(path))
+    made = describe_provenance(sources)
+    own = {Path(file).as_posix(): digest_file(Path(file)) for file in inputs}
+    settings = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True, width=100).encode()
+    entries = {CONFIG: _describe(settings)}
     for name in names:
         if not (folder / name).is_file():
             raise InputError(f"{folder / name}: no such file; run the study to its end before packing it.")
-        members[name] = {"sha256": digest_file(folder / name), "bytes": (folder / name).stat().st_size}
-    manifest = {
+        entries[name] = FileEntry(sha256=digest_file(folder / name), bytes=(folder / name).stat().st_size)
+    date = made["code"]["date"] or _newest([folder / name for name in names])
+    crate = describe_crate(str(config.get("study")), date, made, own, entries)
+    fields = {
         "format": FORMAT,
         "study": config.get("study"),
         "config": dict(config),
-        **describe_provenance(sources),
-        "files": members,
+        **made,
+        "inputs": own,
+        "files": {name: entry.model_dump() for name, entry in {CRATE: _describe(crate), **entries}.items()},
     }
+    text = json.dumps(fields, indent=1).encode()
+    manifest = parse_manifest(text, str(path))
+    checksum = describe_checksum(text)
 
-    def write(temporary: str) -> None:
-        with tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
-            text = json.dumps(manifest, indent=1, sort_keys=True).encode()
-            tar.addfile(_member(MANIFEST, len(text)), io.BytesIO(text))
-            for done, name in enumerate(names, start=1):
-                with open(folder / name, "rb") as file:
-                    tar.addfile(_member(name, members[name]["bytes"]), file)
-                if report is not None and (done % 500 == 0 or done == len(names)):
-                    report(f"{done}/{len(names)} files packed")
+    def members() -> Iterator[tuple[str, int, Callable[[], IO[bytes]]]]:
+        for name, content in ((MANIFEST, text), (CHECKSUM, checksum), (CRATE, crate), (CONFIG, settings)):
+            yield name, len(content), as_content(content)
+        for done, name in enumerate(names, start=1):
+            yield name, entries[name].bytes, partial(_open, folder / name)
+            if report is not None and (done % 500 == 0 or done == len(names)):
+                report(f"{done}/{len(names)} files packed")
 
-    tables.write_whole(path, write)
+    write_whole(path, lambda temporary: write_tar(temporary, members()))
     return manifest
 
 
-def verify_archive(path: str | Path) -> dict[str, Any]:
-    """Check every member of an archive against the manifest.
-
-    Returns
-    -------
-    dict
-        The manifest.
+def verify_archive(path: str | Path) -> Manifest:
+    """Check every byte of an archive.
 
     Raises
     ------
     InputError
-        Where the file is no archive of a study, or the first member that is missing, unknown or altered.
+        Where the file is no archive of a study, or the first thing that is missing, unknown or altered.
     """
-    return _walk(path, lambda name, content: None)
+    return walk_archive(path)
 
 
-def unpack_archive(path: str | Path, folder: str | Path) -> dict[str, Any]:
-    """Unpack an archive, checking every member, into a folder that is not there yet or empty.
+def unpack_archive(path: str | Path, folder: str | Path) -> Manifest:
+    """Unpack an archive, every byte checked, into a new or empty folder, whole or not at all.
 
     Returns
     -------
-    dict
-        The manifest, also written to the folder.
+    Manifest
+        Also written to the folder.
 
     Raises
     ------
     InputError
-        As `verify_archive`; or where the folder holds something.
+        As `verify_archive`; or where the folder holds something, or the disk refuses it.
     """
-    folder = Path(folder)
+    return _unpack(path, Path(folder), restore=False)
+
+
+def restore_archive(path: str | Path, root: str | Path = ".") -> tuple[Manifest, Path, list[str]]:
+    """Put a study's results back, so that the workflow goes on from them.
+
+    Parameters
+    ----------
+    path : path-like
+        The archive.
+    root : path-like
+        A clone of the repository.
+
+    Returns
+    -------
+    manifest : Manifest
+    folder : Path
+        ``results/<study>`` in `root`, with the configuration as ``config.yaml``.
+    changed : list of str
+        Files of code and the user's own inputs that are missing in `root` or not as they were.
+
+    Raises
+    ------
+    InputError
+        As `unpack_archive`.
+    """
+    root = Path(root)
+    manifest = walk_archive(path)
+    folder = root / "results" / manifest.study
+    _unpack(path, folder, restore=True)
+    changed = [
+        name
+        for name, digest in sorted({**manifest.code.files, **manifest.inputs}.items())
+        if not (root / name).is_file() or digest_file(root / name) != digest
+    ]
+    return manifest, folder, changed
+
+
+def _unpack(path: str | Path, folder: Path, restore: bool) -> Manifest:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty; name a folder that is not there yet.")
-    verify_archive(path)
-
-    def write(name: str, content: bytes) -> None:
-        tables.write_whole(folder / name, lambda temporary: Path(temporary).write_bytes(content))
-
-    manifest = _walk(path, write)
-    tables.write_text(folder / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True))
-    return manifest
-
-
-def compare_archives(a: str | Path, b: str | Path) -> pd.DataFrame:
-    """Compare two studies, table by table; each may be an archive or a folder of results.
-
-    Returns
-    -------
-    DataFrame
-        One row a setting, package, code version or file that differs, and one a table that is the same:
-        ``item``, ``what`` (``setting``, ``version``, ``table``, ``file``), ``outcome`` (``same bytes``,
-        ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and timings are left
-        out.
-    """
-    left, right = _Content(a), _Content(b)
-    rows = []
-    for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
-        rows += _compare_mappings(left.manifest.get(key, {}), right.manifest.get(key, {}), what, "")
-    for name in sorted(set(left.digests) | set(right.digests)):
-        if name.startswith(("logs/", "benchmarks/")):
-            continue
-        what = "table" if name.endswith(".parquet") else "file"
-        detail = ""
-        if name not in right.digests or name not in left.digests:
-            outcome = "only in a" if name in left.digests else "only in b"
-        elif left.digests[name] == right.digests[name]:
-            if what == "file":
-                continue
-            outcome = "same bytes"
-        elif what == "file":
-            outcome = "differs"
-        else:
-            detail = compare_tables(left.table(name), right.table(name))
-            outcome = "differs" if detail else "same values"
-        rows.append({"item": name, "what": what, "outcome": outcome, "detail": detail})
-    return pd.DataFrame(rows, columns=["item", "what", "outcome", "detail"])
-
-
-class _Content:
-    """An archive or a folder of results, read one table at a time."""
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self.manifest: dict[str, Any] = {}
-        if self.path.is_dir():
-            files = [file for file in sorted(self.path.rglob("*")) if file.is_file()]
-            self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
-            self.digests.pop(MANIFEST, None)
-            if (self.path / MANIFEST).is_file():
-                self.manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-        else:
-            self.manifest = verify_archive(self.path)
-            self.digests = {name: one["sha256"] for name, one in self.manifest["files"].items()}
-
-    def table(self, name: str) -> pd.DataFrame:
-        if self.path.is_dir():
-            return tables.read_table(self.path / name)
-        with tarfile.open(self.path) as tar:
-            file = tar.extractfile(name)
-            assert file is not None
-            return pd.read_parquet(io.BytesIO(file.read()))
-
-
-def _compare_mappings(a: Mapping[str, Any], b: Mapping[str, Any], what: str, prefix: str) -> list[dict]:
-    rows: list[dict] = []
-    for key in sorted(set(a) | set(b)):
-        one, other = a.get(key), b.get(key)
-        if isinstance(one, Mapping) and isinstance(other, Mapping):
-            rows += _compare_mappings(one, other, what, f"{prefix}{key}.")
-        elif one != other:
-            detail = f"{one} against {other}"
-            rows.append({"item": f"{prefix}{key}", "what": what, "outcome": "differs", "detail": detail})
-    return rows
-
-
-def _walk(path: str | Path, visit: Callable[[str, bytes], None]) -> dict[str, Any]:
-    """Check each member of an archive and hand it to `visit`."""
+    manifest = walk_archive(path)
+    staging = ""
     try:
-        with tarfile.open(path) as tar:
-            first = tar.next()
-            if first is None or first.name != MANIFEST:
-                raise InputError(f"{path}: is no archive of a study; its first member is not {MANIFEST}.")
-            manifest = json.loads(_read(tar, first))
-            if manifest.get("format") != FORMAT:
-                raise InputError(
-                    f"{path}: has format {manifest.get('format')}, this version reads {FORMAT}; "
-                    "use the version of wearscope named in its manifest."
-                )
-            waiting = dict(manifest["files"])
-            while (member := tar.next()) is not None:
-                name = PurePosixPath(member.name)
-                if member.name not in waiting or name.is_absolute() or ".." in name.parts:
-                    raise InputError(f"{path}: {member.name} is not in its manifest; get the file again.")
-                content = _read(tar, member)
-                if hashlib.sha256(content).hexdigest() != waiting.pop(member.name)["sha256"]:
-                    raise InputError(
-                        f"{path}: {member.name} is not what was packed (its checksum differs); get the file "
-                        "again."
-                    )
-                visit(member.name, content)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; name an archive made by the target archive.") from error
-    except (tarfile.TarError, json.JSONDecodeError, EOFError) as error:
-        raise InputError(f"{path}: is no whole tar archive ({error}); get the file again.") from error
-    if waiting:
-        raise InputError(f"{path}: {min(waiting)} is missing; get the file again.")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        staging = tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent)
+        place = Path(staging)
+        handles: list[IO[bytes]] = []
+
+        def visit(name: str) -> Callable[[bytes], Any]:
+            while handles:
+                handles.pop().close()
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            handles.append(open(place / name, "xb"))
+            return handles[-1].write
+
+        try:
+            walk_archive(path, visit)
+        finally:
+            while handles:
+                handles.pop().close()
+        fields = manifest.model_dump(mode="json", exclude_unset=True)
+        write_text(place / MANIFEST, json.dumps(fields, indent=1))
+        if restore:
+            _prepare(place, manifest)
+        os.chmod(place, 0o755)
+        if folder.exists():
+            folder.rmdir()
+        os.replace(place, folder)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written ({error.strerror or error}); free disk space or name another place."
+        ) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
     return manifest
 
 
-def _read(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
-    file = tar.extractfile(member) if member.isfile() else None
-    if file is None:
-        raise InputError(f"{member.name} in the archive is no plain file; get the archive again.")
-    return file.read()
+def _prepare(place: Path, manifest: Manifest) -> None:
+    """Make unpacked results such as the workflow's own: with checksums, and none older than another."""
+    if CONFIG not in manifest.files:
+        write_text(place / CONFIG, yaml.safe_dump(manifest.config, sort_keys=False, allow_unicode=True))
+    # Logs and timings are no job's output: they are written over without a word.
+    outputs = [name for name in manifest.files if not name.startswith(("logs/", "benchmarks/"))]
+    record_checksums(place, [place / name for name in outputs])
+    now = time.time()
+    for file in place.rglob("*"):
+        os.utime(file, (now, now))
 
 
-def _member(name: str, size: int) -> tarfile.TarInfo:
-    member = tarfile.TarInfo(name)
-    member.size, member.mode = size, 0o644
-    return member
+def _open(path: Path) -> IO[bytes]:
+    return open(path, "rb")
+
+
+def _describe(content: bytes) -> FileEntry:
+    return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
+
+
+def _newest(files: list[Path]) -> str:
+    moment = max((file.stat().st_mtime for file in files), default=0.0)
+    return datetime.fromtimestamp(int(moment), UTC).isoformat()
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -263,16 +262,20 @@ def main(arguments: list[str] | None = None) -> int:
     unpack = commands.add_parser("unpack", help="check and unpack into a new folder")
     unpack.add_argument("file")
     unpack.add_argument("folder")
-    compare = commands.add_parser("compare", help="compare two archives or result folders, table by table")
+    restore = commands.add_parser("restore", help="put the results back, to go on from them")
+    restore.add_argument("file")
+    restore.add_argument("root", nargs="?", default=".", help="a clone of the repository, by default here")
+    compare = commands.add_parser("compare", help="compare two archives or result folders")
     compare.add_argument("a")
     compare.add_argument("b")
     given = parser.parse_args(arguments)
     try:
         if given.command == "compare":
-            rows = compare_archives(given.a, given.b)
-            with pd.option_context("display.max_colwidth", None, "display.width", None):
-                print(rows.to_string(index=False) if len(rows) else "nothing to compare")
-            return int(rows["outcome"].isin(["differs", "only in a", "only in b"]).any())
+            return _tell_comparison(compare_archives(given.a, given.b))
+        if given.command == "restore":
+            manifest, folder, changed = restore_archive(given.file, given.root)
+            _tell_restored(given.file, manifest, folder, changed)
+            return 0
         if given.command == "unpack":
             manifest = unpack_archive(given.file, given.folder)
         else:
@@ -280,8 +283,32 @@ def main(arguments: list[str] | None = None) -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 1
-    print(f"{given.file}: study {manifest['study']}, {len(manifest['files'])} files, every checksum holds")
+    print(f"{given.file}: study {manifest.study}, {len(manifest.files)} files, every checksum holds")
     return 0
+
+
+def _tell_comparison(rows: pd.DataFrame) -> int:
+    with pd.option_context("display.max_colwidth", None, "display.width", None):
+        print(rows.to_string(index=False) if len(rows) else "nothing to compare")
+    differ = rows["outcome"].isin(["differs", "only in a", "only in b"])
+    conclusions = rows[rows["what"] == "conclusion"]
+    print(
+        f"{len(conclusions)} conclusions differ: {'; '.join(conclusions['item'])}"
+        if len(conclusions)
+        else "no conclusion differs"
+    )
+    return int(differ.any())
+
+
+def _tell_restored(file: str, manifest: Manifest, folder: Path, changed: list[str]) -> None:
+    print(f"{file}: {len(manifest.files)} files, every checksum holds, in {folder}")
+    if changed:
+        print(
+            f"{len(changed)} files of code or input are not as they were ({', '.join(changed[:3])}"
+            f"{', ...' if len(changed) > 3 else ''}); for the same bytes use wearscope "
+            f"{manifest.code.wearscope}, commit {manifest.code.commit or 'unknown'}"
+        )
+    print(f"one stage again, e.g.: snakemake snr --cores 2 --configfile {folder / CONFIG} -R compute_snr")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
 Model = Literal["main", "full", "simplified"]
@@ -273,15 +274,34 @@ class ClosedLoopSettings(Section):
     demonstration: bool = True
     """Whether the study records a twin of the medium robot with an effect that nobody declared, and closes
     the loop on it."""
+    policy: Policy = Policy()
+    """Numbers of the rule that accepts, ties and names; `verdict.json` repeats them."""
+    effects: list[str] = []
+    """Paths of .py files that define `EFFECT`: own effects, candidates beside the vocabulary."""
+    allow_code: bool = False
+    """Whether effect files that a data set names may run: a data set may come from someone else. The
+    study's own `allow_code: true` allows it too."""
+
+    @field_validator("effects")
+    @classmethod
+    def _python_files(cls, value: list[str]) -> list[str]:
+        for path in value:
+            if not path.endswith(".py"):
+                raise ValueError(
+                    f"{path} is no path of a .py file; the vocabulary's own effects take part anyway"
+                )
+        return value
 
 
 class BoardSettings(Section):
-    """The attribution board: planted effects, their verdicts scored."""
+    """The attribution board: planted effects over regimes, their verdicts scored."""
 
-    size: Literal["small", "medium", "full"] = "full"
-    """How many cases; the full board takes hours."""
-    nulls: Annotated[int, Field(ge=0)] | None = None
-    """Number of cases with nothing planted; the board's own where left out."""
+    part: Literal["development", "held_out"] = "held_out"
+    """Which part: what the tracer may be tuned on, or what is kept out of it by seed and family."""
+    cases: Annotated[int, Field(ge=2)] = 300
+    """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
+    limit: Annotated[float, Field(gt=0.0)] = 300.0
+    """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -316,6 +336,10 @@ class StudyConfig(Section):
     max_failed_share: Share = 0.05
     """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
     study is refused."""
+    time_limit: Annotated[float, Field(gt=0)] = 300.0
+    """Longest time [s] for the check of a robot and test-cycle, the simulation of a design point, and a
+    detector's fit or answer. What takes longer is ended: a simulation or an answer is then a failed point, a
+    check or a fit refuses the study."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()
@@ -332,9 +356,17 @@ class StudyConfig(Section):
     """The closed loop."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
+    allow_code: bool | list[str] = False
+    """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
+    `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
+    may come from someone else."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""
+
+    def may_run_code(self) -> bool:
+        """Whether effect files that the data set names may run."""
+        return self.allow_code is True or self.closed_loop.allow_code
 
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""

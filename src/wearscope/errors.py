@@ -1,5 +1,21 @@
 """The one exception that a user of the platform is meant to read."""
 
+LONGEST = 1000
+
 
 class InputError(ValueError):
-    """Bad input, told in one sentence: the file, field or row, what is wrong, and the remedy."""
+    """Bad input, told in one sentence: the file, field or row, what is wrong, and the remedy.
+
+    What is quoted from the input can neither break the line nor steer a terminal; it is cut where long.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        text = str(message)
+        if len(text) > LONGEST:
+            text = f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
+        super().__init__("".join(one if one.isprintable() else escape(one) for one in text))
+
+
+def escape(character: str) -> str:
+    r"""How Python writes a character that cannot be printed, e.g. ``\n``."""
+    return character.encode("unicode_escape").decode("ascii")

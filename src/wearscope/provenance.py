@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-_BLOCK = 1 << 20
+from wearscope.files import digest_file
 
 
 def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
@@ -22,9 +22,9 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` (None where
-        git knows none), ``changed`` (whether tracked files differ from it), ``sha256`` (of all sources),
-        ``files`` (digest by source).
+        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` and its
+        ``date`` (None where git knows none), ``changed`` (whether tracked files differ from it), ``sha256``
+        (of all sources), ``files`` (digest by source).
     """
     files = {Path(source).as_posix(): digest_file(Path(source)) for source in sources}
     text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
@@ -34,7 +34,8 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
         "packages": dict(sorted(packages.items())),
         "code": {
             "wearscope": metadata.version("wearscope"),
-            "commit": _git("rev-parse", "HEAD"),
+            "commit": read_commit(),
+            "date": _git("show", "--no-patch", "--format=%cI", "HEAD"),
             "changed": bool(_git("status", "--porcelain", "--untracked-files=no")),
             "sha256": hashlib.sha256(text.encode()).hexdigest(),
             "files": files,
@@ -58,13 +59,9 @@ def list_platform_files(root: str | Path = ".") -> list[Path]:
     return sorted(file for file in found if not left_out & set(file.parts))
 
 
-def digest_file(path: Path) -> str:
-    """SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+def read_commit() -> str | None:
+    """Commit of the checkout; None where there is none."""
+    return _git("rev-parse", "HEAD")
 
 
 def _git(*arguments: str) -> str | None:

@@ -1,52 +1,27 @@
-"""Parquet tables with units in the column metadata, written whole or not at all."""
+"""Parquet tables with units in the column metadata, written whole or not at all, sealed with a checksum.
 
-import os
-import tempfile
-from collections.abc import Callable, Mapping
+A sealed file is a plain Parquet file with page checksums. Between its last page and its footer, where no
+reader looks, stand 8 bytes and the SHA-256 of all other bytes: any flipped bit is found, in the footer too.
+"""
+
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wearscope.errors import InputError
+from wearscope.files import DamagedFile, write_text, write_whole
 
+__all__ = [
+    "DamagedFile", "read_arrow", "read_table", "read_units", "to_arrow", "write_arrow", "write_table",
+    "write_text", "write_whole",
+]  # fmt: skip
 
-def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
-    """Write a file under a temporary name beside `path`, then rename it.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to write; its folder is made.
-    write : callable
-        Called with the temporary name; writes the content.
-
-    Raises
-    ------
-    InputError
-        Where the disk refuses the file; nothing is left behind.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
-    try:
-        write(temporary)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); free disk space or choose another place."
-        ) from error
-    finally:
-        if os.path.exists(temporary):
-            os.unlink(temporary)
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+#: Says in a file's metadata that it is sealed.
+SEALED = {b"sealed": b"sha256"}
+_MARK = b"WEARSEAL"
 
 
 def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
@@ -70,8 +45,32 @@ def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
     return table.cast(pa.schema(fields))
 
 
+def write_arrow(path: str | Path, table: pa.Table, **options: Any) -> None:
+    """Write a sealed Parquet file whole or not at all; equal content gives equal bytes.
+
+    Parameters
+    ----------
+    path : path-like
+    table : pyarrow.Table
+    **options
+        Of `pyarrow.parquet.write_table`.
+
+    Raises
+    ------
+    InputError
+        Where the disk refuses the file; nothing is left behind.
+    """
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), **SEALED})
+
+    def write(name: str) -> None:
+        pq.write_table(table, name, compression="zstd", write_page_checksum=True, **options)
+        _seal(name)
+
+    write_whole(path, write)
+
+
 def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None = None) -> None:
-    """Write a Parquet table whole or not at all; equal content gives equal bytes.
+    """Write a Parquet table as `write_arrow` does.
 
     Parameters
     ----------
@@ -80,33 +79,84 @@ def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None 
     units : mapping of str to str, optional
         Unit by column, stored in the column's metadata under ``unit``.
     """
-    table = to_arrow(columns, units)
-    write_whole(path, lambda name: pq.write_table(table, name, compression="zstd"))
+    write_arrow(path, to_arrow(columns, units))
 
 
-def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
-    """Read a Parquet table as a pandas data frame.
+def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
+    """Read a Parquet file, every byte checked.
+
+    A file without a seal, such as those of release 0.1.0, is read by the checksums of its pages, if any.
+
+    Parameters
+    ----------
+    source : path-like or bytes
+        The file or its content.
+    columns : list of str, optional
+    name : str
+        What messages call a content.
 
     Raises
     ------
-    InputError
-        Where the file is missing or is no whole Parquet file.
+    DamagedFile
+        Where the file is missing, is no whole Parquet file, or a bit of it has changed.
     """
+    path = Path(name if isinstance(source, bytes) else source)
     try:
-        return pq.read_table(path, columns=columns, partitioning=None).to_pandas()
+        content = source if isinstance(source, bytes) else path.read_bytes()
+        sealed = _check_seal(content)
+        table = pq.read_table(
+            pa.BufferReader(content), columns=columns, partitioning=None, page_checksum_verification=True
+        )
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; run the stage that makes it.") from error
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(
-            f"{path}: not a whole Parquet file ({str(error).splitlines()[0]}); delete it and make it again."
+        raise DamagedFile(path, f"{path}: no such file; run the stage that makes it.") from error
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DamagedFile(
+            path, f"{path}: not a whole Parquet file ({reason}); delete it and make it again."
         ) from error
+    if sealed is False or (sealed is None and SEALED.items() <= (table.schema.metadata or {}).items()):
+        raise DamagedFile(
+            path, f"{path}: is not what was written (its checksum differs); delete it and make it again."
+        )
+    return table
+
+
+def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
+    """Read a Parquet table as a pandas data frame; see `read_arrow`."""
+    return read_arrow(path, columns).to_pandas()
 
 
 def read_units(path: str | Path) -> dict[str, str]:
     """Units by column as stored in a Parquet table's column metadata."""
-    schema = pq.read_schema(path)
     return {
         field.name: field.metadata[b"unit"].decode()
-        for field in schema
+        for field in read_arrow(path).schema
         if field.metadata and b"unit" in field.metadata
     }
+
+
+def _footer(content: bytes) -> int:
+    """Where the footer of a Parquet file starts; ValueError where it is none."""
+    start = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    if len(content) < 12 or content[-4:] != b"PAR1" or start < 4:
+        raise ValueError("its end is missing")
+    return start
+
+
+def _seal(name: str) -> None:
+    content = Path(name).read_bytes()
+    footer = _footer(content)
+    with open(name, "r+b") as file:
+        file.seek(footer)
+        file.write(_MARK + hashlib.sha256(content).digest() + content[footer:])
+
+
+def _check_seal(content: bytes) -> bool | None:
+    """Whether the seal holds; None where there is none."""
+    footer = _footer(content)
+    start = footer - len(_MARK) - hashlib.sha256().digest_size
+    if start < 4 or content[start : start + len(_MARK)] != _MARK:
+        return None
+    digest = hashlib.sha256(memoryview(content)[:start])
+    digest.update(memoryview(content)[footer:])
+    return digest.digest() == content[start + len(_MARK) : footer]

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pyarrow as pa
 import pytest
 import yaml
+from folder_damage import DAMAGES, MISLEADING, REFUSED, copy_damaged, damage
 
-from wearscope.attribution_board.damage import DAMAGES, MISLEADING, REFUSED, copy_damaged, damage
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Recipe, RunPlan
 from wearscope.errors import InputError

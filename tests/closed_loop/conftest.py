@@ -8,7 +8,11 @@ import pandas as pd
 import pytest
 import yaml
 
+from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import differentiate
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Signals, TransmissionEffect, load_effect
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
@@ -55,65 +59,89 @@ def bend_gear(effect, joint, values, load, q, t) -> tuple[np.ndarray, np.ndarray
     return motor, speed, differentiate(speed, 1.0 / (t[1] - t[0]))
 
 
+def write_dataset(
+    folder: Path, planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5,
+    noise=1.0, extra_torque=None, duration=12.0, rate=200.0, warm=True, fields=None, robot=None, repeat=False,
+) -> Path:  # fmt: skip
+    """Write a data set with planted effects [(joint index, effect, values)] and return its folder.
+
+    `extra_torque(t, q, v, a, rng)` gives further torque (N, 2); `warm` records temperatures; `fields` and
+    `robot` are further entries of ``dataset.yaml``; `repeat` makes the second run follow the first.
+    """
+    (folder / "runs").mkdir(parents=True)
+    (folder / "robot.urdf").write_text(URDF)
+    body = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=PAYLOAD)
+    entries = []
+    for r in range(runs):
+        rng = np.random.default_rng([seed, r])
+        t = np.arange(int(duration * rate)) / rate
+        drawn = draw_motion(rng, t)
+        q, v, a = draw_motion(np.random.default_rng([seed, 0]), t) if repeat and r == 1 else drawn
+        load = body.inverse_dynamics(q, v, a)
+        temperature = np.tile((25.0 + 8 * r + 3 * t / duration)[:, None], (1, 2))
+        signals = Signals(t, q, v, a, np.sign(v), load, temperature, np.zeros_like(q), body)
+        tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
+        signals.torque = tau.copy()
+        for joint, name, values in planted:
+            effect = load_effect(name)
+            if isinstance(effect, TransmissionEffect):
+                q, v, a = bend_gear(effect, joint, values, load, q, t)
+                tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
+                continue
+            added = effect.torque(signals, joint, values)
+            if effect.spread:
+                tau = tau + added
+            else:
+                tau[:, joint] += added
+        if extra_torque is not None:
+            tau = tau + extra_torque(t, q, v, a, rng)
+        tau = tau + noise * NOISE * rng.standard_normal(q.shape)
+        columns = {"t": t}
+        for j, joint in enumerate(JOINTS):
+            columns[f"q_{joint}"] = q[:, j] + 2e-6 * rng.standard_normal(len(t))
+            columns[f"tau_{joint}"] = tau[:, j]
+            if warm:
+                columns[f"temp_{joint}"] = temperature[:, j]
+        pd.DataFrame(columns).to_parquet(folder / "runs" / f"r{r}.parquet")
+        entries.append(
+            {
+                "file": f"runs/r{r}.parquet",
+                "use": "train" if r < runs - 1 else "test",
+                "payload": {"mass": PAYLOAD.mass, "com": list(PAYLOAD.com)},
+            }
+        )
+    written = {
+        "name": "duo",
+        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()} | (robot or {}),
+        "sample_rate": rate,
+        "declared_effects": list(declared),
+        "runs": entries,
+    }
+    written["robot"] = {key: value for key, value in written["robot"].items() if value is not None}
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(written | (fields or {})))
+    return folder
+
+
+def pose_problem(folder: Path, own=()) -> Problem:
+    """Problem of a data set's folder."""
+    dataset = read_dataset(folder, find_prismatic)
+    declared = [load_effect(name) for name in dataset.fields.declared_effects]
+    return Problem(prepare(dataset), declared, own)
+
+
+@pytest.fixture(scope="session")
+def record_at() -> Record:
+    """`write_dataset`, for fixtures of a whole module."""
+    return write_dataset
+
+
 @pytest.fixture
 def record(tmp_path: Path) -> Record:
-    """Write a data set with planted effects [(joint index, effect, values)] and return its folder."""
+    """`write_dataset` into the test's own folder."""
+    return lambda *args, **kwargs: write_dataset(tmp_path / "duo", *args, **kwargs)
 
-    def make(
-        planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5, noise=1.0,
-        extra_torque=None, duration=12.0, rate=200.0,
-    ) -> Path:  # fmt: skip
-        folder = tmp_path / "duo"
-        (folder / "runs").mkdir(parents=True)
-        (folder / "robot.urdf").write_text(URDF)
-        body = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=PAYLOAD)
-        entries = []
-        for r in range(runs):
-            rng = np.random.default_rng([seed, r])
-            t = np.arange(int(duration * rate)) / rate
-            q, v, a = draw_motion(rng, t)
-            load = body.inverse_dynamics(q, v, a)
-            temperature = np.tile((25.0 + 8 * r + 3 * t / duration)[:, None], (1, 2))
-            signals = Signals(
-                t, q, v, a, np.sign(v), load, temperature, np.zeros_like(q), body, load + INERTIA * a
-            )
-            tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
-            signals.torque = tau.copy()
-            for joint, name, values in planted:
-                effect = load_effect(name)
-                if isinstance(effect, TransmissionEffect):
-                    q, v, a = bend_gear(effect, joint, values, load, q, t)
-                    tau = load + INERTIA * a + COULOMB * np.sign(v) + VISCOUS * v
-                    continue
-                added = effect.torque(signals, joint, values)
-                if effect.spread:
-                    tau = tau + added
-                else:
-                    tau[:, joint] += added
-            if extra_torque is not None:
-                tau = tau + extra_torque(t, q, v, a, rng)
-            tau = tau + noise * NOISE * rng.standard_normal(q.shape)
-            columns = {"t": t}
-            for j, joint in enumerate(JOINTS):
-                columns[f"q_{joint}"] = q[:, j] + 2e-6 * rng.standard_normal(len(t))
-                columns[f"tau_{joint}"] = tau[:, j]
-                columns[f"temp_{joint}"] = temperature[:, j]
-            pd.DataFrame(columns).to_parquet(folder / "runs" / f"r{r}.parquet")
-            entries.append(
-                {
-                    "file": f"runs/r{r}.parquet",
-                    "use": "train" if r < runs - 1 else "test",
-                    "payload": {"mass": PAYLOAD.mass, "com": list(PAYLOAD.com)},
-                }
-            )
-        fields = {
-            "name": "duo",
-            "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()},
-            "sample_rate": rate,
-            "declared_effects": list(declared),
-            "runs": entries,
-        }
-        (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
-        return folder
 
-    return make
+@pytest.fixture(scope="session")
+def pose() -> Callable[..., Problem]:
+    """`pose_problem`."""
+    return pose_problem

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.intake.cleaning import clean_run
+from wearscope.closed_loop.intake.clock import resample
 from wearscope.closed_loop.intake.filtering import (
     Band,
     choose_motion_cutoff,
@@ -12,11 +13,10 @@ from wearscope.closed_loop.intake.filtering import (
     differentiate_run,
     low_pass,
     position_noise,
-    resample,
+    rows,
 )
-from wearscope.closed_loop.intake.dataset import Run
+from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
-from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.errors import InputError
 
 RATE = 250.0

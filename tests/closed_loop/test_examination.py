@@ -5,41 +5,46 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.linalg import subspace_angles
 
 from wearscope.closed_loop.diagnostics import forward
-from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
-from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.diagnostics.black_box import fit_black_box, judge_black_box
-from wearscope.closed_loop.model.blocks import make_blocks, make_folds
-from wearscope.closed_loop.selection.rule import TraceOptions
+from wearscope.closed_loop.diagnostics.dependence import diagnose_residuals, find_dependence
 from wearscope.closed_loop.model.correction import make_corrected_model
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.model.declared import declared_entries, fit_scale
-from wearscope.closed_loop.diagnostics.dependence import diagnose, find_dependence
+from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.diagnostics.isolability import measure_isolability
-from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.model.regression import Entry
-from wearscope.closed_loop.run import close_loop, find_prismatic
-from wearscope.closed_loop.selection.evidence import make_flips
-from wearscope.effects.base import load_effect
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs
+from wearscope.closed_loop.run import close_loop
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.simulation.errors import SimulationError
 
 
-def fit_declared(folder):
-    prepared = prepare(read_dataset(folder, find_prismatic))
-    blocks = make_blocks(prepared)
-    return prepared, fit_scale(prepared, declared_entries(prepared), False, blocks)
+@pytest.fixture
+def fit_declared(pose):
+    """Prepared data of a folder, its layout, and the declared model fitted to it."""
+
+    def fit(folder):
+        problem = pose(folder)
+        layout = problem.layout
+        model = fit_declared_model(problem.prepared, problem.declared_terms, problem.inertial, layout.blocks)
+        return problem.prepared, layout, model
+
+    return fit
 
 
-def dependence_of(folder):
-    prepared, model = fit_declared(folder)
-    flips = make_flips(299, len(model.blocks), 1)
-    return prepared, model, find_dependence(prepared, {"before": model}, make_folds(model.blocks), flips)
+@pytest.fixture
+def dependence_of(fit_declared):
+    """The same with the table of dependence."""
+
+    def find(folder):
+        prepared, layout, model = fit_declared(folder)
+        flips = make_flips(299, len(model.blocks), 1)
+        return prepared, model, find_dependence(prepared, {"before": model}, layout.folds, flips)
+
+    return find
 
 
-def test_residual_that_depends_on_position_is_attributed_to_it(record):
+def test_residual_that_depends_on_position_is_attributed_to_it(record, dependence_of):
     def bump(t, q, v, a, rng):
         return np.column_stack([4.0 * np.exp(-((q[:, 0] - 0.2) ** 2) / 0.02), np.zeros(len(t))])
 
@@ -53,86 +58,23 @@ def test_residual_that_depends_on_position_is_attributed_to_it(record):
     assert other["share_held_out"].max() < 0.05
 
 
-def test_white_residual_depends_on_nothing_and_is_white(record):
+def test_white_residual_depends_on_nothing_and_is_white(record, dependence_of):
     prepared, model, table = dependence_of(record(runs=4))
     assert table["p_adjusted"].min() > 0.01
     assert (table["share_held_out"] < 0.05).all()
-    whiteness = diagnose(prepared, predict_runs(prepared, model, model))
+    whiteness = diagnose_residuals(prepared, predict_runs(prepared, model, model))
     assert (whiteness["ljung_box_p"] > 1e-3).all()
     assert (whiteness["lag_correlation"].abs() < 0.3).all()
 
 
-def test_coloured_residual_is_not_white(record):
+def test_coloured_residual_is_not_white(record, fit_declared):
     def drift(t, q, v, a, rng):
         return np.outer(8.0 * np.sin(2 * np.pi * 0.7 * t), [1.0, 1.0])
 
-    prepared, model = fit_declared(record(runs=3, extra_torque=drift))
-    table = diagnose(prepared, predict_runs(prepared, model, model))
+    prepared, _, model = fit_declared(record(runs=3, extra_torque=drift))
+    table = diagnose_residuals(prepared, predict_runs(prepared, model, model))
     assert (table["ljung_box_p"] < 1e-6).all()
     assert np.allclose(table["peak"], 0.7, atol=0.2)
-
-
-@pytest.fixture
-def angles(record):
-    prepared, model = fit_declared(record(runs=3))
-    return prepared, model, measure_isolability(prepared, model)
-
-
-def pick(table, joint, a, b):
-    pair = table[(table["joint"] == joint) & (table["effect_a"] == a) & (table["effect_b"] == b)]
-    assert len(pair) == 1
-    return pair.iloc[0]
-
-
-def test_collinear_candidates_have_no_angle(angles):
-    prepared, _, table = angles
-    same = pick(table, "a", "coulomb_asymmetry", "torque_offset")
-    # They differ only at rest, and rows at rest do not count.
-    assert same["angle_deg"] < 3.0 and same["largest_angle_deg"] < 3.0
-    apart = pick(table, "a", "quadratic_viscous", "torque_offset")
-    assert apart["angle_deg"] > 60.0
-    motions = [one for one in advise(prepared, table) if any("torque_offset" in s for s in one["separates"])]
-    assert any("hold still" in one["motion"] for one in motions)
-
-
-def test_angle_agrees_with_subspaces_of_explicit_columns(angles):
-    prepared, model, table = angles
-
-    def stack(name):
-        effect = load_effect(name)
-        entry = Entry(effect, 0, tuple(effect.pack({})[1]), tuple(range(len(effect.coefficients))))
-        return np.concatenate(
-            [
-                (run.reduce(entry.columns(run)) * w[:, :, None])[:, 0]
-                for run, w in zip(prepared.runs_for("train"), model.weights, strict=True)
-            ]
-        )
-
-    declared = np.concatenate(
-        [(x * w[:, :, None])[:, 0] for x, w in zip(model.columns, model.weights, strict=True)]
-    )
-    base = np.linalg.svd(declared, full_matrices=False)
-    base = base[0][:, base[1] > 1e-9 * base[1][0]]
-    project = lambda x: x - base @ (base.T @ x)  # noqa: E731
-    a, b = project(stack("quadratic_viscous")), project(stack("joint_spring"))
-    expected = np.degrees(subspace_angles(a, b))
-    found = pick(table, "a", "joint_spring", "quadratic_viscous")
-    assert found["angle_deg"] == pytest.approx(expected.min(), abs=0.1)
-    sine = np.linalg.norm(a) / np.linalg.norm(stack("quadratic_viscous"))
-    assert found["sine_b"] == pytest.approx(sine, rel=1e-3)
-
-
-def test_what_the_runs_leave_undetermined_is_said(angles):
-    prepared, _, table = angles
-    said = find_undetermined(prepared, table)
-    assert any("same payload" in one["reason"] for one in said)
-    assert not any(one["effect"] == "temperature_dependent_friction" for one in said)
-    for run in prepared.runs:
-        run.signals.temperature[:] = np.nan
-    said = find_undetermined(prepared, table)
-    missing = [one for one in said if one["effect"] == "temperature_dependent_friction"]
-    assert [one["joint"] for one in missing] == ["a", "b"]
-    assert "temperature" in missing[0]["motion"]
 
 
 def test_black_box_finds_a_planted_interaction_and_no_noise():
@@ -148,11 +90,11 @@ def test_black_box_finds_a_planted_interaction_and_no_noise():
     assert noise is None or noise.n_iter_ <= 3
 
 
-def test_black_box_on_runs_sees_what_no_named_signal_has(record):
+def test_black_box_on_runs_sees_what_no_named_signal_has(record, fit_declared):
     def product(t, q, v, a, rng):
         return np.column_stack([8.0 * np.tanh(4 * q[:, 0] * v[:, 1]), np.zeros(len(t))])
 
-    prepared, model = fit_declared(record(runs=4, extra_torque=product))
+    prepared, _, model = fit_declared(record(runs=4, extra_torque=product))
     table = judge_black_box(prepared, predict_runs(prepared, model, model)).set_index(["joint", "stage"])
     assert table.loc[("a", "before"), "share_removed"] > 0.3
     assert table.loc[("b", "before"), "share_removed"] < 0.1
@@ -165,8 +107,8 @@ def models_of(prepared, model):
     return {stage: make_corrected_model(prepared, model, made, stage) for stage in ("before", "after")}
 
 
-def test_failed_simulation_is_said_and_leaves_no_numbers(record, monkeypatch):
-    prepared, model = fit_declared(record(runs=2, duration=6.0))
+def test_failed_simulation_is_said_and_leaves_no_numbers(record, fit_declared, monkeypatch):
+    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
     models = models_of(prepared, model)
 
     def fail(simulated, *args, **kwargs):
@@ -185,7 +127,7 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     folder = record(planted=spring, runs=4, duration=10.0, rate=100.0)
     out = tmp_path / "out"
     said = []
-    verdict = close_loop(folder, out, options=TraceOptions(flips=499), progress=said.append)
+    verdict = close_loop(folder, out, policy=Policy(flips=499), progress=said.append)
     tables = {path.stem for path in out.glob("*.parquet")}
     expected = {
         "signals",
@@ -214,13 +156,13 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     assert verdict["black_box"]["b"]["before"]["share_removed"] > 0.5
 
 
-def test_residual_of_a_joint_that_stands_still_is_not_described(record):
-    prepared, model = fit_declared(record(runs=2, duration=6.0))
+def test_residual_of_a_joint_that_stands_still_is_not_described(record, fit_declared):
+    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
     whole = predict_runs(prepared, model, model)
     still = [Predicted(p.run, p.declared, p.before, p.after) for p in whole]
     for p in still:
         p.run.keep[:, 1] = False
-    table = diagnose(prepared, still)
+    table = diagnose_residuals(prepared, still)
     b = table[table["joint"] == "b"]
     assert b[["rms", "relative_error", "peak", "ljung_box_p"]].isna().all(axis=None)
     assert np.isfinite(table.loc[table["joint"] == "a", "rms"]).all()

@@ -1,28 +1,33 @@
-"""The block sums give what plain least squares on the rows gives."""
+"""The block sums of a fitted model give what plain least squares on the rows gives; blocks and folds."""
 
 import numpy as np
 import pytest
 
 from wearscope.closed_loop.model.blocks import make_blocks, make_folds
-from wearscope.closed_loop.selection.rule import TraceOptions
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import (
-    Entry,
     Regression,
     block_scores,
     cross_validate_family,
     partial_fit,
 )
-from wearscope.closed_loop.run import find_prismatic
-from wearscope.closed_loop.selection.search import Tracer
+from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 
 
-@pytest.fixture
-def tracer(record):
-    folder = record([(0, "stribeck", {"level": 6.0, "speed": 0.3})], seed=1, runs=4, duration=8.0)
-    return Tracer(prepare(read_dataset(folder, find_prismatic)), TraceOptions(flips=99))
+@pytest.fixture(scope="module")
+def problem(record_at, pose, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("regression") / "duo"
+    planted = [(0, "stribeck", {"level": 6.0, "speed": 0.3})]
+    return pose(record_at(folder, planted, seed=1, runs=4, duration=8.0))
+
+
+@pytest.fixture(scope="module")
+def model(problem):
+    return fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
 
 
 def weighted_rows(model: Regression, extra: list[np.ndarray] | None = None):
@@ -35,29 +40,24 @@ def weighted_rows(model: Regression, extra: list[np.ndarray] | None = None):
     return np.concatenate(x), np.concatenate(y), np.concatenate(run)
 
 
-def family_and_columns(tracer: Tracer):
-    family = next(f for f in tracer.families if f.effect.name == "quadratic_viscous" and f.joint == 0)
-    full = []
-    for x in family.columns:
-        padded = np.zeros((len(x), 2, 1))
-        padded[:, 0] = x
-        full.append(padded)
-    return family, full
+@pytest.fixture(scope="module")
+def curved(problem):
+    """Columns of quadratic friction at the first joint: at that joint alone, and at all."""
+    candidate = problem.candidate(load_effect("quadratic_viscous"), 0)
+    own = problem.layout.unpack(candidate.rows[0])
+    return own, [np.stack([x, np.zeros_like(x)], axis=1) for x in own]
 
 
-def test_solution_is_weighted_least_squares(tracer):
-    x, y, _ = weighted_rows(tracer.before)
+def test_solution_is_weighted_least_squares(model):
+    x, y, _ = weighted_rows(model)
     expected = np.linalg.lstsq(x, y, rcond=None)[0]
-    np.testing.assert_allclose(tracer.before.solve(), expected, rtol=1e-6)
-    np.testing.assert_allclose(
-        tracer.before.losses(tracer.before.solve()).sum(), ((y - x @ expected) ** 2).sum(), rtol=1e-8
-    )
+    np.testing.assert_allclose(model.solve(), expected, rtol=1e-6)
+    np.testing.assert_allclose(model.losses(model.solve()).sum(), ((y - x @ expected) ** 2).sum(), rtol=1e-8)
 
 
-def test_family_beside_the_model_is_the_joint_fit(tracer):
-    family, full = family_and_columns(tracer)
-    model = tracer.before
-    fit = partial_fit(model, model.correlate(family.columns, 0, 1))
+def test_family_beside_the_model_is_the_joint_fit(model, curved):
+    own, full = curved
+    fit = partial_fit(model, model.correlate(own, 0, 1))
     x, y, _ = weighted_rows(model, full)
     theta = np.linalg.lstsq(x, y, rcond=None)[0]
     before = model.losses(model.solve()).sum()
@@ -65,10 +65,9 @@ def test_family_beside_the_model_is_the_joint_fit(tracer):
     np.testing.assert_allclose(fit.gain[0], before - ((y - x @ theta) ** 2).sum(), rtol=1e-4)
 
 
-def test_held_out_losses_are_those_of_runs_left_out(tracer):
-    family, full = family_and_columns(tracer)
-    model = tracer.before
-    losses = cross_validate_family(model, model.correlate(family.columns, 0, 1), tracer.folds)
+def test_held_out_losses_are_those_of_runs_left_out(problem, model, curved):
+    own, full = curved
+    losses = cross_validate_family(model, model.correlate(own, 0, 1), problem.layout.folds)
     x, y, run = weighted_rows(model, full)
     block_run = np.array([b.run for b in model.blocks])
     for r in range(3):
@@ -77,10 +76,8 @@ def test_held_out_losses_are_those_of_runs_left_out(tracer):
         np.testing.assert_allclose(losses[block_run == r].sum(), expected, rtol=1e-4)
 
 
-def test_scores_of_a_fitted_family_sum_to_zero_and_feel_the_residual(tracer):
-    family, _ = family_and_columns(tracer)
-    model = tracer.before
-    regressors = model.correlate(family.columns, 0, 1)
+def test_scores_of_a_fitted_family_sum_to_zero_and_feel_the_residual(model, curved):
+    regressors = model.correlate(curved[0], 0, 1)
     fit = partial_fit(model, regressors)
     scores = block_scores(model, regressors, fit.beta)
     assert np.abs(scores.sum(axis=0)).max() < 1e-3 * np.abs(scores).max()
@@ -89,19 +86,20 @@ def test_scores_of_a_fitted_family_sum_to_zero_and_feel_the_residual(tracer):
     assert np.abs(scores).max() > 0
 
 
-def test_adding_the_effect_that_made_the_data_leaves_only_noise(tracer):
-    entry = Entry(load_effect("stribeck"), 0, (0.3, 1.0), (0,))
-    after = tracer.fit([entry])
+def test_adding_the_effect_that_made_the_data_leaves_only_noise(problem, model):
+    term = ModelTerm(load_effect("stribeck"), 0, (0.3, 1.0), (0,))
+    after = refit(model, [*model.entries, term])
     assert after.solve()[-1] == pytest.approx(6.0, rel=0.03)
-    fresh = after.cross_validate_joints(tracer.folds)[0]
-    assert fresh < 0.35 * tracer.declared[0]
+    folds = problem.layout.folds
+    assert after.cross_validate_joints(folds)[0] < 0.35 * model.cross_validate_joints(folds)[0]
 
 
-def test_folds_hold_out_runs_and_leave_gaps_in_a_single_run(tracer):
-    assert tracer.folds.by_run and tracer.folds.test.shape[0] == 3
-    assert not (tracer.folds.train & tracer.folds.test).any()
-    single = [b for b in tracer.blocks if b.run == 0]
-    folds = make_folds(single)
+def test_folds_hold_out_runs_and_leave_gaps_in_a_single_run(problem):
+    folds = problem.layout.folds
+    assert folds.by_run and folds.test.shape[0] == 3
+    assert not (folds.train & folds.test).any()
+    single = [b for b in problem.layout.blocks if b.run == 0]
+    folds = make_folds(single, ["one.csv"])
     assert not folds.by_run
     assert folds.test.sum(axis=0).tolist() == [1] * len(single)
     for train, test in zip(folds.train, folds.test, strict=True):
@@ -111,22 +109,30 @@ def test_folds_hold_out_runs_and_leave_gaps_in_a_single_run(tracer):
                 assert not train[neighbour]
 
 
-def test_blocks_cover_every_row_once(tracer):
-    for r, run in enumerate(tracer.prepared.runs_for("train")):
+def test_pieces_of_one_recording_are_held_out_together(problem):
+    folds = make_folds(problem.layout.blocks, ["a.csv", "b.csv", "a.csv"])
+    run = np.array([b.run for b in problem.layout.blocks])
+    assert folds.by_run and len(folds.test) == 2
+    held = folds.test[folds.test[:, run == 0].any(axis=1)]
+    assert len(held) == 1
+    np.testing.assert_array_equal(held[0], np.isin(run, [0, 2]))
+
+
+def test_blocks_cover_every_row_once(problem):
+    for r, run in enumerate(problem.train):
         rows = np.concatenate(
-            [np.arange(b.start, b.stop) for b in make_blocks(tracer.prepared) if b.run == r]
+            [np.arange(b.start, b.stop) for b in make_blocks(problem.prepared) if b.run == r]
         )
         np.testing.assert_array_equal(rows, np.arange(len(run.t)))
 
 
-def test_p_values_are_about_uniform_on_noise(record, tmp_path):
-    values = []
-    for seed in range(12):
-        folder = record(seed=50 + seed, runs=3, duration=6.0)
-        tracer = Tracer(prepare(read_dataset(folder, find_prismatic)), TraceOptions(flips=199))
-        scored = tracer.score_all(tracer.before, tracer.families)
-        values.append(min(s.p_block for s in scored))
-        folder.rename(tmp_path / f"done{seed}")
-    # The smallest of all candidates' family-wise p-values is uniform where nothing is there.
-    assert np.mean(values) > 0.2
-    assert np.sum(np.array(values) < 0.01) <= 3
+def test_packed_rows_are_those_of_the_blocks_and_unpacked_ones_those_of_the_runs(problem):
+    layout = problem.layout
+    x = np.arange(1.0, len(problem.target) + 1)
+    packed = layout.pack(x)
+    assert np.sort(packed[packed > 0]).tolist() == x.tolist()
+    start = np.cumsum([0, *(len(run.t) for run in problem.train)])
+    for b, block in enumerate(layout.blocks):
+        own = x[start[block.run] + block.start : start[block.run] + block.stop]
+        assert packed[b, : len(own)].tolist() == own.tolist() and not packed[b, len(own) :].any()
+    assert [len(part) for part in layout.unpack(x)] == [len(run.t) for run in problem.train]

@@ -5,75 +5,98 @@ import pytest
 
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.joint_flexibility import is_solvable, softness, solve_gears
 from wearscope.closed_loop.model.prediction import predict_full, refit
-from wearscope.closed_loop.selection.rule import TraceOptions
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.model.regression import Entry
-from wearscope.closed_loop.run import close_loop, find_prismatic
-from wearscope.closed_loop.selection.search import Tracer
-from wearscope.closed_loop.model.joint_flexibility import find_held, softness, solve_transmission
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.run import close_loop
 from wearscope.effects.base import load_effect
 
 
-def prepared_of(folder):
-    return prepare(read_dataset(folder, find_prismatic))
+@pytest.fixture
+def soft_model(record, pose):
+    """Model with a compliance at the first joint, fitted to data that one made."""
+
+    def make(compliance, noise=1.0):
+        folder = record([(0, "joint_elasticity", {"compliance": compliance})], seed=5, noise=noise)
+        problem = pose(folder)
+        model = fit_declared_model(
+            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+        )
+        soft = ModelTerm(load_effect("joint_elasticity"), 0, (), (0,))
+        return refit(model, [*model.entries, soft])
+
+    return make
 
 
-def soft_model(prepared, joint=0):
-    tracer = Tracer(prepared, TraceOptions(flips=19))
-    return refit(
-        tracer.before, [*tracer.before.entries, Entry(load_effect("joint_elasticity"), joint, (), (0,))]
-    )
-
-
-def test_compliance_near_resonance_is_found_in_spite_of_torque_noise(record):
-    compliance = 6e-4
-    prepared = prepared_of(record([(0, "joint_elasticity", {"compliance": compliance})], seed=5))
-    model = soft_model(prepared)
+def test_compliance_near_resonance_is_found_in_spite_of_torque_noise(soft_model):
+    model = soft_model(6e-4)
     theta = model.solve()
-    run = prepared.runs_for("train")[0]
-    swing = softness(model, theta, run)[0] * (2 * np.pi * prepared.band.torque) ** 2
-    assert swing > 1.0, "the case must have the link swing within the band"
-    assert list(find_held(model)) == [len(model.entries) - 1]
-    assert theta[-1] == pytest.approx(compliance, rel=0.04)
+    run = model.prepared.runs_for("train")[0]
+    soft = softness(model, theta, run.signals)
+    assert soft[0] * (2 * np.pi * run.band.torque) ** 2 > 1.0, "the link must swing within the band"
+    assert not is_solvable(soft, run.band)[0]
+    assert list(model.held) == [len(model.entries) - 1]
+    assert theta[-1] == pytest.approx(6e-4, rel=0.04)
 
 
-def test_solved_torque_is_that_of_the_link(record):
-    prepared = prepared_of(record([(0, "joint_elasticity", {"compliance": 8e-5})], seed=5, noise=0.0))
-    model = soft_model(prepared)
+def test_solved_torque_is_that_of_the_link(soft_model):
+    model = soft_model(8e-5, noise=0.0)
     theta = model.solve()
     assert not model.held
-    run = prepared.runs_for("test")[0]
-    solved = solve_transmission(model, theta, run)
+    run = model.prepared.runs_for("test")[0]
+    solved = solve_gears(model, theta, run)
     off = run.reduce(run.tau - predict_full(model, theta, run))[:, 0]
     rigid = refit(model, model.entries[:-1])
     before = run.reduce(run.tau - predict_full(rigid, rigid.solve(), run))[:, 0]
     assert np.std(off) < 0.3 * np.std(before)
     assert np.std(solved[:, 0] - run.signals.load[:, 0]) > 0
     assert run.signals.transmitted is None
+    assert solve_gears(rigid, rigid.solve(), run) is None
+
+
+def test_prediction_along_the_motion_does_not_see_the_recorded_torque(soft_model):
+    """What is predicted must not hold the noise of what it is compared with."""
+    model = soft_model(6e-4)
+    theta = model.solve()
+    run = model.prepared.runs_for("test")[0]
+    before = predict_full(model, theta, run)
+    run.tau += np.random.default_rng(0).standard_normal(run.tau.shape)
+    np.testing.assert_array_equal(predict_full(model, theta, run), before)
+
+
+def lost_motion_of(folder, bounded):
+    """Verdict on the board's arm, whose load changes sign as the small arm's never does; the planted gap."""
+    recipe = Recipe(duration=12.0, bounded=bounded)
+    truth = generate_dataset(folder / "arm", "arm3", [Planted("backlash", "elbow", 6.0)], 11, recipe)
+    return close_loop(folder / "arm", folder / "out", light=True), truth["planted"][0]["parameters"]["gap"]
 
 
 def test_lost_motion_is_named_and_measured(tmp_path):
-    # The small arm's load never changes sign; the board's does.
-    truth = generate_dataset(
-        tmp_path / "arm", "arm3", [Planted("backlash", "elbow", 6.0)], 11, Recipe(duration=12.0)
-    )
-    verdict = close_loop(tmp_path / "arm", tmp_path / "out", light=True)
+    verdict, gap = lost_motion_of(tmp_path, bounded=True)
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("elbow", "backlash")]
-    found = verdict["verdict"][0]["parameters"]["lost_motion"]["value"]
-    assert found == pytest.approx(truth["planted"][0]["parameters"]["gap"]["value"], rel=0.25)
+    assert verdict["verdict"][0]["parameters"]["lost_motion"]["value"] == pytest.approx(
+        gap["value"], rel=0.25
+    )
     joint = verdict["joints"]["elbow"]
     assert joint["rms_after"] < joint["rms_before"]
 
 
+@pytest.mark.xfail(
+    strict=True, reason="a lost motion of 1.3 deg, which no gear has, is answered payload_error of -0.1 g"
+)
+def test_a_lost_motion_beyond_belief_is_no_payload(tmp_path):
+    verdict, _ = lost_motion_of(tmp_path, bounded=False)
+    assert {e["effect"] for e in verdict["verdict"]} <= {"backlash", "unknown"}
+
+
 @pytest.mark.parametrize("width", [0.0, 0.004])
-def test_width_of_the_friction_reversal_is_found(record, width):
+def test_width_of_the_friction_reversal_is_found(record, pose, width):
     def smoother(t, q, v, a, rng):
         return 20.0 * (np.tanh(v / width) - np.sign(v)) if width else 0.0 * v
 
     folder = record([(0, "coulomb", {"level": 14.0}), (1, "coulomb", {"level": 17.0})], extra_torque=smoother)
-    run = prepared_of(folder).runs[0]
+    run = pose(folder).prepared.runs[0]
     sign, v = run.signals.sign, run.signals.v
     inside = (np.abs(v) > 1e-4) & (np.abs(v) < 0.05)
     assert inside.any(axis=0).all()

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.config import StudyConfig, label, load_config, make_schema
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.kinds import make_design
@@ -161,3 +162,36 @@ def test_labels():
     assert label("path/to/arm/model.yaml") == "arm"
     assert label("results/closed_loop/x/model_after.yaml") == "model_after"
     assert label("my/slow.py") == "slow"
+
+
+def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper):
+    settings = load_config(paper).closed_loop
+    assert settings.policy == Policy()
+    paper["closed_loop"] = {"policy": {"family_level": "1e-3", "seed": 0}, "effects": ["my/hose_drag.py"]}
+    changed = load_config(paper).closed_loop
+    assert changed.policy == Policy(family_level=0.001, seed=0)
+    assert changed.effects == ["my/hose_drag.py"] and not changed.allow_code
+    refuse(
+        {**paper, "closed_loop": {"policy": {"familly_level": 0.1}}},
+        "closed_loop.policy.familly_level",
+        "family_level?",
+    )
+    refuse({**paper, "closed_loop": {"policy": {"flips": 5}}}, "closed_loop.policy.flips", "99")
+    refuse(
+        {**paper, "closed_loop": {"effects": ["hose_drag"]}},
+        "closed_loop.effects: hose_drag is no path of a .py file",
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "allowed"),
+    [
+        ({}, False),
+        ({"allow_code": True}, True),
+        ({"closed_loop": {"allow_code": True}}, True),
+        # Those are the paths that a robot's model may name.
+        ({"allow_code": ["mine.py"]}, False),
+    ],
+)
+def test_code_of_a_data_set_runs_only_where_it_is_allowed(paper, change, allowed):
+    assert load_config(paper | change).may_run_code() is allowed

@@ -160,7 +160,7 @@ def test_too_many_failed_points_are_refused(user_file):
     with pytest.raises(
         InputError,
         match=r"fda 'mine', robot medium, cycle sweep, axis 1: failed at 3 of 20 identification "
-        r"points, more than the share 0.05 allowed; first at point 11: RuntimeError: no luck; mend",
+        r"points, more than the share 0.05 allowed; first at point 11: RuntimeError: no luck; correct",
     ):
         run(path, {"fail_at": [11, 12, 13]})
     assert run(path, {"fail_at": [11, 12, 13]}, max_failed_share=0.15)["y"].isna().sum() == 9
@@ -236,3 +236,63 @@ def test_the_example_of_the_documentation_works(tmp_path):
     table = run(str(path), {"quantile": 0.9})
     expected = np.abs(table["f"].to_numpy())
     assert table["y"].to_numpy() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("breaks", "status"),
+    [
+        ("while True: pass", "took longer than 0.5 s"),
+        (
+            "while True:\n                try: time.sleep(9)\n                except: pass",
+            "took longer than 0.5 s",
+        ),
+        ("sys.exit(3)", "SystemExit: 3"),
+        ("os._exit(3)", "ended its process (exit code 3)"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed its process (SIGSEGV)"),
+    ],
+)
+def test_detector_that_hangs_ends_or_crashes_its_process_is_a_failed_point(user_file, breaks, status):
+    path = user_file(breaks)
+    Path(path).write_text("import os, signal, sys, time\n" + Path(path).read_text(), encoding="utf-8")
+    seen = []
+    table = run(path, {"fail_at": [3]}, axes=(1,), max_failed_share=0.1, time_limit=0.5, report=seen.append)
+    healthy = run(path, axes=(1,))
+    failed = table["point"] == 3
+    assert failed.sum() == 2 and (table[failed]["status"] == status).all() and table[failed]["y"].isna().all()
+    pd.testing.assert_frame_equal(table[~failed], healthy[~failed])
+    assert seen[-1] == 30
+
+
+def test_detector_that_is_lost_too_often_is_refused_without_asking_on(user_file):
+    path = user_file("while True: pass")
+    with pytest.raises(
+        InputError, match=r"axis 1: took longer than 0.2 s at 2 identification points, the last"
+    ):
+        run(path, {"fail_at": range(20)}, axes=(1,), max_failed_share=0.05, time_limit=0.2)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("while True: pass", "axis 1: fit took longer than 0.3 s"),
+        ("sys.exit(0)", "cannot be fitted.*SystemExit: 0"),
+    ],
+)
+def test_fit_that_hangs_or_exits_is_refused(user_file, body, words):
+    path = user_file()
+    text = Path(path).read_text().replace("        self.axis = axis\n", f"        {body}\n")
+    Path(path).write_text("import sys\n" + text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        run(path, time_limit=0.3)
+
+
+def test_module_that_exits_is_refused(tmp_path):
+    (tmp_path / "gone.py").write_text("import sys; sys.exit(0)")
+    with pytest.raises(InputError, match=r"importing it raised SystemExit: 0"):
+        load_detector(str(tmp_path / "gone.py"))
+
+
+def test_answers_in_a_process_of_their_own_are_the_same(user_file):
+    pd.testing.assert_frame_equal(run(user_file(), time_limit=60), run(user_file()))
+    with pytest.raises(InputError, match="two batches"):
+        run(user_file(), batches=[*make_batches(DESIGNS), *make_batches(DESIGNS)], time_limit=60)

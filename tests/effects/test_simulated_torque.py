@@ -56,6 +56,12 @@ CASES = {
     "joint_spring": ("turn", {"stiffness": 60.0, "preload": 5.0}),
     "gravity_counterbalance": ("lift", {"sine1": 50.0, "cosine1": -90.0, "bias": 10.0}),
     "payload_error": ("slide", {"mass": 2.5, "moment_x": 0.3, "moment_z": -0.4}),
+    "inertial_error": (
+        "slide",
+        {"mass_2": 3.0, "moment_x_2": 0.9, "moment_y_2": -0.4, "inertia_yy_2": 0.3, "inertia_zz_1": 0.8,
+         "mass_3": 1.5},
+    ),
+    "wear": ("turn", {"eta7": 0.5, "eta8": 0.004, "eta9": 0.3}),
     "rotor_inertia": ("turn", {"inertia": 9.0}),
     "rotor_inertia_error": ("turn", {"inertia": 3.0}),
     "torque_constant_error": ("lift", {"gain": 0.05}),

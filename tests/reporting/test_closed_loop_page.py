@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from wearscope import tables
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
     against_signal,
@@ -28,7 +29,8 @@ def one_joint(before, after, floor):
     return {
         "unit": "N m", "rms_as_declared": before * 1.1, "rms_before": before, "rms_after": after,
         "rms_before_ci95": [0.9 * before, 1.1 * before], "rms_after_ci95": [0.9 * after, 1.1 * after],
-        "noise_floor": floor, "test_runs": {"runs/r2.parquet": [before, after]},
+        "noise_floor": floor, "state": "corrected", "unexplained_rms": None, "unexplained_depends_on": [],
+        "unexplained_reason": "", "test_runs": {"runs/r2.parquet": [before, after]},
         "relative_error_percent": {"runs/r2.parquet": [10 * before, 10 * after]},
     }  # fmt: skip
 
@@ -37,18 +39,21 @@ ENTRY = {
     "joint": "a", "effect": "stribeck", "equivalent": ["concave_viscous"],
     "depends_on": ["qd_a", "sign_qd_a"],
     "parameters": {"level": {"value": 2.5, "ci95": [2.0, 3.0], "unit": "N m"}}, "fixed": {"exponent": 2.0},
-    "error_reduction": 0.62,
+    "error_reduction": 0.62, "error_reduction_ci95": [0.55, 0.7], "status": "confirmed",
 }  # fmt: skip
 UNKNOWN = {
     "joint": "b", "effect": "unknown", "equivalent": [], "depends_on": ["q_a", "sign_qd_b"],
     "parameters": {
         f"height{k}": {"value": k - 3.0, "ci95": [k - 4.0, k - 2.0], "unit": "N m"} for k in range(8)
     },
-    "fixed": {}, "error_reduction": 0.4,
+    "fixed": {}, "error_reduction": -0.12, "error_reduction_ci95": [-0.2, -0.04], "status": "refuted",
 }  # fmt: skip
 VERDICT = {
     "dataset": "made <by> hand",
-    "verdict": [ENTRY, UNKNOWN],
+    "verdict": [UNKNOWN, ENTRY],
+    "rule": Policy(flips=499).model_dump(),
+    "version": "1.2.3 (abc)",
+    "stopped": ["a: the most terms that are asked for (8) are named; what is left may hold more"],
     "joints": {"a": one_joint(2.0, 1.0, 0.5), "b": one_joint(1.5, 1.6, None)},
     "band": {"motion_hz": 20.0, "torque_hz": 6.0},
     "notes": ["runs/r1.parquet: spikes of tau_a in 3 rows <were> bridged."],
@@ -90,7 +95,7 @@ def write(folder, verdict, light=False, failed=False):
     candidate = {
         "step": 0, "joint": "a", "effect": "stribeck", "coefficients": "level", "shape": "0.1 1",
         "cv_gain": 0.5,
-        "p_value": 0.001, "p_runs": 0.01, "isolability": 0.4, "taken": True, "reason": "taken",
+        "p_value": 0.001, "agreement": 1.0, "isolability": 0.4, "taken": True, "reason": "taken",
     }  # fmt: skip
     loser = candidate | {
         "effect": "viscous",
@@ -162,29 +167,94 @@ def test_page_needs_nothing_else_and_escapes_what_it_is_given(tmp_path):
     assert "&lt;span" not in html and "nan" not in text_of(html)
 
 
-def test_page_says_name_equivalent_unknown_and_what_got_worse(tmp_path):
+def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     write(tmp_path, VERDICT)
-    text = text_of(page(tmp_path))
-    assert "stribeck , depending on qd_a and sign_qd_a, removes 62 %" in text
-    assert "equivalent these runs cannot tell it from concave_viscous" in text
-    assert "unknown structure that no named effect explains, depending on q_a and sign_qd_b" in text
+    html = page(tmp_path)
+    text = text_of(html)
+    assert "The test runs confirm it: it removes 62 % (95 %: 55 to 70) of the residual variance at a." in text
+    assert "The test runs refute it: it adds 12 % (95 %: 4 to 20) to the residual variance at b." in text
+    assert "Depends on qd_a and sign_qd_a." in text
+    assert "cannot be told from concave_viscous on these runs" in text
+    assert "Structure that no named effect explains. Depends on q_a and sign_qd_b." in text
     assert "8 heights of a spline −3 to 4" in text
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
     assert "80 % of the gap to the noise floor closed" in text
+    assert "larger by 7 %" in text and text.count("larger by") == 1
     assert "no motion repeated" in text
     assert "runs/r2.parquet 15 16 larger" in text and "runs/r2.parquet 20 10 smaller" in text
     assert "30 % of the rows of a do not count" in text
     assert "move slowly" in text and "record for longer" in text
     assert "stribeck and viscous" in text
+    assert "Stopped. a: the most terms that are asked for (8) are named" in text
+    assert "wearscope 1.2.3 (abc)" in text
+
+
+def test_refuted_effects_come_first_and_in_red(tmp_path):
+    joints = [ENTRY | {"joint": "a"}, UNKNOWN | {"joint": "b"}]
+    doubtful = ENTRY | {"effect": "viscous_asymmetry", "status": "not_confirmed", "error_reduction": 0.004}
+    doubtful |= {"error_reduction_ci95": [-0.01, 0.02]}
+    write(tmp_path, VERDICT | {"verdict": [doubtful, *joints]})
+    html = page(tmp_path)
+    headings = ["Refuted by the test runs (1)", "Confirmed by the test runs (1)", "Not confirmed (1)"]
+    places = [html.index(text) for text in (headings[0], "Stopped. ", *headings[1:])]
+    assert places == sorted(places)
+    cards = re.findall(r'<div class="card (\w+)"><h3>(\w+): <span class="badge (\w+)">(\w+)<', html)
+    assert cards == [
+        ("bad", "b", "bad", "unknown"),
+        ("good", "a", "good", "stribeck"),
+        ("unsure", "a", "unsure", "viscous_asymmetry"),
+    ]
+    said = "The test runs neither confirm nor refute it: it removes 0.4 % (95 %: −1.0 to 2.0)"
+    assert said in text_of(html)
+
+
+def test_numbers_of_the_rule_are_all_there_with_what_was_changed(tmp_path):
+    write(tmp_path, VERDICT)
+    text = text_of(page(tmp_path))
+    assert "flips 499 no, 999 Random sign patterns" in text
+    for name, field in Policy.model_fields.items():
+        assert field.description, name
+        if name != "flips":
+            assert f" {name} {field.default:g} yes " in text
 
 
 def test_page_of_none_says_so(tmp_path):
-    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": []}
+    for joint in JOINTS:
+        verdict["joints"][joint]["state"] = "explained"
     write(tmp_path, verdict)
     text = text_of(page(tmp_path))
     assert "None: the declared model suffices." in text
     assert text.count("nothing added.") == 2
-    assert "unknown structure" not in text
+    assert "Structure that no named effect" not in text and "Stopped" not in text
+
+
+def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    verdict["joints"]["b"] |= {
+        "state": "unexplained", "unexplained_rms": 0.8, "unexplained_depends_on": ["q_a", "t"],
+        "unexplained_reason": "a line at 3 Hz in time",
+    }  # fmt: skip
+    write(tmp_path, verdict)
+    html = page(tmp_path)
+    text = text_of(html)
+    assert "None: the declared model suffices" not in text
+    said = "Nothing was named, and the declared model does not suffice: b is left unexplained."
+    assert f'<div class="alarm">{said}</div>' in html
+    assert "Left unexplained: 0.8 N m RMS, depending on q_a and t (a line at 3 Hz in time)." in text
+    loop = read_closed_loop(tmp_path)
+    assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
+    verdict["joints"]["b"]["unexplained_depends_on"] = []
+    write(tmp_path, verdict)
+    assert "0.8 N m RMS, on what it depends is not known" in text_of(page(tmp_path))
+
+
+def test_effect_of_the_whole_robot_is_said_at_every_joint(tmp_path):
+    whole = ENTRY | {"joint": "b", "effect": "payload_error", "equivalent": []}
+    write(tmp_path, VERDICT | {"verdict": [whole]})
+    text = text_of(page(tmp_path))
+    assert "of the residual variance at all joints together" in text
+    assert "nothing added here, but payload_error acts on it too." in text
 
 
 def test_failed_simulation_is_an_alarm(tmp_path):
@@ -196,6 +266,7 @@ def test_failed_simulation_is_an_alarm(tmp_path):
     write(tmp_path, verdict, failed=True)
     html = page(tmp_path)
     assert html.count('<div class="alarm">') == 2
+    assert "Simulated forward, model after: 1 of 1 runs" in html
     assert "model after: failed: the robot fell over" in html
 
 

@@ -11,12 +11,18 @@ VERDICT = {
         {
             "joint": "axis_2", "effect": "gravity_counterbalance", "equivalent": ["joint_spring"],
             "depends_on": ["q_axis_2"], "parameters": {}, "error_reduction": 0.93,
+            "error_reduction_ci95": [0.9, 0.95], "status": "confirmed",
         }
     ],
     "joints": {
-        "axis_1": {"unit": "N m", "rms_before": 12.0, "rms_after": 11.8, "noise_floor": 9.0},
-        "axis_2": {"unit": "N m", "rms_before": 140.0, "rms_after": 35.0, "noise_floor": None},
+        "axis_1": {
+            "unit": "N m", "rms_before": 12.0, "rms_after": 11.8, "noise_floor": 9.0, "state": "explained",
+        },
+        "axis_2": {
+            "unit": "N m", "rms_before": 140.0, "rms_after": 35.0, "noise_floor": None, "state": "corrected",
+        },
     },
+    "stopped": [],
 }  # fmt: skip
 
 
@@ -26,8 +32,11 @@ def planted(effect="gravity_counterbalance", joint="axis_2"):
 
 def test_the_effect_is_named_with_what_it_removes():
     said = verdict_sentences(VERDICT, planted())
-    assert said[0].startswith("gravity_counterbalance on axis_2, depending on q_axis_2, removes 93 %")
-    assert "cannot tell it from joint_spring" in said[0]
+    assert said[0].startswith(
+        "gravity_counterbalance on axis_2, depending on q_axis_2. The test runs confirm it:"
+    )
+    assert "removes 93 % (95 %: 90 to 95) of the residual variance" in said[0]
+    assert "It cannot be told from joint_spring on these runs." in said[0]
     assert said[1] == "Planted was gravity_counterbalance on axis_2, which it found."
 
 
@@ -87,3 +96,23 @@ def test_intervals_forward_simulation_and_parameters_are_shown():
     assert ax.get_xscale() == "log"
     assert [0.4, 20.0] in [list(line.get_xdata()) for line in ax.lines]
     assert "(k 7,683 N m/rad, 95 % 5,913 to n/a)" in verdict_sentences(more)[0]
+
+
+def test_refuted_effects_are_told_first():
+    verdict = copy.deepcopy(VERDICT)
+    refuted = {**verdict["verdict"][0], "effect": "backlash", "status": "refuted", "error_reduction": -0.2}
+    verdict["verdict"].append(refuted | {"error_reduction_ci95": [-0.3, -0.1]})
+    said = verdict_sentences(verdict)
+    assert "The test runs refute it: it adds 20 % (95 %: 10 to 30) to the residual variance" in said[0]
+    assert said[0].startswith("backlash") and said[1].startswith("gravity_counterbalance")
+
+
+def test_what_is_left_and_why_the_search_stopped_are_told():
+    verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": ["axis_1: the most terms are named"]}
+    left = {"state": "unexplained", "unexplained_rms": 30.0, "unexplained_depends_on": ["q_axis_2", "t"]}
+    verdict["joints"]["axis_2"] |= left
+    assert verdict_sentences(verdict) == [
+        "No effect was named, and the declared model does not suffice.",
+        "Unexplained on axis_2: 30 N m RMS, depending on q_axis_2 and t.",
+        "axis_1: the most terms are named.",
+    ]

@@ -18,8 +18,13 @@ def render(study):
 
 VERDICT = {
     "verdict": [],
-    "joints": {"a<1>": {"unit": "N m", "rms_before": 2.0, "rms_after": None, "noise_floor": None}},
-}
+    "stopped": [],
+    "joints": {
+        "a<1>": {
+            "unit": "N m", "rms_before": 2.0, "rms_after": None, "noise_floor": None, "state": "explained",
+        }
+    },
+}  # fmt: skip
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
 import errno
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation import chunk, recording, study
+from wearscope.simulation import chunk, study
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
@@ -68,6 +70,17 @@ def test_finished_points_are_kept_and_stale_ones_made_again(tmp_path, model, cyc
     assert [point for point in prints if changed[point] != prints[point]] == [2]
     assert [point for point, path in paths.items() if path.stat().st_mtime_ns != moments[point]] == [2]
     assert simulate(tmp_path, ROWS[:1], model, cycle, common="other code").fingerprints[1] != prints[1]
+
+
+def test_recording_with_a_flipped_bit_is_made_again_though_its_fingerprint_holds(tmp_path, model, cycle):
+    simulate(tmp_path, ROWS[:2], model, cycle)
+    path = point_path(tmp_path, "identification", 2)
+    good = path.read_bytes()
+    place = good.index(b"fingerprint") - len(good) // 3  # within the pages, before the footer
+    path.write_bytes(good[:place] + bytes([good[place] ^ 16]) + good[place + 1 :])
+    assert pq.read_schema(path).metadata[b"fingerprint"]
+    simulate(tmp_path, ROWS[:2], model, cycle)
+    assert path.read_bytes() == good
 
 
 def test_seed_and_identity_change_the_noise(tmp_path, model, cycle):
@@ -168,7 +181,7 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
             raise OSError(errno.ENOSPC, "No space left on device")
         genuine(table, name, **options)
 
-    monkeypatch.setattr(recording.pq, "write_table", fill)
+    monkeypatch.setattr(pq, "write_table", fill)
     with pytest.raises(InputError, match=r"point=2.*No space left on device.*free disk space"):
         simulate(tmp_path, ROWS, model, cycle)
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["recording.parquet"]
@@ -180,7 +193,7 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
     [
         (
             {"w3": ("temperature", 10.0, 70.0)},
-            r"factors.w3: 10 degC is below the validity of the friction law",
+            r"factors.w3: medium: temperature 10 deg C is outside the friction law",
         ),
         ({"f": ("wear", -1.0, 50.0)}, r"factors.f: a wear of -1"),
         ({"w4": ("dwell", -5.0, 50.0)}, r"factors.w4: a delay of -5 ms"),
@@ -233,3 +246,41 @@ def test_simulation_that_does_not_start_is_told(model, cycle, monkeypatch):
     monkeypatch.setattr("wearscope.simulation.world.SELF_TEST_TOLERANCE", 0.0)
     with pytest.raises(InputError, match=r"fails at its start, self-test: .*; correct the robot"):
         check_start(model, cycle, "mine", 0.001)
+
+
+def test_point_that_hangs_or_crashes_has_failed_and_the_others_are_the_same(
+    tmp_path, model, cycle, monkeypatch
+):
+    whole = simulate(tmp_path / "whole", ROWS, model, cycle)
+
+    def stuck(model, dwell, step):
+        while dwell > 0.06:
+            pass
+        return cycle.build(model, dwell, step)
+
+    def crash(model, dwell, step):
+        if dwell > 0.06:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return cycle.build(model, dwell, step)
+
+    rows = [ROWS[0], ROWS[2], ROWS[1]]
+    for build, reason in ((stuck, "took longer than 5 s"), (crash, "crashed its process (SIGKILL)")):
+        folder, done = tmp_path / build.__name__, []
+        mine = Cycle("mine", "Mine.", build)
+        outcome = chunk.simulate_chunk(
+            folder, "identification", rows, model, mine, PLAN, "code", done.append, time_limit=5.0
+        )
+        assert (
+            outcome.failed == {3: f"the simulation {reason}"} and outcome.fingerprints == whole.fingerprints
+        )
+        paths = {k: point_path(folder, "identification", k) for k in (1, 2, 3)}
+        assert not paths[3].exists()
+        for k in (1, 2):
+            assert paths[k].read_bytes() == point_path(tmp_path / "whole", "identification", k).read_bytes()
+
+
+def test_friction_law_without_its_speed_is_told(model):
+    effects = model.to_mapping()["effects"]
+    del effects[0]["parameters"]["eta3"]
+    with pytest.raises(InputError, match=r"the friction law of joint 'axis_1' has no eta3; add it"):
+        check_robot(model.replace(effects=effects), RANGES, 0.001)

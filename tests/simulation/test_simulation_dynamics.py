@@ -42,18 +42,17 @@ def test_mass_matrix_and_bias_are_pinocchios(arms):
             assert np.abs(scratch.bias - bias).max() < 1e-10 * np.abs(bias).max()
 
 
-def test_extra_payload_is_what_its_regressor_says(arms):
-    body, extra = (
-        arms.make_arm().rigid_body(),
-        np.array([2.5, 0.3, -0.2, 0.4, 0.1, 0.01, 0.2, 0.0, -0.03, 0.15]),
-    )
+def test_extra_inertials_are_what_their_regressor_says(arms):
+    body = arms.make_arm().rigid_body()
+    link = np.array([2.5, 0.3, -0.2, 0.4, 0.1, 0.01, 0.2, 0.0, -0.03, 0.15])
+    extra = np.outer(np.linspace(0.5, 1.0, body.n), link)
     scratch = make_scratch(body.n)
     rng = np.random.default_rng(2)
     q, v, a = rng.normal(size=(3, body.n))
     mass_and_bias(build_chain(body, extra), q, v, scratch)
     added = scratch.mass_matrix @ a + scratch.bias - body.inverse_dynamics(q, v, a)
-    regressor = body.payload_regressor(q, v, a)
-    np.testing.assert_allclose(added, regressor @ extra, rtol=0, atol=1e-10 * np.abs(added).max())
+    regressor = body.inertial_regressor(q, v, a)
+    np.testing.assert_allclose(added, regressor @ extra.ravel(), rtol=0, atol=1e-10 * np.abs(added).max())
 
 
 def test_forward_dynamics_in_pybullet_is_inverse_dynamics(arms):

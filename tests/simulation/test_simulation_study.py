@@ -258,7 +258,7 @@ def test_recording_file(medium, move, tmp_path):
     with pytest.raises(InputError, match="holds the joints axis_1"):
         read_recording(path, ["a", "b"])
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match="not a whole recording"):
+    with pytest.raises(InputError, match="not a whole Parquet file"):
         read_recording(path)
     with pytest.raises(InputError, match="no such file"):
         read_recording(tmp_path / "none.parquet")

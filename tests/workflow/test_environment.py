@@ -78,3 +78,6 @@ def test_ci_runs_make_test():
     script = ROOT / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     assert "make --no-print-directory test" in script.read_text()
+    script = ROOT / ".ci" / "run-long"
+    assert script.stat().st_mode & 0o111
+    assert "make --no-print-directory test-kills" in script.read_text()

@@ -1,12 +1,20 @@
 """What a workflow script says and how it ends."""
 
 import errno
+import hashlib
 import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from wearscope import checksums, processes, tables
 from wearscope.errors import InputError
 
 _SPEC = importlib.util.spec_from_file_location(
@@ -62,3 +70,98 @@ def test_a_defect_is_raised_with_its_traceback_in_the_log(snakemake, error):
     with pytest.raises(type(error)), job.run_job(snakemake):
         raise error
     assert "Traceback" in Path(snakemake.log[0]).read_text()
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch, snakemake):
+    """A job between two files of a study."""
+    monkeypatch.chdir(tmp_path)
+    snakemake.input = ["results/tiny/given.json", "src/code.py"]
+    snakemake.output = ["results/tiny/made.json"]
+    tables.write_text("results/tiny/given.json", '{"y": 17.61}')
+    checksums.record_checksums("results/tiny", ["results/tiny/given.json"])
+    return snakemake
+
+
+def test_what_a_job_writes_is_checked_by_the_next(study, capsys):
+    with job.run_job(study):
+        tables.write_text("results/tiny/made.json", "1")
+    text = Path("results/tiny/.checksums/made.json.sha256").read_text()
+    assert text == f"{hashlib.sha256(b'1').hexdigest()}  made.json\n"
+    given = Path("results/tiny/given.json")
+    stat = given.stat()
+    given.write_text('{"y": 17.62}')
+    os.utime(given, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    with pytest.raises(SystemExit), job.run_job(study):
+        pytest.fail("the job was run on a damaged file")
+    said = capsys.readouterr().err
+    assert "results/tiny/given.json: is not what was written (its checksum differs)" in said
+    assert "run the same command again" in said and said.count("\n") == 1
+    assert not given.exists() and Path("results/tiny/.given.json.damaged").read_text() == '{"y": 17.62}'
+    tables.write_text(given, '{"y": 17.61}')
+    assert not Path("results/tiny/.given.json.damaged").exists()
+    with job.run_job(study):
+        tables.write_text("results/tiny/made.json", "1")
+
+
+def test_damage_within_a_job_withdraws_the_recording_and_its_chunk(study, capsys):
+    folder = Path("results/tiny/traces/medium/moves/identification")
+    for number, points in enumerate(({"1": "a"}, {"2": "b"})):
+        tables.write_text(
+            folder / f"_chunk-{number}.json", json.dumps({"fingerprints": points, "failed": {}})
+        )
+    tables.write_text(folder / "point=2" / "recording.parquet", "no table")
+    with pytest.raises(SystemExit), job.run_job(study):
+        tables.read_table(folder / "point=2" / "recording.parquet")
+    assert "point=2/recording.parquet: not a whole Parquet file" in capsys.readouterr().err
+    assert not (folder / "point=2" / "recording.parquet").exists()
+    assert [path.name for path in folder.glob("_chunk*")] == ["_chunk-0.json"]
+
+
+def test_damage_outside_the_results_is_told_and_left(study, tmp_path, capsys):
+    (tmp_path / "mine.parquet").write_text("no table")
+    with pytest.raises(SystemExit), job.run_job(study):
+        tables.read_table("mine.parquet")
+    assert "delete it and make it again" in capsys.readouterr().err
+    assert (tmp_path / "mine.parquet").exists()
+
+
+def test_a_job_ends_with_the_process_it_works_for():
+    script = (
+        "import os, subprocess, sys, time\n"
+        "from wearscope.processes import MAIN, identify_process\n"
+        "worker = 'import os, sys, time; from wearscope.processes import end_with;'\n"
+        "worker += 'end_with(sys.argv[1]); print(os.getpid(), flush=True); time.sleep(60)'\n"
+        "subprocess.Popen([sys.executable, '-c', worker, identify_process(os.getpid())])\n"
+        "time.sleep(60)\n"
+    )
+    main = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    worker = int(main.stdout.readline())
+    assert processes.identify_process(worker)
+    main.kill()
+    main.wait()
+    main.stdout.close()
+    end = time.monotonic() + 5
+    while _runs(worker) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not _runs(worker)
+
+
+def _runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_job_whose_main_process_is_gone_does_not_start():
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    identity = processes.identify_process(gone.pid)
+    gone.wait()
+    code = "import sys; from wearscope.processes import end_with; end_with(sys.argv[1]); print('here')"
+    for other in (identity, identity.split(":")[0] + ":1", f"{os.getpid()}:1"):
+        done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
+        assert done.returncode == -signal.SIGKILL and not done.stdout
+    for other in ("", processes.identify_process(os.getpid())):
+        done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
+        assert done.returncode == 0 and done.stdout == b"here\n"

@@ -1,5 +1,6 @@
 """The whole workflow on the smallest study, in copies of the tree."""
 
+import importlib.util
 import json
 import os
 import re
@@ -12,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import yaml
@@ -36,48 +38,11 @@ CONTRACT = {
 }
 
 
-def copy_tree(target: Path) -> Path:
-    """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    compiled = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("src/**/__pycache__/*.nb?")]
-    for name in [*listed.stdout.splitlines(), *compiled]:
-        if (ROOT / name).is_file():
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, target / name)
-    return target
-
-
-def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
-    return [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores), "--configfile", study]
-
-
-def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
-    return subprocess.run(
-        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
-    )
-
-
-def run_well(folder: Path, *arguments: str, **options) -> str:
-    done = run(folder, *arguments, **options)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
-    return done.stdout + done.stderr
-
-
-def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
-    """Rules with jobs to do, by a dry run."""
-    text = run_well(folder, "-n", *arguments, study=study)
-    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
-
-
-def digests(folder: Path) -> dict[str, bytes]:
-    results = folder / "results" / "tiny"
-    return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+copy_tree, command, run, run_well = clones.copy_tree, clones.command, clones.run, clones.run_well
+stale, digests = clones.stale, clones.digests
 
 
 @pytest.fixture(scope="module")
@@ -438,25 +403,46 @@ def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
     assert "close_loop" in text
 
 
+def test_loop_depends_on_its_own_effects_and_on_all_of_its_code(clone, tmp_path):
+    folder = make_dataset(tmp_path / "machine", "my-robot")
+    content = yaml.safe_load((folder / "dataset.yaml").read_text())
+    lists = {"effects": ["mine.py", "gone.py"], "declared_effects": ["rigid_body", "declared.py"]}
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(content | lists))
+    for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
+        path.write_text("EFFECT = 0\n")
+    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
+    study["closed_loop"] = {"effects": [str(tmp_path / "candidate.py")]}
+    (clone / "own.yaml").write_text(yaml.safe_dump(study))
+    options = ["--config", f"dataset={folder}", "allow_code=true"]
+    inputs = run_well(clone, "--filegraph", "closed_loop", *options, study="own.yaml")
+    for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
+        assert str(path) in inputs
+    assert "gone.py" not in inputs
+    code = {path.relative_to(clone).as_posix() for path in clone.glob("src/wearscope/closed_loop/**/*.py")}
+    code |= {path.relative_to(clone).as_posix() for path in clone.glob("src/wearscope/effects/*.py")}
+    assert not [path for path in code if path not in inputs]
+
+
 def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={tmp_path / 'nowhere'}")
     assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "config: dataset:" in done.stderr and "has no readable dataset.yaml" in done.stderr
+    assert "config: dataset:" in done.stderr and "a data set is a folder with a dataset.yaml" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
-    assert done.returncode == 1 and "dataset.yaml: name is missing or holds other than letters" in done.stderr
+    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
+    done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'y', '..')}")
+    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
 
 
-def test_the_small_board_runs_by_command(clone):
-    """Board of the tests: every named effect is the planted one, no null is named, outside is unknown."""
+def test_the_board_runs_by_command(clone):
+    """Every case is scored or shown as failed at its time limit, and every share has its interval."""
     study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    study["attribution_board"] = {"size": "small"}
+    study["attribution_board"] = {"part": "development", "cases": 2, "limit": 60}
     (clone / "board.yaml").write_text(yaml.safe_dump(study))
     run_well(clone, "attribution_board", cores=2, study="board.yaml")
     folder = clone / "results" / "attribution_board"
-    tracer = json.loads((folder / "summary.json").read_text())["tracer"]
-    assert tracer["cases"] == 18 and tracer["errors"] == 0
-    assert tracer["wrong_name"]["hits"] == 0
-    assert tracer["false_attribution"]["hits"] == 0 and tracer["false_attribution"]["cases"] == 5
-    assert tracer["named"]["8"]["right"]["share"] == 1.0 and tracer["named"]["8"]["right"]["cases"] == 5
-    assert tracer["outside_unknown"]["hits"] == tracer["outside_unknown"]["cases"] == 2
-    assert (folder / "board.md").is_file()
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["cases"] == 2 and summary["total"]["failed"]["cases"] == 2
+    low, high = summary["total"]["failed"]["ci95"]
+    assert 0.0 <= low < high <= 1.0
+    assert len(pd.read_parquet(folder / "cases.parquet")) == 2
+    assert (folder / "board.md").read_text().count("axis") > 0

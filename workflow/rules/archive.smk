@@ -6,6 +6,7 @@ rule archive:
 rule pack_archive:
     input:
         study=rules.report.input,
+        own=own_files(),
         code=code("pack_archive"),
     output:
         f"results/archive/{STUDY.study}.tar",

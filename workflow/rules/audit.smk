@@ -55,6 +55,8 @@ use rule compute_test_quantities as compute_audit_quantities with:
         detectors=config["detectors"],
         factors=FACTORS,
         max_failed_share=1.0,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
     message:
         "Compute the audit's test quantities of {wildcards.robot}, {wildcards.cycle}"
 

@@ -8,6 +8,11 @@ LOOP_FILES = [
 TWIN = f"{R}/closed_loop/twin"
 DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
 BOARD = "results/attribution_board"
+LOOP_OPTIONS = dict(
+    policy=STUDY.closed_loop.policy.model_dump(mode="json"),
+    effects=STUDY.closed_loop.effects,
+    allow_code=STUDY.may_run_code(),
+)
 
 if STUDY.dataset is None:
     LOOP_FOLDER = TWIN
@@ -62,6 +67,7 @@ rule close_demonstration:
         dataset=rules.record_demonstration.output.dataset,
         urdf=rules.record_demonstration.output.urdf,
         runs=rules.record_demonstration.output.runs,
+        effects=own_effects(),
         code=code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
@@ -72,6 +78,8 @@ rule close_demonstration:
     priority: -1
     conda:
         ENV
+    params:
+        **LOOP_OPTIONS,
     message:
         "Close the loop on the demonstration's twin"
     script:
@@ -109,6 +117,7 @@ if STUDY.dataset is not None:
         input:
             dataset=dataset_file(STUDY.dataset),
             files=dataset_files(STUDY.dataset),
+            effects=own_effects(),
             code=code("close_loop", *effect_files()),
         output:
             LOOP,
@@ -118,6 +127,8 @@ if STUDY.dataset is not None:
             f"{LOOP_FOLDER}/close_loop.tsv"
         conda:
             ENV
+        params:
+            **LOOP_OPTIONS,
         message:
             "Close the loop on {input.dataset}"
         script:
@@ -146,9 +157,8 @@ rule run_board:
     input:
         code=code("run_board", *effect_files()),
     output:
-        f"{BOARD}/board.parquet",
-        f"{BOARD}/confusion.parquet",
-        f"{BOARD}/smallest_sizes.parquet",
+        f"{BOARD}/cases.parquet",
+        f"{BOARD}/entries.parquet",
         f"{BOARD}/summary.json",
         f"{BOARD}/board.md",
     log:
@@ -159,8 +169,9 @@ rule run_board:
         ENV
     threads: 64  # all there are
     params:
-        size=STUDY.attribution_board.size,
-        nulls=STUDY.attribution_board.nulls,
+        part=STUDY.attribution_board.part,
+        cases=STUDY.attribution_board.cases,
+        limit=STUDY.attribution_board.limit,
         seed=STUDY.seed,
     message:
         "Run the attribution board"

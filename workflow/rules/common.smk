@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from functools import cache
+from pathlib import Path
 
 import yaml
 
@@ -21,9 +22,16 @@ os.environ.update(
     NUMBA_NUM_THREADS="1",
 )
 
+from wearscope.closed_loop.intake.data_folder import find_inside
+from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.processes import MAIN, identify_process
+from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file, read_text
 from wearscope.sources import find_sources, plugin_file
+
+# A job ends with this process, also where it alone is killed.
+os.environ[MAIN] = identify_process(os.getpid())
 
 try:
     STUDY = load_config(config)
@@ -98,36 +106,31 @@ def code(script, *plugins):
 
 @cache
 def read_robot(reference):
-    """Path and content of a robot's model file; ends the run in one sentence where there is none."""
-    for path in (
-        reference,
-        os.path.join(reference, "model.yaml"),
-        os.path.join("config/robots", reference, "model.yaml"),
-    ):
-        if os.path.isfile(path):
-            break
-    else:
-        raise SystemExit(
-            f"config: robots: {reference} is no folder of config/robots nor a path of a robot folder or model "
-            f"file; choose among {', '.join(sorted(os.listdir('config/robots')))}, or correct the path."
-        )
-    with open(path, encoding="utf-8") as file:
-        return path, yaml.safe_load(file)
+    """Path and content of a robot's model file; ends the run in one sentence where it cannot be used."""
+    try:
+        path = find_model(reference)
+        content = read_model_file(path)
+        check_code(list_effects(content, str(path)), STUDY.allow_code, str(path))
+    except InputError as error:
+        raise SystemExit(f"config: robots: {error}") from None
+    return path, content
 
 
 def robot_files(reference):
     """Model file and URDF of a robot."""
-    path, model = read_robot(reference)
-    files = [path]
-    if isinstance(model, dict) and isinstance(model.get("urdf"), str):
-        files.append(os.path.join(os.path.dirname(path), model["urdf"]))
-    return files
+    path, content = read_robot(reference)
+    urdf = os.path.join(path.parent, content["urdf"])
+    if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
+        raise SystemExit(
+            f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF."
+        )
+    return [str(path), urdf]
 
 
 def robot_effects(reference):
     """Files of the effects that a robot's model lists."""
-    names = {entry["effect"] for entry in read_robot(reference)[1].get("effects") or []}
-    return [plugin_file(name, "effects") for name in sorted(names)]
+    path, content = read_robot(reference)
+    return [plugin_file(name, "effects") for name in list_effects(content, str(path))]
 
 
 def detector_files():
@@ -138,6 +141,14 @@ def detector_files():
 def cycle_files():
     """Files of the study's test-cycles."""
     return [plugin_file(reference, "cycles") for reference in STUDY.cycles]
+
+
+def own_files():
+    """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
+    files = [file for reference in ROBOTS.values() for file in robot_files(reference)]
+    files += [file for reference in ROBOTS.values() for file in robot_effects(reference)]
+    files += [*cycle_files(), *detector_files()]
+    return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
 
 
 def traces(robot, cycle, *sets):
@@ -157,6 +168,11 @@ def effect_files():
     )
 
 
+def own_effects():
+    """Own effects' files that the configuration names and that are there; the loop itself says which is missing."""
+    return [path for path in STUDY.closed_loop.effects if os.path.isfile(path)]
+
+
 def dataset_file(path):
     """The dataset.yaml of a measured data set given as its folder or that file."""
     return os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path
@@ -164,35 +180,42 @@ def dataset_file(path):
 
 def read_dataset(path):
     """Content of a dataset.yaml; ends the run in one sentence where there is none."""
+    file = dataset_file(path)
     try:
-        with open(dataset_file(path), encoding="utf-8") as file:
-            content = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise SystemExit(
-            f"config: dataset: {path} has no readable dataset.yaml ({reason}); correct the path."
-        )
-    if not isinstance(content, dict) or not re.fullmatch(r"[\w.-]+", str(content.get("name", ""))):
-        raise SystemExit(
-            f"{dataset_file(path)}: name is missing or holds other than letters, digits, '_', '-' and '.'; "
-            "the results' folder is called like it, so correct it."
-        )
+        content = load_yaml(Path(file))
+        if not isinstance(content, dict):
+            raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
+        folder_name(content.get("name"), file)
+    except InputError as error:
+        raise SystemExit(f"config: dataset: {error}")
     return content
 
 
 def dataset_name(path):
-    """Name of a measured data set."""
-    return read_dataset(path)["name"]
+    """Name of the results' folder of a measured data set."""
+    return folder_name(read_dataset(path)["name"], dataset_file(path))
 
 
 def dataset_files(path):
-    """URDF and runs that a data set names and that are there; the loop itself says which is missing."""
+    """URDF, runs and own effects that a data set names and that are there; the loop says which is missing."""
     content, folder = read_dataset(path), os.path.dirname(dataset_file(path))
     robot, runs = content.get("robot"), content.get("runs")
     names = [robot.get("urdf")] if isinstance(robot, dict) else []
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    paths = [os.path.join(folder, name) for name in names if isinstance(name, str)]
-    return [path for path in paths if os.path.isfile(path)]
+    for field in ("effects", "declared_effects"):
+        listed = content.get(field)
+        names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
+    paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
+    return [path for path in paths if path is not None]
+
+
+def find_listed(folder, name):
+    """A file that a data set names, where it lies in its folder and is an ordinary one."""
+    try:
+        path = find_inside(Path(folder), name, "dataset.yaml")
+    except InputError:
+        return None
+    return str(path) if path.is_file() else None
 
 
 def figure_files(names):

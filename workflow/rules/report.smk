@@ -34,6 +34,7 @@ rule draw_setup:
         robots=ROBOTS,
         cycle=next(iter(CYCLES)),
         axis=STUDY.axes[0],
+        allow_code=STUDY.allow_code,
     message:
         "Draw what is simulated"
     script:
@@ -133,6 +134,7 @@ rule write_report:
         factors=FACTORS,
         robots=ROBOTS,
         benchmarks=f"{R}/benchmarks",
+        allow_code=STUDY.allow_code,
     message:
         "Write the report"
     script:

@@ -38,6 +38,8 @@ rule check_cycle:
         ranges=STUDY.factor_ranges(),
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
     message:
         "Check that {wildcards.robot} can do {wildcards.cycle} at every level"
     script:
@@ -60,6 +62,7 @@ rule check_detectors:
         gate=GATE,
     params:
         detectors=config["detectors"],
+        time_limit=STUDY.time_limit,
     message:
         "Check that every detector can be made"
     script:
@@ -95,6 +98,8 @@ rule simulate_points:
         seed=STUDY.seed,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
     message:
         "Simulate {wildcards.robot}, {wildcards.cycle}, {wildcards.set}, chunk {wildcards.chunk}"
     script:

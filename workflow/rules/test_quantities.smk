@@ -27,6 +27,8 @@ rule compute_test_quantities:
         detectors=config["detectors"],
         factors=FACTORS,
         max_failed_share=STUDY.max_failed_share,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
     message:
         "Compute the test quantities of {wildcards.robot}, {wildcards.cycle}"
     script:

@@ -8,15 +8,24 @@ from wearscope.cycles.base import load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
+from wearscope.supervision import call_supervised
 
-with run_job(snakemake) as say:
-    params, w = snakemake.params, snakemake.wildcards
-    model = load_model(params.robot)
+
+def check():
+    """Return the longest duration of the test-cycle [s]."""
+    model = load_model(params.robot, allow_code=params.allow_code)
     if max(params.axes) > model.n:
         raise InputError(f"axes: robot '{w.robot}' has {model.n} axes; drop axis {max(params.axes)}.")
     check_robot(model, params.ranges, params.step, params.sample_rate)
     cycle = load_cycle(params.cycle)
     seconds = check_cycle(model, cycle, w.cycle, params.ranges, params.step)
     check_start(model, cycle, w.cycle, params.step, params.sample_rate)
+    return seconds
+
+
+with run_job(snakemake) as say:
+    params, w = snakemake.params, snakemake.wildcards
+    what = f"robot {w.robot}, cycle {w.cycle}: checking it"
+    seconds = call_supervised(check, params.time_limit, what)
     say(f"feasible, {seconds:.1f} s")
     tables.write_text(snakemake.output[0], json.dumps({"duration_s": round(seconds, 6)}) + "\n")

@@ -1,14 +1,22 @@
 """Refuses a detector that is not there or refuses its options, before anything is simulated."""
 
 import json
+from functools import partial
 
 from job import run_job
 from wearscope import tables
 from wearscope.detectors.base import load_detector
+from wearscope.supervision import call_supervised
+
+
+def name_class(reference, options):
+    return type(load_detector(reference, options)).__name__
+
 
 with run_job(snakemake) as say:
-    made = {}
-    for name, detector in snakemake.params.detectors.items():
-        made[name] = type(load_detector(detector["use"], detector["options"])).__name__
+    params, made = snakemake.params, {}
+    for name, detector in params.detectors.items():
+        make = partial(name_class, detector["use"], detector["options"])
+        made[name] = call_supervised(make, params.time_limit, f"detectors: {name}: making it")
         say(f"{name}: {made[name]}")
     tables.write_text(snakemake.output[0], json.dumps(made, indent=1) + "\n")

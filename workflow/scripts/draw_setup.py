@@ -13,14 +13,17 @@ from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.style import save_figure
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
-from wearscope.simulation.failures import read_failures
+from wearscope.simulation.failures import read_markers
 from wearscope.simulation.traces import read_points
 
 with run_job(snakemake):
     params, out = snakemake.params, snakemake.output
     factors = [Factor(**one) for one in params.factors]
     designs = {Path(file).stem: tables.read_table(file) for file in snakemake.input.designs}
-    models = {robot: load_model(reference) for robot, reference in params.robots.items()}
+    models = {
+        robot: load_model(reference, allow_code=params.allow_code)
+        for robot, reference in params.robots.items()
+    }
 
     save_figure(draw_design(designs, factors), out.design_svg, out.design_png)
 
@@ -35,10 +38,11 @@ with run_job(snakemake):
     robot, model = next(iter(models.items()))
     joint = model.joints.index(model.wear_joints[params.axis - 1])
     traces = Path(snakemake.input.traces[0]).parents[1]
-    failed = [point for _, point in read_failures(snakemake.input.traces)]
+    fingerprints, failures = read_markers(snakemake.input.traces)
+    failed = [point for _, point in failures]
     identification = designs["identification"]
     pair = choose_pair(identification[~identification["point"].isin(failed)], factors)
-    less, more = (one for _, one in read_points(traces, "identification", pair, model))
+    less, more = (one for _, one in read_points(traces, "identification", pair, model, fingerprints))
     coded = designs["identification"].set_index("point")["f_natural"]
     figure = draw_recording(
         less,

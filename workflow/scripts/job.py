@@ -1,14 +1,19 @@
 """What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
 
 import errno
+import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
+from wearscope.checksums import check_file, record_checksums, withdraw
 from wearscope.errors import InputError
+from wearscope.files import DamagedFile
+from wearscope.processes import MAIN, end_with
 
 Say = Callable[[str], None]
 #: The disk is full, or its user's share of it is.
@@ -17,12 +22,14 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 
 @contextmanager
 def run_job(snakemake: Any) -> Iterator[Say]:
-    """Log a job, and end it where its input is bad.
+    """Log a job, and end it where its input is bad or the workflow is no more.
 
     Yields a function that writes one line to the log and, under the rule's name, to the terminal. An
     `InputError` or a full disk is told in one sentence; anything else is a defect, with its traceback in the
-    log too.
+    log too. What other jobs have written is checked before it is used; what is missing or damaged is set
+    aside, so that the next run makes it again.
     """
+    end_with(os.environ.get(MAIN, ""))
     name = " ".join([snakemake.rule, *map(str, snakemake.wildcards)])
     start = time.monotonic()
 
@@ -36,7 +43,21 @@ def run_job(snakemake: Any) -> Iterator[Say]:
 
     try:
         open(snakemake.log[0], "w", encoding="utf-8").close()
+        for file in map(str, getattr(snakemake, "input", [])):
+            if folder := study_folder(file):
+                check_file(folder, file)
         yield say
+        for file in map(str, getattr(snakemake, "output", [])):
+            if folder := study_folder(file):
+                record_checksums(folder, [file])
+    except DamagedFile as error:
+        if study_folder(error.path):
+            withdraw(error.path)
+            what = str(error).rpartition(";")[0]
+            say(f"{what}; it was set aside, run the same command again to make it anew.")
+        else:
+            say(str(error))
+        sys.exit(1)
     except InputError as error:
         say(str(error))
         sys.exit(1)
@@ -50,6 +71,12 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         note(traceback.format_exc())
         raise
     note(f"[{time.monotonic() - start:6.1f} s] done")
+
+
+def study_folder(file: str | Path) -> Path | None:
+    """Folder of the study that a file is a result of, e.g. ``results/paper``; None for other files."""
+    parts = Path(file).parts
+    return Path(*parts[:2]) if len(parts) > 2 and parts[0] == "results" else None
 
 
 def count_progress(say: Say, total: int, what: str, every: float = 5.0) -> Callable[[int], None]:

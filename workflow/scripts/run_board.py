@@ -18,5 +18,5 @@ if __name__ == "__main__":
             shutil.rmtree(folder / "cases", ignore_errors=True)
             tables.write_text(mark, digest)
         run_board(
-            params.size, folder, jobs=snakemake.threads, seed=params.seed, nulls=params.nulls, progress=say
+            params.part, folder, params.cases, params.seed, snakemake.threads, params.limit, progress=say
         )

@@ -5,8 +5,6 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
 from job import count_progress, run_job
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
@@ -16,7 +14,7 @@ from wearscope.simulation.chunk import Plan, simulate_chunk
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
     plan = Plan(w.robot, w.cycle, params.kinds, params.seed, params.step, params.sample_rate)
-    design = pq.read_table(snakemake.input.design).to_pylist()
+    design = tables.read_arrow(snakemake.input.design).to_pylist()
     first = int(w.chunk) * params.size
     rows = design[first : first + params.size]
     common = hashlib.sha256()
@@ -26,11 +24,12 @@ with run_job(snakemake) as say:
         Path(snakemake.output[0]).parents[1],
         w.set,
         rows,
-        load_model(params.robot),
+        load_model(params.robot, allow_code=params.allow_code),
         load_cycle(params.cycle),
         plan,
         common.hexdigest(),
         count_progress(say, len(rows), "points"),
+        params.time_limit,
     )
     for point, reason in outcome.failed.items():
         say(f"point {point} failed: {reason}")

@@ -21,7 +21,10 @@ TABLES = (
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params
     audit = {Path(file).stem: tables.read_table(file) for file in given.get("audit", [])}
-    models = {robot: load_model(reference) for robot, reference in params.robots.items()}
+    models = {
+        robot: load_model(reference, allow_code=params.allow_code)
+        for robot, reference in params.robots.items()
+    }
     made = describe_provenance(list_platform_files())
     study = Study(
         config=params.config,

@@ -1,170 +1,398 @@
-"""Runs the attribution board: makes each case, has the loop closed on it, scores, and writes the tables."""
+"""Runs the board: makes each case, closes the loop on it in a process of its own, and scores the verdict."""
 
+import copy
 import json
 import multiprocessing
+import shutil
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import yaml
 
-from wearscope.attribution_board.baselines import BASELINES, run_baselines
-from wearscope.attribution_board.cases import Case, list_cases
 from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.score import score_case, score_folder, smoothed_floor
-from wearscope.attribution_board.summary import (
-    find_smallest_sizes,
-    summarise,
-    tabulate_confusion,
-    write_markdown,
-)
+from wearscope.attribution_board.regimes import Case, list_cases
+from wearscope.attribution_board.score import read_verdict, score_case
+from wearscope.attribution_board.summary import summarise_board, write_markdown
 from wearscope.tables import write_table, write_text
 
 Closer = Callable[[Path, Path], Any]
+STANDARD = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+"""What the reference of `compare_declared` declares."""
+TIME_LIMIT = 300.0
+"""Wall time that closing the loop on one case may take [s]."""
 
 
-def _close_light(dataset: Path, out_dir: Path) -> Any:
+def close_light(dataset: Path, out_dir: Path) -> Any:
+    """Close the loop without forward simulation and diagnostics."""
     from wearscope.closed_loop.run import close_loop
 
     return close_loop(dataset, out_dir, light=True)
 
 
-def run_case(case: Case, closer: Closer, baselines: bool = True) -> dict[str, Any]:
-    """Make one case in a temporary folder, close the loop on it and score it.
+@dataclass(frozen=True)
+class Extras:
+    """What a case is asked besides: the rivals' verdicts; the tracer's error where friction is declared."""
+
+    rivals: bool = False
+    reference: bool = False
+
+
+def run_case(
+    case: Case, closer: Closer, place: Path, say: Callable[[Any], None] | None = None,
+    extras: Extras = Extras(),
+) -> dict[str, Any]:  # fmt: skip
+    """Make one case in a folder, close the loop on it and score it.
 
     The tracer gets the folder alone; the truth stays in this process's memory.
+
+    Parameters
+    ----------
+    case : Case
+    closer : callable
+        ``closer(dataset_yaml, out_dir)`` writes ``verdict.json`` into `out_dir`.
+    place : Path
+        Gets the data set's folder and ``out/``.
+    extras : Extras
+    say : callable, optional
+        Told the truth as soon as the data set stands, so that it is known of a case that is stopped; then
+        None as soon as the verdict is scored.
 
     Returns
     -------
     dict
-        `case` (its words), `rows`, `seconds` (of the tracer) and `error` (None, or what it raised).
+        `case` (its row), `entries` (their rows), and with rivals `rivals` (by rival its row and entries).
     """
-    with tempfile.TemporaryDirectory(prefix="board-") as place:
-        folder, out_dir = Path(place) / case.name, Path(place) / "out"
-        out_dir.mkdir()
-        truth = generate_dataset(folder, case.robot, case.planted, case.seed, case.recipe)
-        started, error = time.perf_counter(), None
-        try:
-            closer(folder / "dataset.yaml", out_dir)
-            seconds = time.perf_counter() - started
-            rows = score_folder(truth, out_dir)
-        except Exception as problem:
-            seconds = time.perf_counter() - started
-            where = traceback.extract_tb(problem.__traceback__)[-1]
-            error = f"{type(problem).__name__}: {problem} ({Path(where.filename).name}:{where.lineno})"
-            empty = {"dataset": case.name, "verdict": [], "joints": {}}
-            rows = [row | {"outcome": "error", "named": "error", "correct": False, "first": False}
-                    for row in score_case(truth, empty)]  # fmt: skip
-        if baselines:
-            verdicts = run_baselines(folder)
-            for method in BASELINES:
-                rows += score_case(truth, verdicts[method], method, partial(smoothed_floor, truth))
-    return {"case": case.tell(), "rows": rows, "seconds": seconds, "error": error}
-
-
-def _keep_case(case: Case, out_dir: Path, closer: Closer, baselines: bool) -> dict[str, Any]:
-    result = run_case(case, closer, baselines)
-    write_text(out_dir / "cases" / f"{case.name}.json", json.dumps(result, indent=1))
+    started = time.perf_counter()
+    folder, out_dir = place / case.name, place / "out"
+    out_dir.mkdir(parents=True, exist_ok=True)
+    try:
+        truth = generate_dataset(folder, case.machine, case.planted, case.seed, case.recipe)
+    except Exception as problem:
+        return failed_result(case, None, f"generator: {_tell_error(problem)}", 0.0)
+    made = time.perf_counter()
+    kept = {key: value for key, value in truth.items() if key != "signals"}
+    if say is not None:
+        say(kept)
+    axes, verdict = _axes_row(case, truth), None
+    try:
+        closer(folder / "dataset.yaml", out_dir)
+        seconds = time.perf_counter() - made
+        verdict = read_verdict(out_dir / "verdict.json")
+        row, entries = score_case(truth, verdict)
+        said = " + ".join(f"{entry['effect']}@{entry['joint']}" for entry in verdict["verdict"]) or "[]"
+        row |= {"error": "", "seconds": seconds, "making_seconds": made - started, "verdict": said}
+        result: dict[str, Any] = {"case": axes | row, "entries": [axes | entry for entry in entries]}
+    except Exception as problem:
+        verdict = None
+        result = failed_result(case, kept, _tell_error(problem), time.perf_counter() - made)
+    if say is not None:
+        say(None)
+    undeclared = not set(STANDARD) <= set(truth["declared"])
+    if extras.reference and undeclared and case.planted and verdict is not None:
+        result["case"]["beyond_declared"] = compare_declared(folder, verdict, closer, place / "reference")
+    if extras.rivals:
+        result["rivals"] = _score_rivals(folder, truth, axes)
     return result
 
 
-def _read_kept(path: Path) -> dict[str, Any] | None:
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (FileNotFoundError, json.JSONDecodeError):
-        return None
-
-
-def run_board(
-    size: str, out_dir: str | Path, close_loop: Closer | None = None, jobs: int = 2, seed: int = 0,
-    nulls: int | None = None, baselines: bool = True, cases: Iterable[Case] | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Run a board and write its tables; cases that are already there are not run again.
+def compare_declared(folder: Path, verdict: dict[str, Any], closer: Closer, place: Path) -> float | None:
+    """Largest ratio over the joints of the held-out error to that with rotor, Coulomb and viscous declared.
 
     Parameters
     ----------
-    size : str
-        ``small`` (for tests), ``medium`` or ``full``.
+    folder : Path
+        The data set.
+    verdict : dict
+        The verdict on it as it is.
+    closer : callable
+    place : Path
+        Gets the reference data set and its verdict.
+
+    Returns
+    -------
+    float or None
+        None where the reference fails.
+    """
+    shutil.copytree(folder, place / folder.name)
+    document = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))
+    changed = copy.deepcopy(document)
+    own = [name for name in document["declared_effects"] if name not in STANDARD]
+    changed["declared_effects"] = [*STANDARD, *own]
+    path = place / folder.name / "dataset.yaml"
+    write_text(path, yaml.safe_dump(changed, sort_keys=False))
+    out_dir = place / "out"
+    out_dir.mkdir()
+    try:
+        closer(path, out_dir)
+        reference = read_verdict(out_dir / "verdict.json")["joints"]
+    except Exception:
+        return None
+    ratios = [
+        joint["rms_after"] / reference[name]["rms_after"]
+        for name, joint in verdict["joints"].items()
+        if reference.get(name, {}).get("rms_after")
+    ]
+    return max(ratios, default=None)
+
+
+def _score_rivals(folder: Path, truth: dict[str, Any], axes: dict[str, Any]) -> dict[str, Any]:
+    from wearscope.attribution_board.rivals import run_rivals
+
+    out: dict[str, Any] = {}
+    for rival, said in run_rivals(folder, truth["seed"]).items():
+        if "verdict" not in said:
+            out[rival] = said
+            continue
+        row, entries = score_case(truth, said)
+        row |= {"error": "", "seconds": float("nan")}
+        out[rival] = {"case": axes | row, "entries": [axes | entry for entry in entries]}
+    return out
+
+
+def failed_result(case: Case, truth: dict[str, Any] | None, error: str, seconds: float) -> dict[str, Any]:
+    """Result of a case that ended in an error or at its time limit: nothing in it is found."""
+    entries: list[dict[str, Any]] = []
+    row: dict[str, Any] = {"planted": len(case.planted), "exact": False, "null": not case.planted}
+    if truth is not None:
+        row, entries = score_case(truth, {"verdict": [], "joints": {}})
+        # a failure names nothing: it is no false name, nor an effect found
+        row |= {"exact": False, "false_in_null": None, "worse": None, "extra": None, "unknowns": None}
+        if row["outside_answered"] is not None:
+            row["outside_answered"] = False
+        entries = [entry | {"found": False, "grade": "failed"} for entry in entries]
+    row |= {"error": error, "seconds": seconds, "outcome": "failed", "verdict": ""}
+    axes = _axes_row(case, truth)
+    return {"case": axes | row, "entries": [axes | entry for entry in entries]}
+
+
+def _tell_error(problem: Exception) -> str:
+    where = traceback.extract_tb(problem.__traceback__)[-1]
+    return f"{type(problem).__name__}: {problem} ({Path(where.filename).name}:{where.lineno})"
+
+
+def _axes_row(case: Case, truth: dict[str, Any] | None) -> dict[str, Any]:
+    recipe = case.recipe
+    return {f"axis_{name}": value for name, value in case.axes.items()} | {
+        "number": case.number, "dataset": case.name, "part": case.part, "seed": case.seed,
+        "duration": recipe.duration, "shortened": case.shortened, "told": case.tell(),
+        "declared": ", ".join(truth["declared"]) if truth else "",
+    }  # fmt: skip
+
+
+def _work(case: Case, closer: Closer, place: str, channel: Connection, extras: Extras) -> None:
+    result = run_case(case, closer, Path(place), lambda truth: channel.send(("truth", truth)), extras)
+    channel.send(("result", result))
+    channel.close()
+
+
+class _Job:
+    """One case in its own process, with its time limit."""
+
+    def __init__(self, case: Case, closer: Closer, place: Path, keep: bool, limit: float, extras: Extras):
+        self.case, self.place, self.keep, self.limit = case, place, keep, limit
+        context = multiprocessing.get_context("spawn")
+        self.channel, other = context.Pipe(duplex=False)
+        self.process = context.Process(target=_work, args=(case, closer, str(place), other, extras))
+        self.process.start()
+        other.close()
+        self.truth: dict[str, Any] | None = None
+        self.started: float | None = None
+        self.result: dict[str, Any] | None = None
+
+    def look(self) -> dict[str, Any] | None:
+        """Result where there is one by now; a case beyond its limit is stopped and failed."""
+        try:
+            while self.result is None and self.channel.poll():
+                kind, value = self.channel.recv()
+                if kind == "truth":
+                    # the clock starts with the data set, and anew for what is asked besides the tracer
+                    self.truth, self.started = value or self.truth, time.perf_counter()
+                else:
+                    self.result = value
+        except EOFError:
+            self.process.join()
+            error = f"the process ended with code {self.process.exitcode}"
+            self.result = failed_result(self.case, self.truth, error, 0.0)
+        if self.result is None and self.started is not None:
+            spent = time.perf_counter() - self.started
+            if spent > self.limit:
+                self.process.terminate()
+                self.result = failed_result(self.case, self.truth, f"time limit of {self.limit:g} s", spent)
+        if self.result is not None:
+            self.process.join()
+            self.channel.close()
+            if not self.keep:
+                shutil.rmtree(self.place, ignore_errors=True)
+        return self.result
+
+
+def run_cases(
+    cases: Sequence[Case], closer: Closer, jobs: int, limit: float, keep: Path | None,
+    report: Callable[[Case, dict[str, Any]], None], extras: Extras = Extras(),
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Run cases, each in its own process, `jobs` at a time; results in the order of the cases."""
+    waiting, running = list(cases), list[_Job]()
+    results: dict[int, dict[str, Any]] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < jobs:
+                case = waiting.pop(0)
+                place = keep / case.name if keep else Path(tempfile.mkdtemp(prefix="board-"))
+                running.append(_Job(case, closer, place, keep is not None, limit, extras))
+            wait([job.channel for job in running], timeout=0.5)
+            for job in list(running):
+                result = job.look()
+                if result is not None:
+                    running.remove(job)
+                    results[job.case.number] = result
+                    report(job.case, result)
+    finally:
+        for job in running:
+            job.process.terminate()
+            shutil.rmtree(job.place, ignore_errors=True)
+    return [results[case.number] for case in cases]
+
+
+def run_board(
+    part: str, out_dir: str | Path, cases: int = 60, seed: int = 0, jobs: int = 1, limit: float = TIME_LIMIT,
+    closer: Closer = close_light, only: Iterable[int] | None = None, keep: str | Path | None = None,
+    progress: Callable[[str], None] | None = None, extras: Extras = Extras(),
+) -> dict[str, Any]:  # fmt: skip
+    """Run a part of the board and write its tables; cases that are already there are not run again.
+
+    Parameters
+    ----------
+    part : str
+        ``development`` or ``held_out``.
     out_dir : path-like
-        Gets ``cases/<name>.json`` (one by case, so that a stopped board goes on where it was;
-        delete them after a change of the tracer), ``board.parquet``, ``confusion.parquet``,
-        ``smallest_sizes.parquet``, ``summary.json`` and ``board.md``.
-    close_loop : callable, optional
-        ``close_loop(dataset_yaml, out_dir)`` writes ``verdict.json`` (and ``residual.parquet``) into
-        `out_dir`. By default `wearscope.closed_loop.run.close_loop` with ``light=True``. For
-        ``jobs > 1`` it must be importable.
-    jobs : int
-        Processes.
+        Gets ``cases/<name>.json`` (one by case, so that a stopped board goes on where it was; delete them
+        after a change of the tracer), ``cases.parquet`` (a row a case: axes, seconds, error, scores),
+        ``entries.parquet`` (a row a planted effect or false entry), ``summary.json`` and ``board.md``.
+    cases : int
+        Size of the Latin hypercube.
     seed : int
-    nulls : int, optional
-        Another number of nulls.
-    baselines : bool
-        Whether the three baselines run too.
-    cases : iterable of Case, optional
-        Instead of those of `size`.
+    jobs : int
+        Cases at a time.
+    limit : float
+        Wall time of a case [s]; beyond it the case counts as failed.
+    closer : callable
+        ``closer(dataset_yaml, out_dir)``, importable.
+    only : iterable of int, optional
+        Numbers of the cases to run; they are run anew.
+    keep : path-like, optional
+        Where the data sets and verdicts stay.
     progress : callable, optional
-        Gets a line by finished case; by default it goes to the standard error.
+        Gets a line by finished case; by default it is printed.
+    extras : Extras
+        They have the time limit anew.
 
     Returns
     -------
     dict
         The summary, as in ``summary.json``.
+
+    Raises
+    ------
+    InputError
+        For an unknown part.
     """
     out_dir = Path(out_dir)
-    closer = close_loop or _close_light
-    tell = progress or (lambda line: print(line, file=sys.stderr, flush=True))
-    todo = list(cases) if cases is not None else list_cases(size, seed, nulls)
-    results: dict[str, dict[str, Any]] = {}
-    for case in todo:
-        kept = _read_kept(out_dir / "cases" / f"{case.name}.json")
-        if kept is not None:
-            results[case.name] = kept
-    open_cases = [case for case in todo if case.name not in results]
-    if results:
-        tell(f"attribution board: {len(results)} of {len(todo)} cases are already there")
-    started = time.perf_counter()
+    tell = progress or (lambda line: print(line, flush=True))
+    todo = list_cases(part, cases, seed)
+    if only is not None:
+        numbers = set(only)
+        todo = [case for case in todo if case.number in numbers]
+    done: dict[int, dict[str, Any]] = {}
+    for case in todo if only is None else []:
+        path = _result_path(out_dir, case)
+        if path.is_file():
+            done[case.number] = json.loads(path.read_text(encoding="utf-8"))
+    if done:
+        kept = f"{len(done)} of {len(todo)} cases are already there"
+        tell(f"attribution board: {kept}; another --out runs them anew")
 
-    def report(case: Case, result: dict[str, Any], done: int) -> None:
-        results[case.name] = result
-        outcomes = ", ".join(r["outcome"] for r in result["rows"] if r["method"] == "tracer")
-        ahead = (time.perf_counter() - started) / done * (len(open_cases) - done)
-        said = f"{outcomes} ({result['error']})" if result["error"] else outcomes
+    def report(case: Case, result: dict[str, Any]) -> None:
+        done[case.number] = result
+        write_text(_result_path(out_dir, case), json.dumps(result, indent=1))
+        row = result["case"]
+        said = row["error"] or row["verdict"]
         tell(
-            f"[{len(results)}/{len(todo)}] {case.tell()}: {said}, {result['seconds']:.1f} s, "
-            f"{ahead / 60:.0f} min to go"
+            f"[{len(done)}/{len(todo)}] #{case.number} {case.tell()} -> {said}: {row['outcome']}, "
+            f"{row['seconds']:.0f} s"
         )
 
-    if jobs == 1:
-        for done, case in enumerate(open_cases, start=1):
-            report(case, _keep_case(case, out_dir, closer, baselines), done)
-    elif open_cases:
-        with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-            futures = {pool.submit(_keep_case, c, out_dir, closer, baselines): c for c in open_cases}
-            for done, future in enumerate(as_completed(futures), start=1):
-                report(futures[future], future.result(), done)
-    rows = pd.DataFrame([row for case in todo for row in results[case.name]["rows"]])
-    rows["unabsorbed_size"] = rows["unabsorbed_size"].astype(float)
-    summary = write_tables(rows, out_dir)
-    errors = sorted({r["error"] for r in results.values() if r["error"]})
-    if errors:
-        tell(f"attribution board: {len(errors)} kinds of error, the first: {errors[0]}")
-    return summary
+    open_cases = [case for case in todo if case.number not in done]
+    run_cases(open_cases, closer, jobs, limit, Path(keep) if keep else None, report, extras)
+    results = [done[case.number] for case in todo]
+    return write_results(results, out_dir)
 
 
-def write_tables(rows: pd.DataFrame, out_dir: Path) -> dict[str, Any]:
-    """Write the board's tables and its summary from its rows."""
-    write_table(out_dir / "board.parquet", rows, {"size": "1", "unabsorbed_size": "1", "gap_closure": "1"})
-    write_table(out_dir / "confusion.parquet", tabulate_confusion(rows))
-    sizes = find_smallest_sizes(rows)
-    write_table(out_dir / "smallest_sizes.parquet", sizes, {"smallest_size": "1"})
-    summary = summarise(rows)
+def _result_path(out_dir: Path, case: Case) -> Path:
+    return out_dir / "cases" / f"{case.number:04d}-{case.name}.json"
+
+
+def write_results(results: Sequence[dict[str, Any]], out_dir: Path) -> dict[str, Any]:
+    """Write the board's tables and its summary from the results of its cases."""
+    table = pd.DataFrame([result["case"] for result in results])
+    entries = pd.DataFrame([entry for result in results for entry in result["entries"]])
+    write_table(out_dir / "cases.parquet", table, {"seconds": "s", "duration": "s"})
+    write_table(
+        out_dir / "entries.parquet", entries, {"size": "1", "findable_size": "1"} if len(entries) else {}
+    )
+    summary = summarise_board(table, entries)
+    rivals = [result["rivals"] for result in results if result.get("rivals")]
+    if rivals:
+        summary["rivals"] = _summarise_rivals(rivals)
     write_text(out_dir / "summary.json", json.dumps(summary, indent=1))
-    write_text(out_dir / "board.md", write_markdown(summary, sizes))
+    write_text(out_dir / "board.md", write_markdown(summary))
     return summary
+
+
+def _summarise_rivals(rivals: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Scores in total by rival, and the median of boosting's bound over the joints of all cases."""
+    out: dict[str, Any] = {}
+    for name in rivals[0]:
+        if name == "boosting":
+            bounds = [share for rival in rivals for share in rival[name]["bound"].values()]
+            out[name] = {"median_bound": float(pd.Series(bounds).median()), "joints": len(bounds)}
+            continue
+        table = pd.DataFrame([rival[name]["case"] for rival in rivals])
+        entries = pd.DataFrame([entry for rival in rivals for entry in rival[name]["entries"]])
+        out[name] = summarise_board(table, entries)["total"]
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line of ``python -m wearscope.attribution_board``."""
+    import argparse
+
+    parser = argparse.ArgumentParser(description="Run the attribution board with regimes.")
+    parser.add_argument("--part", choices=("development", "held_out"), default="development")
+    parser.add_argument("--cases", type=int, default=60, help="size of the Latin hypercube")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=TIME_LIMIT, help="wall time of a case [s]")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument(
+        "--case", type=int, action="append", help="run this case alone, anew; may be repeated"
+    )
+    parser.add_argument("--keep", type=Path, help="where data sets and verdicts stay")
+    parser.add_argument("--rivals", action="store_true", help="score the rivals on the same data sets too")
+    parser.add_argument(
+        "--reference", action="store_true", help="also close the loop with the undeclared friction declared"
+    )
+    given = parser.parse_args(arguments)
+    run_board(
+        given.part, given.out, given.cases, given.seed, given.jobs, given.limit, only=given.case,
+        keep=given.keep, extras=Extras(given.rivals, given.reference),
+    )  # fmt: skip
+    sys.stdout.write((given.out / "board.md").read_text(encoding="utf-8"))
+    return 0

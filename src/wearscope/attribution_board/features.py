@@ -78,7 +78,7 @@ def make_track(
 
 def smooth(columns: Array, rate: float) -> Array:
     """Zero-phase low-pass at 20 Hz and thinning to about 50 Hz, alike for torque and regressors (N, k)."""
-    sos = butter(3, CUTOFF_HZ, fs=rate, output="sos")
+    sos = butter(3, min(CUTOFF_HZ, 0.4 * rate), fs=rate, output="sos")
     thin = max(1, round(rate / KEPT_RATE_HZ))
     return sosfiltfilt(sos, columns, axis=0)[thin:-thin:thin]
 
@@ -90,6 +90,10 @@ def calm(x: Array, rate: float) -> Array:
 
 def _derivative(x: Array, t: Array) -> Array:
     return np.gradient(x, t, edge_order=2)
+
+
+FIXED = ("rigid_body", "rotor_inertia_given")
+"""Declared effects without a parameter of their own to refit."""
 
 
 class Families:
@@ -131,13 +135,13 @@ class Families:
             self.middle, self.reach = like.middle, like.reach
         self.declared_names = declared
         self.ripple_orders = ripple_orders
-        shared = ("coulomb", "viscous", "rotor_inertia", "torque_offset")
-        self.declared = np.hstack(
-            [self._pooled(name)[0] for name in shared if name in declared] or [np.zeros((self._rows(), 0))]
-        )
+        columns = [x for name in declared if name not in FIXED for x in self._pooled(name)]
+        self.declared = np.hstack(columns or [np.zeros((sum(self.lengths()), 0))])
 
-    def _rows(self) -> int:
-        return sum(len(smooth(track.t[:, None], self.rate)) for track in self.tracks)
+    def lengths(self) -> list[int]:
+        """Number of kept rows of each track."""
+        thin = max(1, round(self.rate / KEPT_RATE_HZ))
+        return [len(range(thin, len(track.t) - thin, thin)) for track in self.tracks]
 
     def moving(self) -> NDArray[np.bool_]:
         """Rows (N,) where the joint moves; at rest friction is undetermined and hides what else there is."""
@@ -159,7 +163,8 @@ class Families:
             names.append("cross_coupling")
         if self.tracks[0].payload_columns is not None:
             names.append("payload_error")
-        return [name for name in names if name not in self.declared_names]
+        covered = {"coulomb", "viscous"} if "friction_wear_temperature" in self.declared_names else set()
+        return [name for name in names if name not in covered and name not in self.declared_names]
 
     def variants(self, name: str) -> list[Array]:
         """Columns (N, k) of every variant of a family, smoothed and pooled over the tracks."""
@@ -189,6 +194,13 @@ class Families:
             return [[v]]
         if name in ("rotor_inertia", "rotor_inertia_error"):
             return [[a]]
+        if name == "friction_wear_temperature":
+            bumps = [np.exp(-size / (share * top)) * sign for share in (0.03, 0.1)]
+            columns = [sign, v, *bumps]
+            if track.temperature is not None:
+                warm = track.temperature[:, j] - 35.0
+                columns += [warm * v, *(warm * bump for bump in bumps)]
+            return [columns]
         if name == "torque_offset":
             return [[np.ones_like(t)]]
         if name == "stribeck":

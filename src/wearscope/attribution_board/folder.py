@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wearscope.attribution_board.disturbances import jitter_times, make_noise, quantise
 from wearscope.attribution_board.machines import Machine
 from wearscope.attribution_board.physics import Behaviour, Setting
-from wearscope.attribution_board.recipe import OVERSAMPLING, Recipe, make_stream
+from wearscope.attribution_board.recipe import Recipe, make_stream
 from wearscope.tables import write_table, write_text
 
 Array = NDArray[np.float64]
@@ -31,39 +31,54 @@ def _miss_inertials(urdf: str, error: float, rng: np.random.Generator) -> str:
     return re.sub(r"<inertial>.*?</inertial>", link, urdf)
 
 
+def _one_or_all(units: list[str]) -> str | list[str]:
+    return units[0] if len(set(units)) == 1 else units
+
+
 def write_folder(
     folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
-    sigma: Array, seed: int, declared: list[str], with_temperature: bool,
+    noises: list[Array | None], sigma: Array, seed: int, declared: list[str], with_temperature: bool,
 ) -> dict[str, Array]:  # fmt: skip
     """Write ``dataset.yaml``, ``robot.urdf`` and the runs; sensor errors are drawn here, by run.
+
+    `noises` holds a run's torque disturbance (N, n) where it has acted already inside a position loop, else
+    None.
 
     Returns
     -------
     dict
         Columns to be sealed: `run`, `t`, and by joint `clean_`, `noise_` and `effect_` torque.
     """
-    joints, pos, tau_unit = machine.joints, machine.position_unit, machine.torque_unit
-    resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
+    joints, n = machine.joints, len(machine.joints)
+    pos = [machine.position_unit(j) for j in range(n)]
+    tau_unit = [machine.torque_unit(j) for j in range(n)]
+    if recipe.encoder_step is None:
+        resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
+    else:
+        resolution = recipe.encoder_step * np.asarray(machine.reach)
     sealed: dict[str, list[Array]] = {"run": [], "t": []}
     listing: list[dict[str, Any]] = []
-    for number, (plan, b) in enumerate(zip(recipe.plans, behaviours, strict=True)):
+    every = slice(None, None, recipe.oversampling)
+    for number, (plan, b, acted) in enumerate(zip(recipe.plans, behaviours, noises, strict=True)):
         rng = make_stream(seed, machine.name, "noise", str(number))
-        t = b.t[::OVERSAMPLING]
+        t = b.t[every]
         at_q, at_tau = jitter_times(t, recipe.noise, recipe.rate, rng)
         columns: dict[str, Array] = {"t": t}
         units = {"t": "s"}
-        noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng)
+        noise = acted
+        if noise is None:
+            noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng, recipe.memory, recipe.frequency)
         q = np.column_stack([np.interp(at_q, b.t, b.q[:, j]) for j in range(len(joints))])
         clean = np.column_stack([np.interp(at_tau, b.t, b.tau[:, j]) for j in range(len(joints))])
-        effect = b.plant_torque[::OVERSAMPLING]
+        effect = b.plant_torque[every]
         q = quantise(q, resolution, rng)
         sealed["run"].append(np.full(len(t), number, dtype=float))
         sealed["t"].append(t)
         for j, joint in enumerate(joints):
             columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
-            units[f"q_{joint}"], units[f"tau_{joint}"] = pos, tau_unit
+            units[f"q_{joint}"], units[f"tau_{joint}"] = pos[j], tau_unit[j]
             if with_temperature:
-                columns[f"temp_{joint}"] = np.round(b.temperature[::OVERSAMPLING, j], 1)
+                columns[f"temp_{joint}"] = np.round(b.temperature[every, j], 1)
                 units[f"temp_{joint}"] = "degC"
             for key, value in (("clean", clean), ("noise", noise), ("effect", effect)):
                 sealed.setdefault(f"{key}_{joint}", []).append(value[:, j])
@@ -73,14 +88,15 @@ def write_folder(
         if machine.payload_mass > 0:
             entry["payload"] = {"mass": machine.payload_mass, "com": list(machine.payload_com)}
         listing.append(entry)
+    approximate = bool(recipe.inertia_error) if recipe.approximate is None else recipe.approximate
     robot: dict[str, Any] = {
         "urdf": "robot.urdf",
         "joints": list(joints),
-        "inertials": "approximate" if recipe.inertia_error else "trusted",
+        "inertials": "approximate" if approximate else "trusted",
         "gravity": list(machine.gravity),
         "gear_ratio": list(machine.gear_ratio),
     }
-    if "rotor_inertia" in declared:
+    if "rotor_inertia" in declared and recipe.rotor_given:
         robot["rotor_inertia"] = setting.rotor.tolist()
     document = {
         "name": folder.name,
@@ -88,7 +104,7 @@ def write_folder(
         "source": "generated",
         "robot": robot,
         "sample_rate": recipe.rate,
-        "units": {"q": pos, "tau": tau_unit},
+        "units": {"q": _one_or_all(pos), "tau": _one_or_all(tau_unit)},
         "declared_effects": declared,
         "runs": listing,
     }

@@ -2,35 +2,32 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wearscope.attribution_board.disturbances import check_noise
-from wearscope.attribution_board.features import Families, make_track
+from wearscope.attribution_board.assessment import assess_entries
+from wearscope.attribution_board.disturbances import check_noise, make_noise
 from wearscope.attribution_board.folder import write_folder
+from wearscope.attribution_board.limits import limit_amplitude
 from wearscope.attribution_board.machines import Body, Machine, find_machine
 from wearscope.attribution_board.motions import Motion, make_motion
 from wearscope.attribution_board.outside import OUTSIDE
 from wearscope.attribution_board.physics import (
     Active,
+    Behaviour,
     Setting,
     Structural,
     behave,
     first_amplitude,
     make_plant,
 )
-from wearscope.attribution_board.recipe import OVERSAMPLING, Planted, Recipe, RunPlan, make_stream
-from wearscope.attribution_board.separability import (
-    ONE_COEFFICIENT,
-    UNABSORBED,
-    accepted_names,
-    judge_separability,
-    project_parameter,
-)
+from wearscope.attribution_board.position_loop import react
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan, make_stream
+from wearscope.attribution_board.separability import accepted_names
 from wearscope.attribution_board.terms import Term
 from wearscope.errors import InputError
 from wearscope.tables import write_table, write_text
@@ -38,50 +35,120 @@ from wearscope.tables import write_table, write_text
 Array = NDArray[np.float64]
 
 LACKING = {"rotor_inertia_error": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}
-"""Effects that are planted by leaving a declared one out: no other joint of that machine has it."""
+"""Effects that a board without a declared set plants by leaving one out: no other joint then has it."""
+STANDARD = ("rotor_inertia", "coulomb", "viscous", "torque_offset")
+"""Effects that most machines have; where they are not declared they are planted on every joint."""
 THERMAL = ("temperature_dependent_friction",)
+WIDE = ("payload_error", "inertial_error", "rigid_body")
+"""Effects that act on several joints at once."""
 
 
-def _setting(machine: Machine, seed: int, planted: Sequence[Planted]) -> Setting:
+def declare_effects(recipe: Recipe, planted: Sequence[Planted]) -> list[str]:
+    """Names that the data set declares."""
+    if recipe.declared is not None:
+        return list(recipe.declared)
+    lacking = {LACKING[p.effect] for p in planted if p.effect in LACKING}
+    return [name for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous") if name not in lacking]
+
+
+def make_setting(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str]) -> Setting:
+    """The machine as this case has it: what is declared acts, what is not is left to the plants."""
     rng = make_stream(seed, machine.name, "setting")
     n = len(machine.joints)
-    lacking = {LACKING[p.effect] for p in planted if p.effect in LACKING}
-    values = {
+    frictions = {
         "coulomb": np.asarray(machine.coulomb) * rng.uniform(0.8, 1.2, n),
         "viscous": np.asarray(machine.viscous) * rng.uniform(0.8, 1.2, n),
-        "rotor_inertia": np.asarray(machine.rotor_inertia),
     }
-    for name in lacking:
-        values[name] = np.zeros(n)
     grain = np.asarray(machine.speed) * rng.uniform(0.0002, 0.001, n)
-    return Setting(machine, values["coulomb"], values["viscous"], values["rotor_inertia"], grain)
+    if recipe.reversal is not None:
+        grain = np.asarray(machine.speed) * recipe.reversal
+    if "friction_wear_temperature" not in declared:
+        for name in frictions:
+            if name not in declared:
+                frictions[name] = np.zeros(n)
+    rotor = np.asarray(machine.rotor_inertia) if "rotor_inertia" in declared else np.zeros(n)
+    share = rng.uniform(-0.3, 0.3, n) if "torque_offset" in declared else np.zeros(n)
+    offset = share * np.asarray(machine.coulomb)
+    return Setting(
+        machine, frictions["coulomb"], frictions["viscous"], rotor, grain, offset, "rigid_body" in declared
+    )
 
 
-def _temperature(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
+@dataclass
+class Recording:
+    """The runs of a case before any plant acts: motions, temperatures, quiet behaviour and noise RMS (n,)."""
+
+    setting: Setting
+    body: Body
+    recipe: Recipe
+    motions: list[Motion]
+    temperatures: list[Array]
+    loads: list[Array]
+    sigma: Array
+
+    def pick_training(self) -> list[int]:
+        """Numbers of the training runs."""
+        return [number for number, plan in enumerate(self.recipe.plans) if plan.use == "train"]
+
+    def behave(self, number: int, actives: Sequence[Active]) -> Behaviour:
+        """What a run would record with these plants."""
+        return behave(
+            self.setting, self.motions[number], self.temperatures[number], actives, self.body,
+            self.loads[number],
+        )  # fmt: skip
+
+    def plant_torque(self, active: Active) -> list[Array]:
+        """Torque (N, n) of one plant alone by training run, at the recorded rate."""
+        every = slice(None, None, self.recipe.oversampling)
+        return [self.behave(number, [active]).plant_torque[every] for number in self.pick_training()]
+
+
+def _warm_up(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
     """Joints warming from their start towards a balance of their own (N, n)."""
     start = plan.start_temperature + rng.uniform(-1.5, 1.5, n)
     rise, time = rng.uniform(2.0, 6.0, n), rng.uniform(15.0, 40.0, n)
-    return start + rise * (1 - np.exp(-t[:, None] / time))
+    return np.asarray(start + rise * (1 - np.exp(-t[:, None] / time)))
 
 
-def _scale(
-    plant: Term | Structural, wanted: float, sigma: Array, runs: list[tuple[Motion, Array]], setting: Setting,
-    body: Body,
-) -> tuple[float, int]:  # fmt: skip
+def record(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str]) -> Recording:
+    """Motions, temperatures and noise level of a case, before anything is planted."""
+    setting = make_setting(machine, seed, recipe, declared)
+    body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com)
+    fine = recipe.rate * recipe.oversampling
+    motions, temperatures = [], []
+    for number, plan in enumerate(recipe.plans):
+        motion_seed = int(make_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
+        motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked, plan.pace)
+        rng = make_stream(seed, machine.name, "temperature", str(number))
+        motions.append(motion)
+        temperatures.append(_warm_up(plan, len(machine.joints), motion.t, rng))
+    loads = [body.torque(m.q, m.v, m.a) for m in motions]
+    made = Recording(setting, body, recipe, motions, temperatures, loads, np.ones(len(machine.joints)))
+    quiet = np.vstack([made.behave(number, []).tau for number in made.pick_training()])
+    made.sigma = recipe.noise_level * np.sqrt(np.mean(quiet**2, axis=0))
+    return made
+
+
+def scale_plant(
+    recording: Recording, plant: Term | Structural, wanted: float, effect: str
+) -> tuple[float, int]:
     """Amplitude at which the plant's torque RMS is `wanted` noise RMS on the training runs, and its joint.
 
-    The payload's error acts on all joints: it is measured at the joint where it stands out most.
+    An effect on several joints is measured at the joint where it stands out most. Where the recipe says
+    `bounded`, the amplitude keeps to the machine's physical limits.
+
+    Raises
+    ------
+    InputError
+        Where the effect makes no torque on these runs.
     """
-    amplitude = first_amplitude(plant, setting.machine)
-    joint = plant.joint
+    setting = recording.setting
+    amplitude, joint = first_amplitude(plant, setting.machine), plant.joint
     below, above = 0.0, np.inf
     for _ in range(25):
-        active = [Active(plant, amplitude)]
-        torque = np.vstack(
-            [behave(setting, m, temp, active, body).plant_torque[::OVERSAMPLING] for m, temp in runs]
-        )
-        ratio = np.sqrt(np.mean(torque**2, axis=0)) / sigma
-        if isinstance(plant, Structural) and plant.kind == "payload_error":
+        torque = np.vstack(recording.plant_torque(Active(plant, amplitude)))
+        ratio = np.sqrt(np.mean(torque**2, axis=0)) / recording.sigma
+        if effect in WIDE:
             joint = int(np.argmax(ratio))
         if not np.isfinite(ratio[joint]) or ratio[joint] < 1e-9:
             raise InputError(
@@ -95,13 +162,20 @@ def _scale(
         size *= float(np.clip(wanted / ratio[joint], 0.05, 20.0))
         if not below < size < above:
             size = 0.5 * (below + above)
+        if effect == "inertial_error":
+            # a mass can fall by no more than itself
+            size = min(size, 0.9)
+            if size == abs(amplitude):
+                break
         amplitude = float(sign * size)
+    if recording.recipe.bounded:
+        amplitude = limit_amplitude(recording, plant, effect, amplitude)
     return amplitude, joint
 
 
 def generate_dataset(
     folder: str | Path,
-    robot: str,
+    robot: str | Machine,
     planted: Sequence[Planted],
     seed: int,
     recipe: Recipe | None = None,
@@ -113,8 +187,8 @@ def generate_dataset(
     ----------
     folder : path-like
         The data set's folder; its last part is the data set's name, which must not tell the truth.
-    robot : str
-        A machine of `machines.MACHINES`.
+    robot : str or Machine
+        A machine, or the name of one of `machines.MACHINES`.
     planted : sequence of Planted
         Empty for a null.
     seed : int
@@ -126,9 +200,10 @@ def generate_dataset(
     Returns
     -------
     dict
-        `dataset`, `robot`, `seed`, `joints`, `unit`, `noise`, `noise_rms` (by joint), `planted` (a list with
-        `effect`, `accepted`, `joint`, `joints`, `outside`, `size`, `measured_size`, `unabsorbed_size`,
-        `separable`, `rivals`, `parameters`, `form`) and `signals` (a mapping of columns; not in the JSON).
+        `dataset`, `robot`, `seed`, `joints`, `unit`, `noise`, `noise_rms` (by joint), `declared`, `planted`
+        (a list with `effect`, `accepted`, `also_accepted`, `joint`, `joints`, `outside`, `standard`, `size`,
+        `measured_size`, `parameters`, `form` and what `assessment.assess_entries` adds) and `signals` (a
+        mapping of columns; not in the JSON).
 
     Raises
     ------
@@ -137,59 +212,50 @@ def generate_dataset(
     """
     recipe = recipe or Recipe()
     check_noise(recipe.noise)
-    machine = find_machine(robot)
+    machine = find_machine(robot) if isinstance(robot, str) else robot
     for plant in planted:
         if plant.joint not in machine.joints:
             raise InputError(
-                f"attribution board: {robot} has no joint '{plant.joint}'; choose one of "
+                f"attribution board: {machine.name} has no joint '{plant.joint}'; choose one of "
                 f"{', '.join(machine.joints)}."
             )
-    setting = _setting(machine, seed, planted)
-    body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com)
-    fine = recipe.rate * OVERSAMPLING
-    runs: list[tuple[Motion, Array]] = []
-    for number, plan in enumerate(recipe.plans):
-        motion_seed = int(make_stream(seed, machine.name, "motion", str(plan.trajectory)).integers(2**62))
-        motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked)
-        rng = make_stream(seed, machine.name, "temperature", str(number))
-        runs.append((motion, _temperature(plan, len(machine.joints), motion.t, rng)))
-    train = [run for run, plan in zip(runs, recipe.plans, strict=True) if plan.use == "train"]
-    quiet = np.vstack([behave(setting, m, temp, [], body).tau for m, temp in train])
-    sigma = recipe.noise_level * np.sqrt(np.mean(quiet**2, axis=0))
-
+    declared = declare_effects(recipe, planted)
+    recording = record(machine, seed, recipe, declared)
     actives: list[Active] = []
     entries: list[dict[str, Any]] = []
     for number, plant in enumerate(planted):
         rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
         made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
-        amplitude, joint = _scale(made, plant.size, sigma, train, setting, body)
+        if plant.amplitude is None:
+            amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
+        else:
+            amplitude, joint = plant.amplitude, made.joint
         actives.append(Active(made, amplitude))
         entries.append(_describe(plant, made, amplitude, joint, machine))
-    behaviours = [behave(setting, m, temp, actives, body) for m, temp in runs]
-    thermal = any(plant.effect in THERMAL for plant in planted)
     with_temperature = recipe.temperatures
     if with_temperature is None:
+        thermal = any(plant.effect in THERMAL for plant in planted)
         with_temperature = thermal or bool(make_stream(seed, machine.name, "channels").uniform() < 0.3)
-
-    name = Path(folder).name
-    declared = [
-        effect
-        for effect in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
-        if effect not in {LACKING[p.effect] for p in planted if p.effect in LACKING}
-    ]
-    _judge(entries, actives, train, setting, body, declared, sigma, recipe, bool(with_temperature))
+    behaviours, noises = _run_all(recording, actives, seed)
     signals = write_folder(
-        Path(folder), machine, setting, recipe, behaviours, sigma, seed, declared, bool(with_temperature)
-    )
+        Path(folder), machine, recording.setting, recipe, behaviours, noises, recording.sigma, seed, declared,
+        bool(with_temperature),
+    )  # fmt: skip
+    torques = [recording.plant_torque(active) for active in actives]
+    if "rigid_body" not in declared:
+        entries.append(_describe_rigid_body(machine))
+        every = slice(None, None, recipe.oversampling)
+        torques.append([recording.loads[number][every] for number in recording.pick_training()])
+    assess_entries(entries, torques, recording, declared, signals, bool(with_temperature))
     truth: dict[str, Any] = {
-        "dataset": name,
-        "robot": robot,
+        "dataset": Path(folder).name,
+        "robot": machine.name,
         "seed": seed,
         "joints": list(machine.joints),
-        "unit": machine.torque_unit,
+        "unit": machine.torque_unit(0),
         "recipe": asdict(recipe) | {"plans": [asdict(plan) for plan in recipe.plans]},
         "noise": recipe.noise,
-        "noise_rms": dict(zip(machine.joints, sigma.tolist(), strict=True)),
+        "noise_rms": dict(zip(machine.joints, recording.sigma.tolist(), strict=True)),
         "declared": declared,
         "planted": entries,
     }
@@ -199,6 +265,32 @@ def generate_dataset(
     return truth | {"signals": signals}
 
 
+def _run_all(
+    recording: Recording, actives: list[Active], seed: int
+) -> tuple[list[Behaviour], list[Array | None]]:
+    """Behaviour of every run with all plants; with its disturbance where that acts in the position loop."""
+    recipe, machine = recording.recipe, recording.setting.machine
+    behaviours: list[Behaviour] = []
+    noises: list[Array | None] = []
+    for number, motion in enumerate(recording.motions):
+        if recipe.loop_bandwidth is None:
+            behaviours.append(recording.behave(number, actives))
+            noises.append(None)
+            continue
+        rng = make_stream(seed, machine.name, "disturbance", str(number))
+        disturbance = make_noise(
+            recipe.noise, len(motion.t), recording.sigma, recipe.rate * recipe.oversampling, rng,
+            recipe.memory, recipe.frequency,
+        )  # fmt: skip
+        # a motor without a declared rotor inertia still has one where it is planted as an effect
+        rotor = np.asarray(machine.rotor_inertia)
+        moved = react(recording.body, rotor, motion, disturbance, recipe.loop_bandwidth)
+        temperature = recording.temperatures[number]
+        behaviours.append(behave(recording.setting, moved, temperature, actives, recording.body))
+        noises.append(disturbance[:: recipe.oversampling])
+    return behaviours, noises
+
+
 def _describe(
     plant: Planted, made: Term | Structural, amplitude: float, joint: int, machine: Machine
 ) -> dict[str, Any]:
@@ -206,7 +298,7 @@ def _describe(
         parameters, form, extra = made.parameters(amplitude), made.form, made.extra
     else:
         parameters, form, extra = made.parameters(amplitude, machine), made.kind, dict(made.detail)
-    everywhere = plant.effect == "payload_error"
+    everywhere = plant.effect in WIDE
     accept = extra.get("accept", [])
     assert isinstance(accept, list)
     return {
@@ -214,6 +306,7 @@ def _describe(
         "accepted": list(accepted_names(plant.effect)),
         "also_accepted": accept,
         "outside": plant.effect in OUTSIDE,
+        "standard": plant.amplitude is not None,
         "joint": machine.joints[joint],
         "joints": list(machine.joints) if everywhere else [machine.joints[joint]],
         "size": plant.size,
@@ -223,51 +316,19 @@ def _describe(
     }
 
 
-def _judge(
-    entries: list[dict[str, Any]], actives: list[Active], train: list[tuple[Motion, Array]], setting: Setting,
-    body: Body, declared: list[str], sigma: Array, recipe: Recipe, with_temperature: bool,
-) -> None:  # fmt: skip
-    """Add measured size, unabsorbed size and separability to every entry, from its plant acting alone."""
-    machine = setting.machine
-    for entry, active in zip(entries, actives, strict=True):
-        alone = [behave(setting, m, temp, [active], body) for m, temp in train]
-        every = slice(None, None, OVERSAMPLING)
-        torque = [b.plant_torque[every] for b in alone]
-        ratio = np.sqrt(np.mean(np.vstack(torque) ** 2, axis=0)) / sigma
-        payload = machine.payload_mass > 0
-        tracks = [
-            make_track(
-                body, machine.urdf, b.t[every], b.q[every], b.v[every], b.a[every],
-                b.temperature[every] if with_temperature else None, payload, b.load[every],
-            )
-            for b in alone
-        ]  # fmt: skip
-        concerned = [machine.joints.index(entry["joint"])]
-        if entry["effect"] == "payload_error":
-            concerned = [j for j in range(len(machine.joints)) if ratio[j] >= 0.5]
-        rivals: dict[str, float] = {}
-        best = 0.0
-        for number, j in enumerate(concerned):
-            families = Families(tracks, j, recipe.rate, machine.prismatic, declared)
-            order = entry["parameters"].get("order", {}).get("value")
-            found = judge_separability(
-                families, entry["effect"], [x[:, j] for x in torque], float(sigma[j]), order
-            )
-            here = found["rivals"]
-            assert isinstance(here, dict)
-            rivals = dict(here) if number == 0 else {k: r for k, r in rivals.items() if k in here}
-            nearest = project_parameter(families, entry["effect"], [x[:, j] for x in torque])
-            if nearest is not None:
-                main_parameter = entry["parameters"].get(ONE_COEFFICIENT[entry["effect"]])
-                if main_parameter is not None:
-                    main_parameter["nearest"] = nearest
-            unabsorbed = found["unabsorbed"]
-            assert isinstance(unabsorbed, float)
-            if unabsorbed / sigma[j] >= best:
-                best = unabsorbed / float(sigma[j])
-                entry["absorbed_share"], entry["own_left"] = found["absorbed_share"], found["own"]
-        main = machine.joints.index(entry["joint"])
-        entry["measured_size"] = float(ratio[main])
-        entry["unabsorbed_size"] = best
-        entry["rivals"] = rivals
-        entry["separable"] = bool(not rivals and best >= max(UNABSORBED, 0.1 * float(ratio[main])))
+def _describe_rigid_body(machine: Machine) -> dict[str, Any]:
+    """Entry of a rigid body that nobody declared; a slide's and a single upright axis's is an inertia."""
+    alike = ["rotor_inertia", "rotor_inertia_error"] if len(machine.joints) == 1 else []
+    return {
+        "effect": "rigid_body",
+        "accepted": ["rigid_body"],
+        "also_accepted": [*alike, "inertial_error", "payload_error"],
+        "outside": False,
+        "standard": True,
+        "joint": machine.joints[0],
+        "joints": list(machine.joints),
+        "size": np.nan,
+        "form": "inverse dynamics",
+        "parameters": {},
+        "extra": {},
+    }

@@ -1,5 +1,6 @@
 """The board's own machines: URDF texts, drive trains and limits, written apart from `wearscope.robots`."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,8 +22,8 @@ class Machine:
     urdf : str
         The URDF text that goes into the data set's folder.
     joints : tuple of str
-    prismatic : bool
-        True where positions are in m and torques in N.
+    prismatic : tuple of bool
+        True where a joint's positions are in m and its torques in N.
     rotor_inertia : tuple of float
         Reflected to the joint [kg m^2 or kg].
     gear_ratio : tuple of float
@@ -42,7 +43,7 @@ class Machine:
     name: str
     urdf: str
     joints: tuple[str, ...]
-    prismatic: bool
+    prismatic: tuple[bool, ...]
     rotor_inertia: tuple[float, ...]
     gear_ratio: tuple[float, ...]
     coulomb: tuple[float, ...]
@@ -55,15 +56,13 @@ class Machine:
     payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -9.81))
 
-    @property
-    def torque_unit(self) -> str:
+    def torque_unit(self, joint: int) -> str:
         """Unit of a joint's torque."""
-        return "N" if self.prismatic else "N m"
+        return "N" if self.prismatic[joint] else "N m"
 
-    @property
-    def position_unit(self) -> str:
+    def position_unit(self, joint: int) -> str:
         """Unit of a joint's position."""
-        return "m" if self.prismatic else "rad"
+        return "m" if self.prismatic[joint] else "rad"
 
 
 class Body:
@@ -79,24 +78,34 @@ class Body:
         Payload mass [kg]; may be negative where an error of the payload is meant.
     com : sequence of float
         Its centre of mass in the last link's frame [m].
+    link_errors : mapping of int to float
+        Relative error of mass and inertia by link, the link counted from 0 behind the first joint.
     """
 
-    def __init__(self, urdf: str, gravity: tuple[float, ...], mass: float, com: tuple[float, ...]):
+    def __init__(
+        self, urdf: str, gravity: tuple[float, ...], mass: float, com: tuple[float, ...],
+        link_errors: Mapping[int, float] | None = None,
+    ):  # fmt: skip
         self.model = pin.buildModelFromXML(urdf)
         self.model.gravity.linear = np.asarray(gravity, dtype=float)
         if mass != 0.0:
             last = self.model.njoints - 1
             load = pin.Inertia(mass, np.asarray(com, dtype=float), np.zeros((3, 3)))
             self.model.inertias[last] = self.model.inertias[last] + load
+        for link, error in (link_errors or {}).items():
+            stated = self.model.inertias[link + 1]
+            factor = 1.0 + error
+            self.model.inertias[link + 1] = pin.Inertia(
+                factor * stated.mass, stated.lever, factor * stated.inertia
+            )
         self.data = self.model.createData()
+        self._pool = pin.ModelPool(self.model, 1)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Rigid-body torque (N, n) along a motion q, v, a (N, n)."""
-        rnea, model, data = pin.rnea, self.model, self.data
-        out = np.empty_like(q)
-        for i in range(len(q)):
-            out[i] = rnea(model, data, q[i], v[i], a[i])
-        return out
+        turned = (np.asfortranarray(x.T) for x in (q, v, a))
+        torque = pin.rneaInParallel(1, self._pool, *turned)
+        return np.ascontiguousarray(torque.reshape(q.shape[1], len(q)).T)
 
 
 def _link(name: str, mass: float, com: str, inertia: tuple[float, float, float]) -> str:
@@ -133,7 +142,7 @@ def _arm6() -> Machine:
         name="arm6",
         urdf=urdf + "</robot>\n",
         joints=("j1", "j2", "j3", "j4", "j5", "j6"),
-        prismatic=False,
+        prismatic=(False,) * 6,
         rotor_inertia=(19.0, 31.0, 11.0, 1.4, 1.1, 0.5),
         gear_ratio=(121.0, 153.0, 101.0, 81.0, 80.0, 51.0),
         coulomb=(48.0, 71.0, 33.0, 11.5, 9.0, 5.2),
@@ -159,7 +168,7 @@ def _arm3() -> Machine:
         name="arm3",
         urdf=urdf + "</robot>\n",
         joints=("waist", "shoulder", "elbow"),
-        prismatic=False,
+        prismatic=(False,) * 3,
         rotor_inertia=(1.9, 2.3, 0.8),
         gear_ratio=(100.0, 100.0, 80.0),
         coulomb=(6.5, 8.2, 4.1),
@@ -181,7 +190,7 @@ def _stage() -> Machine:
         name="stage",
         urdf=urdf + "</robot>\n",
         joints=("slide",),
-        prismatic=True,
+        prismatic=(True,),
         rotor_inertia=(38.0,),
         gear_ratio=(628.3185307179587,),
         coulomb=(23.0,),

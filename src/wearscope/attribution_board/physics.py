@@ -13,13 +13,20 @@ from numpy.typing import NDArray
 
 from wearscope.attribution_board.machines import Body, Machine
 from wearscope.attribution_board.motions import Motion
-from wearscope.attribution_board.outside import OUTSIDE
+from wearscope.attribution_board.outside import OUTSIDE, TWO_JOINTS
 from wearscope.attribution_board.terms import NAMED, Signals, Term
 from wearscope.errors import InputError
 
 Array = NDArray[np.float64]
 
-STRUCTURAL = ("payload_error", "joint_elasticity", "backlash", "torque_constant_error", "time_delay")
+STRUCTURAL = (
+    "payload_error",
+    "inertial_error",
+    "joint_elasticity",
+    "backlash",
+    "torque_constant_error",
+    "time_delay",
+)
 
 
 @dataclass(frozen=True)
@@ -32,9 +39,12 @@ class Structural:
 
     def parameters(self, amplitude: float, machine: Machine) -> dict[str, tuple[float, str]]:
         """Planted parameters as ``name: (value, unit)``."""
-        tau, pos = machine.torque_unit, machine.position_unit
+        tau, pos = machine.torque_unit(self.joint), machine.position_unit(self.joint)
         if self.kind == "payload_error":
             return {"mass": (amplitude, "kg"), "com_shift_x": (self.detail["shift"] * amplitude, "m")}
+        if self.kind == "inertial_error":
+            link = int(self.detail["link"])
+            return {f"mass_factor_link{link + 1}": (1.0 + amplitude, "1")}
         if self.kind == "joint_elasticity":
             return {
                 "stiffness": (1.0 / amplitude, f"{tau}/{pos}"),
@@ -76,13 +86,18 @@ class Behaviour:
 
 @dataclass(frozen=True)
 class Setting:
-    """A machine as this case has it: friction levels, rotor inertia and the smoothness of its sign change."""
+    """A machine as this case has it: friction levels, rotor inertia and the smoothness of its sign change.
+
+    `rigid_declared` False leaves the rigid body out of what is declared.
+    """
 
     machine: Machine
     coulomb: Array
     viscous: Array
     rotor: Array
     grain: Array
+    offset: float | Array = 0.0
+    rigid_declared: bool = True
 
 
 def make_plant(effect: str, machine: Machine, joint: int, rng: np.random.Generator) -> Term | Structural:
@@ -93,7 +108,7 @@ def make_plant(effect: str, machine: Machine, joint: int, rng: np.random.Generat
     InputError
         Where the generator has no such effect.
     """
-    if len(machine.joints) == 1 and effect in ("cross_coupling", "other_position"):
+    if len(machine.joints) == 1 and effect in ("cross_coupling", *TWO_JOINTS):
         raise InputError(
             f"attribution board: {machine.name} has one joint, so nothing can couple into it; choose an arm."
         )
@@ -111,6 +126,8 @@ def make_plant(effect: str, machine: Machine, joint: int, rng: np.random.Generat
                 "choose another machine."
             )
         detail["shift"] = float(rng.uniform(-0.8, 0.8)) * abs(machine.payload_com[0]) / machine.payload_mass
+    if effect == "inertial_error":
+        detail["link"] = float(joint)
     return Structural(effect, joint, detail)
 
 
@@ -125,8 +142,9 @@ def _lost_motion(load: Array, t: Array, gap: float) -> Array:
 
 
 def behave(
-    setting: Setting, motion: Motion, temperature: Array, actives: Sequence[Active], declared_body: Body
-) -> Behaviour:
+    setting: Setting, motion: Motion, temperature: Array, actives: Sequence[Active], declared_body: Body,
+    declared_load: Array | None = None,
+) -> Behaviour:  # fmt: skip
     """What the machine's recorder would see without noise, along one motion.
 
     Parameters
@@ -139,6 +157,8 @@ def behave(
     actives : sequence of Active
     declared_body : Body
         The rigid body as declared.
+    declared_load : array (N, n), optional
+        Its torque along the motion, where it is known already.
 
     Returns
     -------
@@ -150,12 +170,18 @@ def behave(
     structural = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Structural)]
     terms = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Term)]
     body = declared_body
+    faults = {int(p.detail["link"]): x for p, x in structural if p.kind == "inertial_error"}
+    if faults:
+        body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com, faults)
     for plant, amplitude in structural:
         if plant.kind == "payload_error":
             mass = machine.payload_mass + amplitude
             com = np.asarray(machine.payload_com) + np.array([plant.detail["shift"] * amplitude, 0.0, 0.0])
-            body = Body(machine.urdf, machine.gravity, mass, tuple(com))
-    load = body.torque(motion.q, motion.v, motion.a)
+            body = Body(machine.urdf, machine.gravity, mass, tuple(com), faults)
+    if declared_load is None or body is not declared_body:
+        load = body.torque(motion.q, motion.v, motion.a)
+    else:
+        load = declared_load
     ahead = np.zeros_like(load)
     for plant, amplitude in structural:
         if plant.kind == "joint_elasticity":
@@ -169,7 +195,7 @@ def behave(
         q, v, a = q + ahead, v + speed, a + np.gradient(speed, step, axis=0, edge_order=2)
     if np.any(ahead) or body is not declared_body:
         rigid = declared_body.torque(q, v, a)
-    own = setting.rotor * a + _friction(setting, v)
+    own = setting.rotor * a + _friction(setting, v) + setting.offset
     tau = load + own
     signals = Signals(motion.t, q, v, a, load, temperature, np.asarray(machine.speed), setting.grain)
     for term, amplitude in terms:
@@ -180,7 +206,8 @@ def behave(
             tau[:, plant.joint] = (1.0 + amplitude) * column
         elif plant.kind == "time_delay":
             tau[:, plant.joint] = np.interp(motion.t - amplitude, motion.t, column)
-    return Behaviour(motion.t, q, v, a, tau, rigid + own, load, temperature)
+    declared = rigid + own if setting.rigid_declared else own
+    return Behaviour(motion.t, q, v, a, tau, declared, load, temperature)
 
 
 def first_amplitude(plant: Term | Structural, machine: Machine) -> float:
@@ -190,8 +217,10 @@ def first_amplitude(plant: Term | Structural, machine: Machine) -> float:
     sign = plant.detail["sign"]
     if plant.kind == "payload_error":
         return sign * 0.1 * machine.payload_mass
+    if plant.kind == "inertial_error":
+        return sign * 0.05
     if plant.kind == "backlash":
         return 1e-3 * machine.reach[plant.joint]
     if plant.kind == "joint_elasticity":
-        return 1e-6 if not machine.prismatic else 1e-7
+        return 1e-6 if not machine.prismatic[plant.joint] else 1e-7
     return sign * (0.01 if plant.kind == "torque_constant_error" else 0.002)

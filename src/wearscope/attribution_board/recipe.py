@@ -10,21 +10,29 @@ OVERSAMPLING = 4
 
 @dataclass(frozen=True)
 class Planted:
-    """One effect to plant: name, joint name, and size (RMS of its torque over the noise RMS, train runs)."""
+    """One effect to plant: name, joint name, and size (RMS of its torque over the noise RMS, train runs).
+
+    Where an `amplitude` is given the effect acts with it, whatever its size comes to.
+    """
 
     effect: str
     joint: str
     size: float
+    amplitude: float | None = None
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """One run: its use, kind of motion, which drawn trajectory (equal numbers repeat), start temperature."""
+    """One run: its use, kind of motion, which drawn trajectory (equal numbers repeat), start temperature.
+
+    `pace` is the share of the machine's top speed that the motion may use.
+    """
 
     use: str
     kind: str
     trajectory: int
     start_temperature: float
+    pace: float = 1.0
 
 
 PLANS: tuple[RunPlan, ...] = (
@@ -58,6 +66,28 @@ class Recipe:
         where it is not 0, the data set says ``inertials: approximate``.
     locked : tuple of str
         Joints that never move.
+    memory : float
+        Time constant of coloured noise [s].
+    frequency : float or None
+        Frequency of a hum [Hz]; None lets the seed decide.
+    loop_bandwidth : float or None
+        Natural frequency of the position loop inside which the torque noise acts [Hz]; None adds the noise to
+        the record instead.
+    encoder_step : float or None
+        Resolution of the positions as a share of the joint's reach; None takes 17 bits by motor turn.
+    reversal : float or None
+        Speed over which friction changes sign, as a share of the joint's top speed; None draws it by joint.
+    declared : tuple of str or None
+        Declared effects; None declares rigid body, rotor inertia, Coulomb and viscous friction but for what
+        is planted. What is declared acts in the machine; what is not acts only where it is planted.
+    rotor_given : bool
+        Whether the data set states the rotor inertias.
+    approximate : bool or None
+        Whether the data set calls its inertials approximate; None where they are off.
+    oversampling : int
+        Steps of the fine grid by recorded sample.
+    bounded : bool
+        Whether a plant keeps to what such a machine may physically have, its size then being what comes out.
     plans : tuple of RunPlan
     """
 
@@ -68,6 +98,16 @@ class Recipe:
     temperatures: bool | None = None
     inertia_error: float = 0.0
     locked: tuple[str, ...] = ()
+    memory: float = 0.06
+    frequency: float | None = None
+    loop_bandwidth: float | None = None
+    encoder_step: float | None = None
+    reversal: float | None = None
+    declared: tuple[str, ...] | None = None
+    rotor_given: bool = True
+    approximate: bool | None = None
+    oversampling: int = OVERSAMPLING
+    bounded: bool = False
     plans: tuple[RunPlan, ...] = PLANS
 
 

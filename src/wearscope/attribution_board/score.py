@@ -1,21 +1,20 @@
-"""Scores one verdict against the sealed truth: a row by planted effect (one row for a null)."""
+"""Scores a verdict against the truth of a case with several plants: a row a planted effect or false entry.
+
+An entry of the verdict is *accounted for* where its joint has a planted effect that it names, or whose name
+stands in its `equivalent`, or that is not separable and counts the named effect among its rivals; and,
+where an outside effect is planted at its joint, where it is ``unknown``. Any other entry is *extra*. A
+planted effect is *required* where it is separable and at least `TIMES` its just findable size. A case is
+*exact* where every required effect is named and nothing is extra.
+"""
 
 import json
 import re
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 
-from wearscope.attribution_board.features import smooth
 from wearscope.errors import InputError
-from wearscope.tables import read_table
-
-Array = NDArray[np.float64]
 
 SHARED_PARAMETERS: dict[str, dict[str, tuple[str, ...]]] = {
     "torque_offset": {"offset": ("offset", "torque_offset", "tau0")},
@@ -41,7 +40,12 @@ Conventions: recorded torque = (1 + gain) x true torque; a positive delay means 
 the positions; mass is true minus declared; half_difference is added forwards and taken away backwards.
 """
 
-OUTCOMES = ("right", "equivalent", "none", "unknown", "wrong")
+TIMES = 2.0
+"""Multiple of the just findable size from which on an effect must be named."""
+WORSE = 1.03
+"""Factor on a joint's held-out error above which the verdict has harmed."""
+REPEATING = ("hum", "event", "harmonics")
+"""Noise that a verdict may call `unexplained` without an error."""
 
 
 def read_verdict(path: str | Path) -> dict[str, Any]:
@@ -62,19 +66,6 @@ def read_verdict(path: str | Path) -> dict[str, Any]:
         if key not in verdict:
             raise InputError(f"{path}: has no '{key}'; close the loop again.")
     return dict(verdict)
-
-
-def _grade(entry: dict[str, Any], truth: dict[str, Any]) -> str | None:
-    """How a verdict's entry meets a planted effect: right, equivalent, or not at all."""
-    if entry["joint"] not in truth["joints"]:
-        return None
-    if not truth["outside"] and entry["effect"] in truth["accepted"]:
-        return "right"
-    if set(entry.get("equivalent") or []) & set(truth["accepted"]):
-        return "equivalent"
-    if entry["effect"] in truth["also_accepted"]:
-        return "equivalent"
-    return None
 
 
 _SAME_UNITS = ({"", "1", "-"}, {"kgm^2", "Nms^2/rad"}, {"kg", "Ns^2/m"})
@@ -109,201 +100,109 @@ def score_parameter(entry: dict[str, Any], truth: dict[str, Any]) -> dict[str, f
     return out
 
 
-FILTER_REACH = 1.0
-"""Half length [s] of the filters that can be read off a reader's measured torque."""
+def accounts_for(entry: dict[str, Any], plant: dict[str, Any]) -> str | None:
+    """How a verdict's entry meets a planted effect.
 
-
-def _lagged(raw: Array, at: NDArray[np.int64], reach: int) -> Array:
-    """Regressors of a symmetric filter: raw[at], then raw[at - k] + raw[at + k] for k up to `reach`."""
-    return np.column_stack([raw[at]] + [raw[at - k] + raw[at + k] for k in range(1, reach + 1)])
-
-
-def true_floor(residual: pd.DataFrame, truth: dict[str, Any], joint: str) -> dict[int, float]:
-    """RMS of the true torque noise as the reader's filtering shows it, by test run (its number from 0).
-
-    The reader's linear, zero-phase filter is read off from its measured torque on all runs, so that a reader
-    who smooths its signals is held to the noise that its smoothing leaves. Empty where no such filter
-    explains the reader's measured torque to a fifth of that noise.
-
-    Parameters
-    ----------
-    residual : DataFrame
-        ``residual.parquet``: columns `t`, `run`, `joint`, `measured`, and `counts` where not every row does.
-    truth : dict
-        With `signals`.
-    joint : str
+    Returns
+    -------
+    str or None
+        ``right``, ``equivalent`` (its confidence set holds the truth), ``excused`` (a rival that the data
+        cannot tell apart), ``unknown`` (an outside effect called unknown), or None.
     """
-    signals, rate = truth["signals"], truth["recipe"]["rate"]
-    reach = round(FILTER_REACH * rate)
-    runs, numbers = np.asarray(signals["run"]), residual["run"].astype(str)
-    left, right, floor_rows = [], [], {}
-    for number, plan in enumerate(truth["recipe"]["plans"]):
-        rows = runs == number
-        noise = np.asarray(signals[f"noise_{joint}"])[rows]
-        raw = np.asarray(signals[f"clean_{joint}"])[rows] + noise
-        named = numbers.str.contains(f"r{number + 1}(?:\\.|$)", regex=True)
-        mine = residual[named & (residual["joint"] == joint)]
-        if mine.empty:
-            continue
-        start = float(np.asarray(signals["t"])[rows][0])
-        at = np.round((mine["t"].to_numpy() - start) * rate).astype(np.int64)
-        keep = (at >= reach) & (at < len(raw) - reach)
-        left.append(_lagged(raw, at[keep], reach))
-        right.append(mine["measured"].to_numpy()[keep])
-        if plan["use"] == "test":
-            counted = keep & mine["counts"].to_numpy() if "counts" in mine else keep
-            floor_rows[number] = _lagged(noise, at[counted], reach)
-    if not left:
-        return {}
-    matrix, shown = np.vstack(left), np.concatenate(right)
-    if len(shown) < 1.5 * matrix.shape[1]:
-        return {}
-    taps, *_ = np.linalg.lstsq(matrix, shown, rcond=1e-10)
-    free = 1 - matrix.shape[1] / len(shown)
-    miss = np.sqrt(np.mean((shown - matrix @ taps) ** 2) / free)
-    floors = {n: float(np.sqrt(np.mean((x @ taps) ** 2))) for n, x in floor_rows.items() if len(x)}
-    return floors if floors and miss < 0.2 * min(floors.values()) else {}
+    if entry["joint"] not in plant["joints"]:
+        return None
+    if plant["outside"] and entry["effect"] == "unknown":
+        return "unknown"
+    if not plant["outside"] and entry["effect"] in plant["accepted"]:
+        return "right"
+    named = {entry["effect"], *(entry.get("equivalent") or [])}
+    if named & {*plant["accepted"], *plant["also_accepted"]}:
+        return "equivalent"
+    if not plant["separable"] and named & set(plant["rivals"]):
+        return "excused"
+    return None
 
 
-def _raw_floor(truth: dict[str, Any], joint: str) -> dict[int, float]:
-    plans = truth["recipe"]["plans"]
-    return {i: truth["noise_rms"][joint] for i, plan in enumerate(plans) if plan["use"] == "test"}
+def is_required(plant: dict[str, Any]) -> bool:
+    """Whether a verdict must name this effect."""
+    return bool(plant["separable"]) and not plant["outside"] and plant["times_findable"] >= TIMES
 
 
-def smoothed_floor(truth: dict[str, Any], joint: str) -> dict[int, float]:
-    """RMS of the true torque noise by test run as the baselines' own smoothing leaves it."""
-    signals, rate = truth["signals"], truth["recipe"]["rate"]
-    out = {}
-    for number, plan in enumerate(truth["recipe"]["plans"]):
-        if plan["use"] == "test":
-            noise = np.asarray(signals[f"noise_{joint}"])[np.asarray(signals["run"]) == number]
-            out[number] = float(np.sqrt(np.mean(smooth(noise[:, None], rate) ** 2)))
-    return out
-
-
-def score_gap(verdict: dict[str, Any], truth: dict[str, Any], joint: str, floors: dict[int, float]) -> float:
-    """Share of the gap to the true noise floor that was closed on the joint's test runs.
-
-    (before^2 - after^2) / (before^2 - floor^2), pooled over the test runs; NaN where the floor cannot be told
-    or there was no gap to speak of (less than a tenth of the floor's variance).
-    """
-    stated = verdict["joints"].get(joint)
-    if stated is None:
-        return float("nan")
-    before = after = floor = 0.0
-    for file, (was, now) in stated["test_runs"].items():
-        digits = "".join(c for c in Path(file).stem if c.isdigit())
-        number = int(digits) - 1 if digits else -1
-        if number not in floors:
-            return float("nan")
-        before, after, floor = before + was**2, after + now**2, floor + floors[number] ** 2
-    gap = before - floor
-    return float((before - after) / gap) if gap > 0.1 * floor and floor > 0 else float("nan")
-
-
-def score_case(
-    truth: dict[str, Any],
-    verdict: dict[str, Any],
-    method: str = "tracer",
-    floor: Callable[[str], dict[int, float]] | None = None,
-) -> list[dict[str, Any]]:
-    """Rows of one case: one by planted effect, or one row for a null.
+def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Score one case.
 
     Parameters
     ----------
     truth : dict
         As `generate.generate_dataset` returns it.
     verdict : dict
-        The content of ``verdict.json``.
-    method : str
-        Whose verdict it is.
-    floor : callable, optional
-        Noise floor of a joint by test run (its number from 0); by default that of the unfiltered noise.
+        The content of ``verdict.json``; `status`, `state` and `unexplained_rms` may be absent.
 
     Returns
     -------
-    list of dict
-        `outcome` is one of `OUTCOMES`; `correct` says whether it is the wanted one (for a null ``none``, for
-        an outside effect ``unknown``); `first` whether nothing wrong was named before it; `extra_named`
-        counts entries of the verdict that name an effect that nothing planted accounts for.
+    case : dict
+        `planted`, `required`, `named` (required ones that are), `missed`, `extra`, `unknowns`, `exact`,
+        `null`, `false_in_null` (None in a planted case), `worse` (a joint's held-out error beyond `WORSE`),
+        `worst_ratio`, `refuted`, `statuses` (entries that say a status), `outside_answered` (None where
+        none is planted and findable), `outcome`.
+    entries : list of dict
+        A row by planted effect, `kind` ``planted``, and by extra entry, `kind` ``extra``.
     """
-    entries = list(verdict["verdict"])
-    floor = floor or partial(_raw_floor, truth)
+    said = list(verdict["verdict"])
     planted = truth["planted"]
-    kind = "null" if not planted else "pair" if len(planted) > 1 else "single"
-    common: dict[str, Any] = {
-        "method": method, "dataset": truth["dataset"], "robot": truth["robot"], "seed": truth["seed"],
-        "noise": truth["noise"], "kind": kind,
-    }  # fmt: skip
-    grades = [[_grade(entry, plant) for entry in entries] for plant in planted]
-    loose = [i for i in range(len(entries)) if all(g[i] is None for g in grades)]
-    unknown_meant = [
-        i
-        for i in loose
-        if entries[i]["effect"] == "unknown"
-        and any(p["outside"] and entries[i]["joint"] in p["joints"] for p in planted)
-    ]
-    named_wrong = [i for i in loose if entries[i]["effect"] != "unknown"]
-    unknowns = [i for i in loose if entries[i]["effect"] == "unknown"]
-    common |= {"entries": len(entries), "extra_named": len(named_wrong)}
-    common["extra_unknown"] = len(unknowns) - len(unknown_meant)
-    if not planted:
-        outcome = "wrong" if named_wrong else "unknown" if unknowns else "none"
-        named = entries[named_wrong[0]]["effect"] if named_wrong else outcome
-        return [_row(common, outcome, named, correct=outcome == "none", first=outcome == "none")]
-    rows = []
-    for plant, grade in zip(planted, grades, strict=True):
-        matched = [i for i, g in enumerate(grade) if g == "right"] or [
-            i for i, g in enumerate(grade) if g == "equivalent"
-        ]
-        details: dict[str, Any] = {
-            "effect": plant["effect"], "joint": plant["joint"], "size": plant["size"],
-            "unabsorbed_size": plant["unabsorbed_size"], "separable": plant["separable"],
-            "outside": plant["outside"],
-            "gap_closure": score_gap(verdict, truth, plant["joint"], floor(plant["joint"])),
+    grades = [[accounts_for(entry, plant) for plant in planted] for entry in said]
+    extra = [entry for entry, row in zip(said, grades, strict=True) if not any(row)]
+    rows: list[dict[str, Any]] = []
+    for p, plant in enumerate(planted):
+        met = sorted(
+            (_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) is not None
+        )
+        grade = _ORDER[met[0][0]] if met else "missed"
+        entry = said[met[0][1]] if met else {}
+        state = (verdict["joints"].get(plant["joint"]) or {}).get("state")
+        row = {
+            "kind": "planted", "effect": plant["effect"], "joint": plant["joint"],
+            "outside": plant["outside"], "standard": plant["standard"], "size": plant["measured_size"],
+            "findable_size": plant["findable_size"], "times_findable": plant["times_findable"],
+            "separable": plant["separable"], "required": is_required(plant), "grade": grade,
+            "named_as": entry.get("effect", ""), "found": grade in ("right", "equivalent"),
+            "in_set": grade in ("right", "equivalent") if grade != "missed" else None,
+            "state": state, "status": entry.get("status"),
         }  # fmt: skip
-        if matched:
-            entry, outcome = entries[matched[0]], str(grade[matched[0]])
-            first = not any(i < matched[0] for i in named_wrong + unknowns)
-            details |= score_parameter(entry, plant)
-            rows.append(_row(common, outcome, entry["effect"], correct=True, first=first, **details))
-            continue
-        here = [i for i in named_wrong if entries[i]["joint"] in plant["joints"]] or named_wrong
-        mine = [i for i in unknowns if entries[i]["joint"] in plant["joints"]]
-        outcome = "wrong" if here else "unknown" if mine else "none"
-        named = entries[here[0]]["effect"] if here else outcome
-        correct = plant["outside"] and outcome == "unknown"
-        rows.append(_row(common, outcome, named, correct=correct, first=correct, **details))
-    return rows
-
-
-def _row(
-    common: dict[str, Any], outcome: str, named: str, correct: bool, first: bool, **details: Any
-) -> dict[str, Any]:
-    absent: dict[str, Any] = {
-        "effect": "none", "joint": "", "size": np.nan, "unabsorbed_size": np.nan, "separable": False,
-        "outside": False, "gap_closure": np.nan, "parameter_error": np.nan, "covered": np.nan,
+        if plant["outside"]:
+            row["found"] = grade == "unknown" or state == "unexplained"
+            row["in_set"] = None
+        if grade == "right":
+            row |= score_parameter(entry, plant)
+        rows.append(row)
+    for entry in extra:
+        rows.append({"kind": "extra", "effect": "none", "joint": entry["joint"], "outside": False,
+                     "standard": False, "required": False, "found": False, "grade": "extra",
+                     "named_as": entry["effect"], "status": entry.get("status"),
+                     "named_set": len(entry.get("equivalent") or [])})  # fmt: skip
+    required = [row for row in rows if row["required"]]
+    missed = [row for row in required if not row["found"]]
+    ratios = [
+        joint["rms_after"] / joint["rms_before"]
+        for joint in verdict["joints"].values()
+        if joint.get("rms_before")
+    ]
+    outer = [row for row in rows if row["outside"] and row["times_findable"] >= TIMES]
+    case: dict[str, Any] = {
+        "planted": len(planted), "required": len(required), "named": len(required) - len(missed),
+        "missed": len(missed), "extra": sum(entry["effect"] != "unknown" for entry in extra),
+        "unknowns": sum(entry["effect"] == "unknown" for entry in extra),
+        "entries": len(said), "exact": not missed and not extra, "null": not planted,
+        "false_in_null": bool(extra) if not planted else None,
+        "worst_ratio": max(ratios, default=np.nan), "worse": max(ratios, default=0.0) > WORSE,
+        "refuted": sum(entry.get("status") == "refuted" for entry in said),
+        "statuses": sum(entry.get("status") is not None for entry in said),
+        "outside_answered": all(row["found"] for row in outer) if outer else None,
     }  # fmt: skip
-    return (
-        common | absent | details | {"outcome": outcome, "named": named, "correct": correct, "first": first}
+    case["outcome"] = (
+        "exact" if case["exact"] else "extra" if extra and not missed else "missed" if not extra else "both"
     )
+    return case, rows
 
 
-def score_folder(truth: dict[str, Any], out_dir: str | Path, method: str = "tracer") -> list[dict[str, Any]]:
-    """Score what closing the loop wrote into a folder (``verdict.json``, ``residual.parquet`` if there)."""
-    verdict = read_verdict(Path(out_dir) / "verdict.json")
-    path = Path(out_dir) / "residual.parquet"
-    if not path.exists() or "signals" not in truth:
-        return score_case(truth, verdict, method)
-    residual = read_table(path)
-    return score_case(truth, verdict, method, lambda joint: true_floor(residual, truth, joint))
-
-
-def read_truth(path: str | Path) -> dict[str, Any]:
-    """Read a truth that `generate.generate_dataset` sealed, with its signals where they lie beside it."""
-    truth = json.loads(Path(path).read_text(encoding="utf-8"))
-    signals = Path(path).with_suffix(".signals.parquet")
-    if signals.exists():
-        table = read_table(signals)
-        truth["signals"] = {name: table[name].to_numpy() for name in table}
-    return dict(truth)
+_ORDER = ("right", "unknown", "equivalent", "excused")

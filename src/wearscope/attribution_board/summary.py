@@ -1,194 +1,275 @@
-"""The board's tables from its rows: confusion matrix, rates with their bounds, smallest named size."""
+"""The board's figures: every share with its Clopper-Pearson 95 % interval, in total and by axis."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
+from statsmodels.stats.proportion import proportion_confint
 
-NAMED_SHARE = 0.8
-"""An effect counts as named at a size where this share of its cases is answered right or equivalent."""
+from wearscope.attribution_board.detection import fit_detection
+from wearscope.attribution_board.regimes import CHOICES, RANGES
+from wearscope.attribution_board.score import REPEATING
 
+Share = dict[str, Any]
+Pick = Callable[[pd.DataFrame, pd.DataFrame], "pd.Series[Any]"]
 
-def bound_share(hits: int, cases: int, level: float = 0.95) -> tuple[float, float]:
-    """Clopper-Pearson interval of a share (two-sided); (0, 1) where there is no case."""
-    if cases == 0:
-        return 0.0, 1.0
-    tail = (1 - level) / 2
-    low = 0.0 if hits == 0 else float(beta.ppf(tail, hits, cases - hits + 1))
-    high = 1.0 if hits == cases else float(beta.ppf(1 - tail, hits + 1, cases - hits))
-    return low, high
+FROM_NOTHING = ("nothing", "rigid_body", "rigid_rotor", "coulomb_only")
+"""Declared sets that leave friction out."""
 
 
-def upper_bound(hits: int, cases: int, level: float = 0.95) -> float:
-    """One-sided Clopper-Pearson upper bound of a share; 1 where there is no case."""
-    return 1.0 if cases == 0 or hits == cases else float(beta.ppf(level, hits + 1, cases - hits))
-
-
-def _share(hits: Sequence[bool] | pd.Series) -> dict[str, Any]:
-    values = np.asarray(hits, dtype=bool)
+def tell_share(hits: "pd.Series[Any]") -> Share:
+    """Share of True among values that are not missing, with its interval."""
+    values = np.asarray(hits.dropna(), dtype=bool)
     count, cases = int(values.sum()), len(values)
-    low, high = bound_share(count, cases)
-    return {
-        "share": count / cases if cases else None,
-        "hits": count,
-        "cases": cases,
-        "ci95": [low, high],
-        "upper95": upper_bound(count, cases),
-    }
+    low, high = proportion_confint(count, cases, alpha=0.05, method="beta") if cases else (0.0, 1.0)
+    low, high = (0.0 if np.isnan(low) else float(low)), (1.0 if np.isnan(high) else float(high))
+    return {"share": count / cases if cases else None, "hits": count, "cases": cases, "ci95": [low, high]}
 
 
-def tabulate_confusion(rows: pd.DataFrame) -> pd.DataFrame:
-    """Confusion matrix in long form: `method`, `truth`, `answer`, `count`.
-
-    `truth` is the planted effect, ``null:<noise>`` or ``outside:<name>``; `answer` the named effect where it
-    is right or wrong, else ``none``, ``unknown`` or ``equivalent``.
-    """
-    frame = rows.copy()
-    frame["truth"] = np.where(
-        frame["kind"] == "null",
-        "null:" + frame["noise"],
-        np.where(frame["outside"].astype(bool), "outside:", "") + frame["effect"],
-    )
-    plain = frame["outcome"].isin(["none", "unknown", "equivalent", "error"])
-    frame["answer"] = np.where(plain, frame["outcome"], frame["named"])
-    counted = frame.groupby(["method", "truth", "answer"], sort=True).size()
-    return counted.reset_index(name="count")
+def _column(frame: pd.DataFrame, name: str) -> "pd.Series[Any]":
+    return frame[name] if name in frame else pd.Series(np.nan, index=frame.index, dtype=object)
 
 
-def find_smallest_sizes(rows: pd.DataFrame) -> pd.DataFrame:
-    """Smallest planted size from which on every size of an effect is named in 80 % of its cases.
+def _nulls(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return cases.loc[_column(cases, "null").astype(bool), "false_in_null"]
 
-    Columns `method`, `effect`, `smallest_size` (NaN where none is), `cases`, over single named effects.
-    """
-    single = rows[(rows["kind"] == "single") & ~rows["outside"].astype(bool)]
+
+def _planted(cases: pd.DataFrame) -> pd.DataFrame:
+    return cases[~_column(cases, "null").astype(bool)]
+
+
+def _only_named(cases: pd.DataFrame) -> pd.DataFrame:
+    """Planted cases without an outside effect."""
+    return cases[(~cases["null"].astype(bool)) & (cases["axis_plants"] != "outside")]
+
+
+def _of_planted(entries: pd.DataFrame) -> pd.DataFrame:
+    return entries[_column(entries, "kind") == "planted"]
+
+
+def _exact(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _only_named(cases)["exact"]
+
+
+def _extra(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = _planted(cases)
+    count = _column(chosen, "extra")
+    return (count > 0).where(count.notna())
+
+
+def _extra_unknown(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = _planted(cases)
+    count = _column(chosen, "unknowns")
+    return (count > 0).where(count.notna())
+
+
+def _required(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return entries.loc[_column(entries, "required").astype(bool), "found"]
+
+
+def _friction(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    """By joint with friction that nobody declared: both named where they are findable, and nothing else."""
+    if entries.empty:
+        return pd.Series(dtype=bool)
+    chosen = entries[entries["axis_declared"].isin(FROM_NOTHING)]
     out = []
-    for (method, effect), group in single.groupby(["method", "effect"], sort=True):
-        shares = group.groupby("size")["correct"].mean().sort_index(ascending=False)
-        smallest = np.nan
-        for size, share in shares.items():
-            if share < NAMED_SHARE:
-                break
-            smallest = float(size)  # type: ignore[arg-type]
-        out.append({"method": method, "effect": effect, "smallest_size": smallest, "cases": len(group)})
-    return pd.DataFrame(out, columns=["method", "effect", "smallest_size", "cases"])
+    for _, joint in chosen.groupby(["dataset", "joint"]):
+        mine = joint[joint["effect"].isin(["coulomb", "viscous"]) & joint["standard"].astype(bool)]
+        findable = mine[mine["times_findable"] >= 2.0]
+        if findable.empty:
+            continue
+        others = joint[(joint["kind"] == "planted") & ~joint["standard"].astype(bool)]
+        extra = joint[joint["kind"] == "extra"]
+        out.append(bool((findable["grade"] == "right").all() and (extra.empty or not others.empty)))
+    return pd.Series(out, dtype=bool)
 
 
-def summarise(rows: pd.DataFrame) -> dict[str, Any]:
-    """Figures of the board by method, each share with its count and its 95 % bounds.
+def _outside(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = entries[_column(entries, "outside").astype(bool)] if len(entries) else entries
+    return _column(chosen[_column(chosen, "times_findable").astype(float) >= 2.0], "found")
+
+
+def _worse(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _column(cases[cases["error"] == ""], "worse")
+
+
+def _refuted(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    said = entries[_column(entries, "status").notna()] if len(entries) else entries
+    return _column(said, "status") == "refuted"
+
+
+def _in_set(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _column(_of_planted(entries), "in_set")
+
+
+def _covered(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    covered = _column(entries, "covered")
+    return (covered > 0.5).where(covered.notna())
+
+
+def _near_declared(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    ratio = _column(cases, "beyond_declared").astype(float)
+    return (ratio <= 1.03).where(ratio.notna())
+
+
+def _failed(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return cases["error"] != ""
+
+
+SCORES: dict[str, tuple[str, Pick, bool, str]] = {
+    "false_in_null": ("a false name or unknown in a null", _nulls, False, "at most 1 %"),
+    "exact": ("all and only the planted effects (those at 2 x just findable required)", _exact, True, "90 %"),
+    "required_found": ("required effects named, right or in the confidence set", _required, True, ""),
+    "extra_name": ("an extra name in a planted case", _extra, False, "2 %"),
+    "extra_unknown": ("an extra unknown in a planted case", _extra_unknown, False, ""),
+    "friction_from_nothing": (
+        "undeclared Coulomb and viscous, and nothing else, by joint",
+        _friction,
+        True,
+        "90 %",
+    ),
+    "near_declared": (
+        "undeclared friction: held-out error of every joint within 3 % of declaring it",
+        _near_declared,
+        True,
+        "all joints",
+    ),
+    "outside_answered": ("outside effects answered unknown or unexplained", _outside, True, "95 %"),
+    "held_out_worse": ("held-out error of a joint larger by more than 3 %", _worse, False, "0.5 %"),
+    "refuted": ("names that the test runs refute", _refuted, False, "1 %"),
+    "set_holds_truth": ("confidence set of an entry holds the truth", _in_set, True, "88 to 98 %"),
+    "parameter_covered": ("parameter within its 95 % interval", _covered, True, ""),
+    "failed": ("cases that ended in an error or at the time limit", _failed, False, ""),
+}
+"""Scores: words, how their cases are picked, whether more is better, and what is to be reached."""
+BY_AXIS = ("exact", "false_in_null", "extra_name", "required_found")
+
+
+def bin_axes(table: pd.DataFrame, numbers: dict[str, tuple[float, float, str]] = RANGES) -> pd.DataFrame:
+    """Levels of every axis by row: names as they are, numbers in three bins even in the logarithm."""
+    out = pd.DataFrame(index=table.index)
+    for name in CHOICES:
+        out[name] = table[f"axis_{name}"].astype(str)
+    out["joints"] = table["axis_joints"].astype(int).astype(str) if "axis_joints" in table else "?"
+    for name, (low, high, unit) in numbers.items():
+        edges = low * (high / low) ** (np.arange(4) / 3)
+        which = np.clip(np.searchsorted(edges, table[f"axis_{name}"].astype(float), side="right") - 1, 0, 2)
+        labels = [
+            f"{edges[i]:.3g} to {edges[i + 1]:.3g}{'' if unit == '1' else ' ' + unit}" for i in range(3)
+        ]
+        out[name] = [labels[i] for i in which]
+    return out
+
+
+def summarise_board(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
+    """Figures of a board.
+
+    Parameters
+    ----------
+    cases, entries : DataFrame
+        As `board.run_board` writes them.
 
     Returns
     -------
     dict
-        By method: `named` (shares right at the first place by size, among separable single effects: strict,
-        and with equivalent answers), `named_all` (the same over all), `wrong_name` (planted cases with any
-        entry that nothing planted accounts for), `false_attribution` (nulls with a non-empty verdict;
-        `..._named` counts named effects only; by noise), `outside_unknown`, `coverage`, `parameter_error`
-        (absolute, quartiles), `gap_closure` (quartiles), `pairs` (both found, at least one), `errors`.
+        `cases`, `seconds` (median and largest), `total` (by score: `share`, `hits`, `cases`, `ci95`),
+        `axes` (by axis and level, the same for the scores of `BY_AXIS`), `repeating_nulls` (nulls with hum
+        or events, which may be `unexplained`), `detection` (see `detection.fit_detection`), `errors` (the
+        messages, counted).
     """
-    result: dict[str, Any] = {}
-    for method, frame in rows.groupby("method", sort=True):
-        outside = frame["outside"].astype(bool)
-        null = frame[frame["kind"] == "null"]
-        single = frame[(frame["kind"] == "single") & ~outside]
-        planted = frame[frame["kind"] != "null"].drop_duplicates("dataset")
-        outer = frame[(frame["kind"] == "single") & outside]
-        separable = single[single["separable"].astype(bool)]
-        pairs = frame[frame["kind"] == "pair"]
-        found = pairs.groupby("dataset")["correct"].agg(["all", "any"])
-        covered = frame["covered"].dropna()
-        closed = frame.loc[frame["correct"].astype(bool), "gap_closure"].dropna()
-        every = frame.loc[(frame["kind"] != "null"), "gap_closure"].dropna()
-        result[str(method)] = {
-            "cases": int(frame["dataset"].nunique()),
-            "errors": int((frame["outcome"] == "error").sum()),
-            "named": _by_size(separable),
-            "named_all": _by_size(single),
-            "wrong_name": _share(planted["extra_named"] > 0),
-            "false_attribution": _share(null["outcome"].isin(["wrong", "unknown", "error"])),
-            "false_attribution_named": _share(null["outcome"] == "wrong"),
-            "false_attribution_by_noise": {
-                str(kind): _share(group["outcome"].isin(["wrong", "unknown", "error"]))
-                for kind, group in null.groupby("noise", sort=True)
-            },
-            "outside_unknown": _share(outer.loc[outer["separable"].astype(bool), "correct"]),
-            "outside_unknown_all": _share(outer["correct"]),
-            "coverage": _share(covered > 0.5),
-            "parameter_error": _quartiles(frame["parameter_error"].dropna().abs()),
-            "gap_closure": _quartiles(closed),
-            "gap_closure_all": _quartiles(every),
-            "gap_closed_90": _share(every >= 0.9),
-            "pairs": {"both": _share(found["all"]), "any": _share(found["any"])},
-        }
-    return result
+    levels = bin_axes(cases)
+    entry_levels = bin_axes(entries) if len(entries) else pd.DataFrame()
+    axes: dict[str, Any] = {}
+    for axis in levels:
+        axes[axis] = {}
+        for level in sorted(levels[axis].unique()):
+            part = cases[levels[axis] == level]
+            own = entries[entry_levels[axis] == level] if len(entries) else entries
+            axes[axis][level] = {key: tell_share(SCORES[key][1](part, own)) for key in BY_AXIS}
+    nulls = cases[cases["null"].astype(bool)]
+    repeating = nulls[nulls["axis_noise"].isin(REPEATING)]
+    errors = cases.loc[cases["error"] != "", "error"].value_counts()
+    return {
+        "cases": len(cases),
+        "seconds": {"median": float(cases["seconds"].median()), "largest": float(cases["seconds"].max())},
+        "total": {key: tell_share(pick(cases, entries)) for key, (_, pick, _, _) in SCORES.items()},
+        "repeating_nulls": tell_share(repeating["false_in_null"]),
+        "axes": axes,
+        "detection": fit_detection(entries),
+        "errors": {str(error): int(count) for error, count in errors.items()},
+    }
 
 
-def _by_size(frame: pd.DataFrame) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for size, group in frame.groupby("size", sort=True):
-        strict = (group["outcome"] == "right") & group["first"].astype(bool)
-        loose = group["correct"].astype(bool) & group["first"].astype(bool)
-        out[f"{size:g}"] = {"right": _share(strict), "right_or_equivalent": _share(loose)}
-    large = frame[frame["size"] >= 4]
-    loose = large["correct"].astype(bool) & large["first"].astype(bool)
-    strict = (large["outcome"] == "right") & large["first"].astype(bool)
-    out["4 and more"] = {"right": _share(strict), "right_or_equivalent": _share(loose)}
-    return out
-
-
-def _quartiles(values: pd.Series) -> dict[str, Any]:
-    if values.empty:
-        return {"cases": 0, "quartiles": None}
-    return {"cases": len(values), "quartiles": [float(x) for x in np.quantile(values, [0.25, 0.5, 0.75])]}
-
-
-def _tell(share: dict[str, Any]) -> str:
-    if share["cases"] == 0:
+def _words(share: Share) -> str:
+    if not share["cases"]:
         return "-"
     low, high = share["ci95"]
     counts = f"{share['hits']}/{share['cases']}; {100 * low:.0f} to {100 * high:.0f}"
     return f"{100 * share['share']:.1f} % ({counts})"
 
 
-def write_markdown(summary: dict[str, Any], sizes: pd.DataFrame) -> str:
-    """The board's figures as Markdown: one table of rates by method, one of smallest named sizes."""
-    methods = list(summary)
-    lines = ["| figure | " + " | ".join(methods) + " |", "|---|" + "---|" * len(methods)]
+def _badness(levels: dict[str, Any]) -> float:
+    """How far an axis's worst level lies from its best in exact cases, one of either kind added to each."""
+    shares = [
+        (x["exact"]["hits"] + 1) / (x["exact"]["cases"] + 2) for x in levels.values() if x["exact"]["cases"]
+    ]
+    return max(shares) - min(shares) if len(shares) > 1 else 0.0
 
-    def add(label: str, tell: Any) -> None:
-        lines.append(f"| {label} | " + " | ".join(tell(summary[m]) for m in methods) + " |")
 
-    def quartiles(entry: dict[str, Any]) -> str:
-        if entry["quartiles"] is None:
-            return "-"
-        return " / ".join(f"{x:.3f}" for x in entry["quartiles"]) + f" ({entry['cases']})"
-
-    def by_size(key: str, size: str) -> Any:
-        return lambda s: _tell(s[key][size]["right_or_equivalent"]) if size in s[key] else "-"
-
-    for size in sorted({k for m in methods for k in summary[m]["named_all"] if k != "4 and more"}, key=float):
-        add(f"named, separable, size {size}", by_size("named", size))
-        add(f"named, all, size {size}", by_size("named_all", size))
-    add("named, separable, size 4 and more", by_size("named", "4 and more"))
-    add(
-        "the same, without equivalents",
-        lambda s: _tell(s["named"]["4 and more"]["right"]),
-    )
-    add("wrong name in a planted case", lambda s: _tell(s["wrong_name"]))
-    add("false attribution on nulls (anything said)", lambda s: _tell(s["false_attribution"]))
-    add("its one-sided 95 % upper bound", lambda s: f"{100 * s['false_attribution']['upper95']:.2f} %")
-    add("false attribution on nulls (a name)", lambda s: _tell(s["false_attribution_named"]))
-    add("outside effects answered unknown", lambda s: _tell(s["outside_unknown"]))
-    add("parameter within its 95 % interval", lambda s: _tell(s["coverage"]))
-    add("parameter error, absolute, quartiles", lambda s: quartiles(s["parameter_error"]))
-    add("gap closed, planted, quartiles", lambda s: quartiles(s["gap_closure_all"]))
-    add("gap closed by 90 % or more", lambda s: _tell(s["gap_closed_90"]))
-    add("pairs: both found", lambda s: _tell(s["pairs"]["both"]))
-    add("cases that ended in an error", lambda s: str(s["errors"]))
-    wide = sizes.pivot(index="effect", columns="method", values="smallest_size") if len(sizes) else sizes
-    lines += ["", "| smallest size named | " + " | ".join(methods) + " |", "|---|" + "---|" * len(methods)]
-    for effect in wide.index if len(sizes) else []:
-        cells = [wide.loc[effect].get(m, np.nan) for m in methods]
-        lines.append(f"| {effect} | " + " | ".join("-" if pd.isna(c) else f"{c:g}" for c in cells) + " |")
+def write_markdown(summary: dict[str, Any]) -> str:
+    """The board's figures as Markdown: the scores in total, then by axis, the worst axis first."""
+    seconds = summary["seconds"]
+    lines = [
+        f"{summary['cases']} cases, {seconds['median']:.0f} s in the median, "
+        f"{seconds['largest']:.0f} s at most.",
+        "",
+        "| score | measured (hits/cases; 95 % interval) | to reach |",
+        "|---|---|---|",
+    ]
+    for key, (words, _, _, target) in SCORES.items():
+        lines.append(f"| {words} | {_words(summary['total'][key])} | {target} |")
+    lines.append(f"| of the nulls, those with hum or events | {_words(summary['repeating_nulls'])} | |")
+    detection = summary["detection"]
+    lines += ["", *_tell_detection(detection)]
+    lines += ["", "| axis | level | " + " | ".join(BY_AXIS) + " |", "|---|---|" + "---|" * len(BY_AXIS)]
+    for axis, levels in sorted(summary["axes"].items(), key=lambda item: -_badness(item[1])):
+        for level, shares in sorted(
+            levels.items(),
+            key=lambda item: (item[1]["exact"]["share"] is None, item[1]["exact"]["share"] or 0.0),
+        ):
+            lines.append(f"| {axis} | {level} | " + " | ".join(_words(shares[key]) for key in BY_AXIS) + " |")
+    if summary.get("rivals"):
+        lines += ["", *_tell_rivals(summary)]
+    if summary["errors"]:
+        lines += ["", "| error | cases |", "|---|---|"]
+        lines += [
+            f"| {error.replace('|', '/')[:160]} | {count} |" for error, count in summary["errors"].items()
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _tell_detection(detection: dict[str, Any]) -> list[str]:
+    if detection.get("a90_95") is None:
+        return [f"Probability of detection: {detection['note']}."]
+    return [
+        f"Probability of detection over {detection['effects']} separable effects: found in 90 % of cases "
+        f"from {detection['a90']:.2f} times the just findable size on, with 95 % confidence from "
+        f"{detection['a90_95']:.2f} times on (slope {detection['slope']:.2f} by factor of e)."
+    ]
+
+
+def _tell_rivals(summary: dict[str, Any]) -> list[str]:
+    rivals = {name: total for name, total in summary["rivals"].items() if name != "boosting"}
+    keys = ("false_in_null", "exact", "required_found", "extra_name", "friction_from_nothing")
+    lines = ["| score | tracer | " + " | ".join(rivals) + " |", "|---|---|" + "---|" * len(rivals)]
+    for key in keys:
+        cells = [summary["total"][key], *(total[key] for total in rivals.values())]
+        lines.append(f"| {SCORES[key][0]} | " + " | ".join(_words(cell) for cell in cells) + " |")
+    bound = summary["rivals"]["boosting"]
+    lines += [
+        "",
+        f"Gradient boosting explains {100 * bound['median_bound']:.0f} % of what the declared model leaves, "
+        f"in the median over {bound['joints']} joints, out of fold.",
+    ]
+    return lines

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from wearscope.attribution_board.machines import Machine
@@ -55,8 +56,8 @@ class Term:
 Builder = Callable[[Machine, int, np.random.Generator], Term]
 
 
-def _units(m: Machine) -> tuple[str, str]:
-    return m.torque_unit, m.position_unit
+def _units(m: Machine, j: int) -> tuple[str, str]:
+    return m.torque_unit(j), m.position_unit(j)
 
 
 def _toss(rng: np.random.Generator) -> float:
@@ -66,7 +67,7 @@ def _toss(rng: np.random.Generator) -> float:
 def stribeck(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Extra friction near zero speed: Gaussian (exponent 2) or Hess-Soom (rational) decay."""
     width = float(rng.uniform(0.05, 0.12)) * m.speed[j]
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     if rng.uniform() < 0.5:
         form = "exp(-(v/vs)^2) sign(v)"
 
@@ -86,7 +87,7 @@ def coulomb_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     return Term(
         j,
         lambda s: s.sign(j) ** 2,
-        lambda x: {"half_difference": (x, m.torque_unit)},
+        lambda x: {"half_difference": (x, m.torque_unit(j))},
         "tanh(v/w)^2",
         sign=_toss(rng),
     )
@@ -94,7 +95,7 @@ def coulomb_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def viscous_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous slope higher forwards and lower backwards by `amplitude`."""
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     return Term(
         j,
         lambda s: s.v[:, j] * s.sign(j),
@@ -106,7 +107,7 @@ def viscous_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def quadratic_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Churning loss: v sqrt(v^2 + c^2)."""
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     knee = float(rng.uniform(0.02, 0.1)) * m.speed[j]
     return Term(
         j,
@@ -118,7 +119,7 @@ def quadratic_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def concave_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Shear-thinning grease: log(1 + |v|/v0) or a power of a softened speed."""
-    tau, _ = _units(m)
+    tau, _ = _units(m, j)
     v0 = float(rng.uniform(0.02, 0.06)) * m.speed[j]
     if rng.uniform() < 0.5:
         return Term(
@@ -183,7 +184,7 @@ def warm_up_drift(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Maxwell slip: three stick-slip springs in parallel, breaking loose one after another."""
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     slip = float(rng.uniform(0.015, 0.035)) * m.reach[j]
 
     def shape(s: Signals) -> Array:
@@ -202,31 +203,36 @@ def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
 
 def slip_spring(q: Array, limit: float) -> Array:
     """Force (-1..1) of a spring that slips where its stretch passes `limit`; starts relaxed."""
+    return np.asarray(_slip(np.diff(q, prepend=q[0]), limit))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _slip(steps: Array, limit: float) -> Array:
     stretch = 0.0
-    out = np.empty(len(q))
-    for i, step in enumerate(np.diff(q, prepend=q[0]).tolist()):
-        stretch = min(limit, max(-limit, stretch + step))
-        out[i] = stretch
-    return out / limit
+    out = np.empty(len(steps))
+    for i in range(len(steps)):
+        stretch = min(limit, max(-limit, stretch + steps[i]))
+        out[i] = stretch / limit
+    return out
 
 
 def torque_ripple(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Ripple periodic in position, with a second harmonic."""
-    tau, pos = _units(m)
-    low, high = (2 * np.pi / 0.02, 2 * np.pi / 0.008) if m.prismatic else (9.0, 40.0)
-    order = m.gear_ratio[j] if m.prismatic else float(rng.integers(int(low), int(high)))
+    tau, pos = _units(m, j)
+    low, high = (2 * np.pi / 0.02, 2 * np.pi / 0.008) if m.prismatic[j] else (9.0, 40.0)
+    order = m.gear_ratio[j] if m.prismatic[j] else float(rng.integers(int(low), int(high)))
     phase, phase2 = rng.uniform(0, 2 * np.pi, 2)
     return Term(
         j,
         lambda s: np.sin(order * s.q[:, j] + phase) + 0.25 * np.sin(2 * order * s.q[:, j] + phase2),
-        lambda x: {"amplitude": (x, tau), "order": (order, f"1/{pos}" if m.prismatic else "1")},
+        lambda x: {"amplitude": (x, tau), "order": (order, f"1/{pos}" if m.prismatic[j] else "1")},
         "sin(k q + p1) + 0.25 sin(2 k q + p2)",
     )
 
 
 def joint_spring(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Hose package: a spring about a rest position, stiffening slightly away from it."""
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     rest = m.centre[j] + float(rng.uniform(-0.5, 0.5)) * m.reach[j]
     harden = 0.06
 
@@ -268,7 +274,7 @@ def gravity_counterbalance(m: Machine, j: int, rng: np.random.Generator) -> Term
 
 def rotor_inertia_error(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """J a beyond what the declared model has."""
-    unit = "kg" if m.prismatic else "kg m^2"
+    unit = "kg" if m.prismatic[j] else "kg m^2"
     return Term(j, lambda s: s.a[:, j], lambda x: {"inertia": (x, unit)}, "J a")
 
 
@@ -296,7 +302,7 @@ def torque_offset(m: Machine, j: int, rng: np.random.Generator) -> Term:
     return Term(
         j,
         lambda s: np.ones(len(s.t)),
-        lambda x: {"offset": (x, m.torque_unit)},
+        lambda x: {"offset": (x, m.torque_unit(j))},
         "constant",
         sign=_toss(rng),
     )
@@ -306,15 +312,15 @@ def coulomb(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb friction that the model does not have at all."""
     return Term(
         j,
-        lambda s: 2 / np.pi * np.arctan(s.v[:, j] / (0.5 * s.grain[j])),
-        lambda x: {"level": (x, m.torque_unit)},
-        "2/pi arctan(v/w)",
+        lambda s: s.v[:, j] / np.sqrt(s.v[:, j] ** 2 + s.grain[j] ** 2),
+        lambda x: {"level": (x, m.torque_unit(j))},
+        "v / sqrt(v^2 + w^2)",
     )
 
 
 def viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous friction that the model does not have at all."""
-    tau, pos = _units(m)
+    tau, pos = _units(m, j)
     return Term(j, lambda s: s.v[:, j], lambda x: {"slope": (x, f"{tau} s/{pos}")}, "Fv v")
 
 
@@ -331,6 +337,7 @@ NAMED: dict[str, Builder] = {
     "torque_ripple": torque_ripple,
     "joint_spring": joint_spring,
     "gravity_counterbalance": gravity_counterbalance,
+    "rotor_inertia": rotor_inertia_error,
     "rotor_inertia_error": rotor_inertia_error,
     "cross_coupling": cross_coupling,
     "torque_offset": torque_offset,

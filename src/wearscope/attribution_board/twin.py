@@ -76,7 +76,7 @@ TWIN = Machine(
     name="twin",
     urdf=write_urdf(),
     joints=tuple(f"axis_{i}" for i in range(1, 7)),
-    prismatic=False,
+    prismatic=(False,) * 6,
     rotor_inertia=tuple((RATIO**2 * np.array([1.3e-3, 1.3e-3, 1.3e-3, 1.6e-4, 1.8e-4, 4.3e-5])).tolist()),
     gear_ratio=tuple(RATIO.tolist()),
     coulomb=(0.4 * 105, 0.5 * 210, 0.7 * 60, 21.8, 30.1, 10.9),
@@ -223,7 +223,7 @@ def record_twin(
     Returns
     -------
     dict
-        The truth, in the form that `score.score_case` reads (without `signals`).
+        The truth, in the form of `generate.generate_dataset` (without `signals`).
 
     Raises
     ------

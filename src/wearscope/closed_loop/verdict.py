@@ -1,26 +1,25 @@
 """The machine-readable outcome, and the tables beside it."""
 
-from typing import Any
+import importlib.metadata
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from wearscope.closed_loop.diagnostics.structure import JointState
+from wearscope.closed_loop.intake.preprocessing import Prepared
 from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,
     noise_floor,
     pooled_rms,
-    predict_full,
-    refit,
     relative_error,
     rms,
 )
-from wearscope.closed_loop.model.estimation import Estimate
-from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.model.regression import Regression
-from wearscope.closed_loop.selection.evidence import Found
-from wearscope.closed_loop.selection.search import Trace
-from wearscope.effects.unknown import name_signals
+from wearscope.provenance import read_commit
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.diagnosis import Diagnosis
 
 _SEED = 7
 
@@ -29,59 +28,22 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def depends_on(found: Found, joints: list[str]) -> list[str]:
-    """Signals that a named effect depends on."""
-    entry = found.entry
-    if entry.effect.name == "unknown":
-        return name_signals(entry.shape, joints, entry.joint)
-    other = joints[int(entry.shape[0])] if entry.effect.name == "cross_coupling" else ""
-    return [name.format(joint=joints[entry.joint], other=other) for name in entry.effect.depends_on]
-
-
-def reduction_by_step(prepared: Prepared, trace: Trace) -> list[float]:
-    """Share of the held-out residual variance that each effect removes when it is added, in order."""
-    shares = []
-    declared = len(trace.before.entries)
-    last = _held_out_power(prepared, trace.before)
-    for k in range(len(trace.found)):
-        model = refit(trace.before, trace.after.entries[: declared + k + 1])
-        now = _held_out_power(prepared, model)
-        entry = trace.found[k].entry
-        joint = slice(None) if entry.effect.spread else [entry.joint]
-        weight = 1.0 / trace.before.sigma[joint] ** 2
-        shares.append(float(1.0 - (now[joint] * weight).sum() / (last[joint] * weight).sum()))
-        last = now
-    return shares
-
-
-def _held_out_power(prepared: Prepared, model: Regression) -> np.ndarray:
-    theta = model.solve()
-    total = np.zeros(prepared.n)
-    for run in prepared.runs_for("test"):
-        residual = run.measured - run.reduce(predict_full(model, theta, run))
-        total += (residual**2 * run.keep).sum(axis=0)
-    return total
-
-
-def make_verdict(
-    prepared: Prepared, trace: Trace, estimates: list[Estimate], predicted: list[Predicted]
-) -> dict[str, Any]:
-    """The content of ``verdict.json``."""
+def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
+    """The content of ``verdict.json``: refuted terms first, then in the order of what they remove."""
+    prepared = diagnosis.prepared
     joints = prepared.dataset.joints
-    shares = reduction_by_step(prepared, trace)
     entries = []
-    for found, estimate, share in zip(
-        trace.found, estimates[len(trace.before.entries) :], shares, strict=True
-    ):
-        j = found.entry.joint
+    estimates = diagnosis.estimates["after"][len(diagnosis.before.entries) :]
+    for named, estimate in zip(diagnosis.attributions, estimates, strict=True):
+        term, j = named.term, named.term.joint
         units = prepared.dataset.position_unit[j], prepared.dataset.torque_unit[j]
-        unit_of = {p.name: p.unit_at(*units) for p in found.entry.effect.parameters}
+        unit_of = {p.name: p.unit_at(*units) for p in term.effect.parameters}
         entries.append(
             {
                 "joint": joints[j],
-                "effect": found.entry.effect.name,
-                "equivalent": found.equivalent,
-                "depends_on": depends_on(found, joints),
+                "effect": term.effect.name,
+                "equivalent": named.equivalent,
+                "depends_on": list(dict.fromkeys(term.effect.name_signals(term.shape, joints, j))),
                 "parameters": {
                     name: {"value": estimate.values[name], "ci95": list(interval), "unit": unit_of[name]}
                     for name, interval in estimate.intervals.items()
@@ -89,19 +51,31 @@ def make_verdict(
                 "fixed": {
                     name: value for name, value in estimate.values.items() if name not in estimate.intervals
                 },
-                "error_reduction": share,
+                "error_reduction": named.marked.reduction,
+                "error_reduction_ci95": list(named.marked.interval),
+                "status": named.marked.status,
             }
         )
+    entries.sort(key=lambda entry: entry["status"] != "refuted")
     return {
         "dataset": prepared.dataset.name,
         "verdict": entries,
-        "joints": summarise_joints(prepared, predicted),
+        "rule": diagnosis.policy.model_dump(),
+        "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
+        "stopped": [
+            f"{joint}: the most terms that are asked for ({diagnosis.policy.most_terms}) are named; what is "
+            "left may hold more"
+            for joint in diagnosis.full
+        ],
+        "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
         "notes": prepared.notes,
     }
 
 
-def summarise_joints(prepared: Prepared, predicted: list[Predicted]) -> dict[str, Any]:
+def summarise_joints(
+    prepared: Prepared, predicted: list[Predicted], states: list[JointState]
+) -> dict[str, Any]:
     """Errors by joint over the test runs, at the common bandwidth, rows where the joint moves."""
     test = [p for p in predicted if p.run.use == "test"]
     floor = noise_floor(prepared, predicted)
@@ -110,7 +84,7 @@ def summarise_joints(prepared: Prepared, predicted: list[Predicted]) -> dict[str
     rows = max(4, int(4 * prepared.band.torque))
     value = {stage: pooled_rms(parts[stage]) for stage in stages}
     interval = {stage: bootstrap_rms(parts[stage], rows, _SEED) for stage in stages}
-    summary = {}
+    summary: dict[str, Any] = {}
     for j, joint in enumerate(prepared.dataset.joints):
         runs = {
             p.run.file: [_number(rms(p.run.measured - s, p.run.keep)[j]) for s in (p.before, p.after)]
@@ -131,6 +105,10 @@ def summarise_joints(prepared: Prepared, predicted: list[Predicted]) -> dict[str
             "rms_after": _number(value["after"][j]),
             "rms_after_ci95": [_number(v) for v in interval["after"][:, j]],
             "noise_floor": None if floor is None else _number(floor[j]),
+            "state": states[j].state,
+            "unexplained_rms": states[j].unexplained_rms,
+            "unexplained_depends_on": states[j].depends_on,
+            "unexplained_reason": states[j].reason,
             "test_runs": runs,
             "relative_error_percent": relative,
         }

@@ -2,43 +2,24 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from wearscope import plugins
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.views import view_for_axis
-from wearscope.detectors.base import Batch, Detector, make_detector
+from wearscope.detectors.base import Batch
+from wearscope.detectors.questions import OK, DetectorSpec, Questions, collect_answers
 from wearscope.errors import InputError
+
+__all__ = ["NOT_SIMULATED", "OK", "DetectorSpec", "compute_test_quantities", "count_failures"]
 
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
-OK = "ok"
 #: How the status of a point begins that no detector could be asked for.
 NOT_SIMULATED = "simulation failed: "
-
-
-@dataclass(frozen=True)
-class DetectorSpec:
-    """A detector of the study.
-
-    Attributes
-    ----------
-    name : str
-        The name in the column `fda`.
-    reference : str
-        Module of `wearscope.detectors` or path of a ``.py`` file.
-    options : mapping
-        Keyword arguments of the detector.
-    """
-
-    name: str
-    reference: str
-    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def compute_test_quantities(
@@ -55,6 +36,7 @@ def compute_test_quantities(
     max_failed_share: float = 0.05,
     failed_simulations: Mapping[tuple[str, int], str] | None = None,
     report: Callable[[int], None] | None = None,
+    time_limit: float | None = None,
 ) -> pd.DataFrame:
     """Fit every detector to the nominal batches of each axis, then ask it for each batch.
 
@@ -79,6 +61,9 @@ def compute_test_quantities(
         Reason by design point that was simulated in vain and has no batch.
     report : callable, optional
         Called with the number of batches done, after each.
+    time_limit : float, optional
+        Longest time for a fit or an answer [s]: the detectors run in a process of their own; what takes
+        longer or crashes it is counted as a failed point. For this the batches are read there too.
 
     Returns
     -------
@@ -95,30 +80,14 @@ def compute_test_quantities(
     """
     where = f"robot {robot}, cycle {cycle}"
     _check_specs(detectors, axes, model, where)
-    fitted = _fit_all(detectors, axes, model, nominal, where)
+    cells = [(axis, spec) for axis in axes for spec in detectors]
     wanted = {(name, int(point)) for name, design in designs.items() for point in design["point"]}
     failed = {key: reason for key, reason in (failed_simulations or {}).items() if key in wanted}
-    results = {key: [(math.nan, f"{NOT_SIMULATED}{failed[key]}")] * len(fitted) for key in sorted(failed)}
-    for done, (set_name, point, batch) in enumerate(batches, start=1):
-        key = (set_name, int(point))
-        if key in failed:
-            raise InputError(
-                f"{where}: the simulation of set '{set_name}', point {point} failed, yet it has a batch; "
-                "delete the trace."
-            )
-        if key in results:
-            raise InputError(f"{where}: point {point} of set '{set_name}' has two batches; keep one.")
-        if key not in wanted:
-            raise InputError(
-                f"{where}: the batch of set '{set_name}', point {point} is in no design; "
-                "delete the trace or give its design."
-            )
-        results[key] = [
-            _ask(detector, batch, f"fda '{spec.name}', {where}, axis {axis}, {set_name} point {point}")
-            for axis, spec, detector in fitted
-        ]
-        if report is not None:
-            report(done)
+    questions = Questions(batches, detectors, axes, model, nominal, where, wanted, frozenset(failed))
+    shares = {name: max_failed_share * len(design) for name, design in designs.items()}
+    answers, complete = collect_answers(questions, shares, time_limit, report)
+    results = {key: [answers[key, column] for column in range(len(cells))] for key in complete}
+    results |= {key: [(math.nan, f"{NOT_SIMULATED}{failed[key]}")] * len(cells) for key in sorted(failed)}
     missing = sorted(wanted - results.keys())
     if missing:
         raise InputError(
@@ -126,7 +95,7 @@ def compute_test_quantities(
             f"'{missing[0][0]}'; simulate them first."
         )
     parts = []
-    for column, (axis, spec, _) in enumerate(fitted):
+    for column, (axis, spec) in enumerate(cells):
         outcomes = {key: answers[column] for key, answers in results.items()}
         cell = _tabulate(designs, outcomes, axis, factors)
         _check_failed_share(cell, f"fda '{spec.name}', {where}, axis {axis}", max_failed_share)
@@ -178,50 +147,6 @@ def _check_specs(
             )
 
 
-def _fit_all(
-    detectors: Sequence[DetectorSpec],
-    axes: Sequence[int],
-    model: "RobotModel",
-    nominal: Sequence[Batch],
-    where: str,
-) -> list[tuple[int, DetectorSpec, Detector]]:
-    fitted = []
-    # A user's file is imported once, not once an axis.
-    factories = [plugins.load(spec.reference, "detectors", "DETECTOR") for spec in detectors]
-    for axis in axes:
-        for spec, factory in zip(detectors, factories, strict=True):
-            detector = make_detector(factory, spec.reference, spec.options)
-            try:
-                detector.fit(nominal, model.joints.index(model.wear_joints[axis - 1]), model)
-            except Exception as error:
-                raise InputError(
-                    f"fda '{spec.name}', {where}, axis {axis}: cannot be fitted to the nominal batch, "
-                    f"{_one_line(error)}; mend the detector or its data, or leave it out of the study."
-                ) from error
-            fitted.append((axis, spec, detector))
-    return fitted
-
-
-def _ask(detector: Detector, batch: Batch, where: str) -> tuple[float, str]:
-    """Test quantity and status of one batch."""
-    try:
-        value = detector.test_quantity(batch)
-    except Exception as error:
-        return math.nan, _one_line(error)
-    number = np.asarray(value)
-    if number.ndim or number.dtype.kind not in "iuf":
-        kind = f"an array of shape {number.shape}" if number.ndim else f"{type(value).__name__}"
-        raise InputError(
-            f"{where}: test_quantity returned {kind}, not a number; make it return one float a batch."
-        )
-    y = float(number)
-    return (y, OK) if math.isfinite(y) else (math.nan, f"returned {y}")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
-
-
 def _tabulate(
     designs: Mapping[str, pd.DataFrame],
     outcomes: Mapping[tuple[str, int], tuple[float, str]],
@@ -242,13 +167,13 @@ def _tabulate(
 
 
 def _check_failed_share(cell: pd.DataFrame, where: str, max_failed_share: float) -> None:
-    # Each set serves a purpose of its own: a fit that misses points is not mended by points of another.
+    # Each set serves a purpose of its own: a fit that misses points is not made good by points of another.
     for set_name, rows in cell.groupby("set", sort=False):
         failed = rows[rows["status"] != OK]
         if len(failed) > max_failed_share * len(rows):
             first = failed.iloc[0]
             raise InputError(
                 f"{where}: failed at {len(failed)} of {len(rows)} {set_name} points, more than the share "
-                f"{max_failed_share:g} allowed; first at point {first['point']}: {first['status']}; mend the "
-                "detector, what is simulated, or raise max_failed_share."
+                f"{max_failed_share:g} allowed; first at point {first['point']}: {first['status']}; correct "
+                "the detector, what is simulated, or raise max_failed_share."
             )

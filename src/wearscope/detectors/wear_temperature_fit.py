@@ -16,8 +16,9 @@ from wearscope.detectors.motion import (
     estimate_acceleration,
 )
 from wearscope.effects.base import Effect, Signals, load_effect
+from wearscope.effects.friction_wear_temperature import EFFECT
 
-FRICTION_LAW = "friction_wear_temperature"
+FRICTION_LAW = EFFECT.name
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64

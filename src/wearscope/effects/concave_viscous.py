@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import SLOW_MOTION
 
 
 @compile_row
@@ -21,6 +22,9 @@ EFFECT = Effect(
     source="Grotjahn and Heimann 2001: power-law viscous friction",
     depends_on=("qd_{joint}",),
     row=_row,
-    shape=(Parameter("exponent", "-", lower=0.05, upper=0.95, default=0.5),),
+    shape=(Parameter("exponent", "-", lower=0.05, upper=0.95, default=0.5, estimated=False),),
     search=_search,
+    searched=1,
+    parents=("viscous", "coulomb"),
+    excitation=SLOW_MOTION,
 )

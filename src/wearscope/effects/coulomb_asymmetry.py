@@ -1,6 +1,7 @@
 """Coulomb level that differs between the two directions."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import REVERSALS
 
 
 @compile_row
@@ -15,4 +16,7 @@ EFFECT = Effect(
     source="Swevers et al. 1997, IEEE T. Robotics and Automation 13(5)",
     depends_on=("sign_qd_{joint}",),
     row=_row,
+    parents=("coulomb",),
+    excitation=REVERSALS,
+    separated_by={"torque_offset": "hold still now and then: they differ only at rest"},
 )

@@ -1,8 +1,14 @@
 """Torque driven by the motion of another joint (wrist couplings)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import ALONE
+
+#: Signals of the driving joint.
+DRIVEN_BY = ("qd_{other}", "sign_qd_{other}", "qdd_{other}")
 
 
 @compile_row
@@ -18,6 +24,14 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array(others, dtype=float)[:, None].reshape(len(others), 1)
 
 
+def _has_other(signals: Signals, joint: int) -> bool:
+    return signals.q.shape[1] > 1
+
+
+def _name_driver(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
+    return [name.format(other=joints[int(shape[0])]) for name in DRIVEN_BY]
+
+
 EFFECT = Effect(
     name="cross_coupling",
     form="viscous v_other + coulomb sign(v_other) + inertia a_other",
@@ -27,9 +41,14 @@ EFFECT = Effect(
         Parameter("inertia", "{torque} s^2/rad"),
     ),
     source="Staubli TX family wrist coupling: Gautier et al. 2013, IEEE ICRA",
-    depends_on=("qd_{other}", "sign_qd_{other}", "qdd_{other}"),
+    depends_on=DRIVEN_BY,
     row=_row,
-    shape=(Parameter("other", "index of the driving joint", lower=0.0),),
+    shape=(Parameter("other", "index of the driving joint", lower=0.0, estimated=False),),
     variants=(("viscous",), ("coulomb",), ("inertia",)),
     search=_search,
+    repeatable=True,
+    applies=_has_other,
+    lacking="",
+    excitation=ALONE,
+    name_driver=_name_driver,
 )

@@ -1,8 +1,11 @@
 """Static friction with temperature and wear, the paper's eq. (17), odd in the speed."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import TEMPERATURE
 
 
 @compile_row
@@ -18,6 +21,19 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     # Every wear term vanishes at f = 0, where eta8 f would divide by zero.
     out[5] = worn * np.exp(-((speed / (shape[2] * worn)) ** shape[3])) * sign[j] if worn > 0.0 else 0.0
     out[6] = worn * v[j]
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    fastest = max(float(np.abs(signals.v[:, joint]).max()), 1e-9)
+    return np.array([(fastest * share, 0.0, 1e-3, 1.0) for share in (0.02, 0.05, 0.1, 0.2, 0.4)])
+
+
+def _limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
+    """Temperatures at which the Stribeck speed eta3 + eta4 T is positive."""
+    start, slope = values["eta3"], values["eta4"]
+    if slope == 0.0:
+        return (-np.inf, np.inf) if start > 0.0 else (np.inf, -np.inf)
+    return (-start / slope, np.inf) if slope > 0.0 else (-np.inf, -start / slope)
 
 
 EFFECT = Effect(
@@ -37,9 +53,14 @@ EFFECT = Effect(
     depends_on=("qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"),
     row=_row,
     shape=(
-        Parameter("eta3", "{position}/s"),
-        Parameter("eta4", "{position}/(s K)"),
-        Parameter("eta8", "{position}/s", lower=0.0),
-        Parameter("alpha", "-", lower=0.1, upper=4.0, default=1.0),
+        Parameter("eta3", "{position}/s", default=np.nan),
+        Parameter("eta4", "{position}/(s K)", estimated=False),
+        Parameter("eta8", "{position}/s", lower=1e-12, default=1e-3, estimated=False),
+        Parameter("alpha", "-", lower=0.1, upper=4.0, default=1.0, estimated=False),
     ),
+    search=_search,
+    candidate=False,
+    contains=("coulomb", "viscous", "stribeck", "temperature_dependent_friction", "wear"),
+    limit_temperature=_limit_temperature,
+    excitation=TEMPERATURE,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import PAYLOAD, RANGE
 
 
 @compile_row
@@ -32,4 +33,8 @@ EFFECT = Effect(
         ("sine1", "cosine1", "bias"),
         ("sine1", "cosine1", "bias", "sine2", "cosine2"),
     ),
+    contains=("torque_offset",),
+    opposes_gravity=True,
+    excitation=RANGE,
+    separated_by={"payload_error": PAYLOAD, "torque_constant_error": PAYLOAD},
 )

@@ -1,6 +1,7 @@
 """Spring about the joint: cable or hose package."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import PAYLOAD, RANGE
 
 
 @compile_row
@@ -19,4 +20,7 @@ EFFECT = Effect(
     source="Sciavicco and Siciliano 2000, sec. 4.2",
     depends_on=("q_{joint}",),
     row=_row,
+    contains=("torque_offset",),
+    excitation=RANGE,
+    separated_by={"payload_error": PAYLOAD, "gravity_counterbalance": RANGE},
 )

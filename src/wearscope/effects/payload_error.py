@@ -1,6 +1,7 @@
 """Error of the declared payload's mass and centre of mass."""
 
 from wearscope.effects.base import Parameter, PayloadEffect
+from wearscope.effects.motions import PAYLOAD, POSTURES
 
 EFFECT = PayloadEffect(
     name="payload_error",
@@ -27,4 +28,7 @@ EFFECT = PayloadEffect(
             *("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz"),
         ),
     ),
+    per_robot=True,
+    excitation=POSTURES,
+    excitation_alone=PAYLOAD,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import REVERSALS
 
 
 @compile_row
@@ -30,4 +31,6 @@ EFFECT = Effect(
     shape=(Parameter("displacement", "{position}", lower=1e-12, default=1e-3),),
     n_states=1,
     search=_search,
+    parents=("coulomb",),
+    excitation=REVERSALS,
 )

@@ -1,6 +1,7 @@
 """Viscous friction that grows with the square of the speed."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import SPEEDS
 
 
 @compile_row
@@ -15,4 +16,6 @@ EFFECT = Effect(
     source="Hamon et al. 2010, IEEE IROS: friction with speed-squared term",
     depends_on=("qd_{joint}",),
     row=_row,
+    parents=("viscous", "coulomb"),
+    excitation=SPEEDS,
 )

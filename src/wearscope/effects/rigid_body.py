@@ -1,6 +1,7 @@
 """Multibody dynamics of the links with the declared payload."""
 
 from wearscope.effects.base import RigidBodyEffect
+from wearscope.effects.motions import QUICK
 
 EFFECT = RigidBodyEffect(
     name="rigid_body",
@@ -8,4 +9,6 @@ EFFECT = RigidBodyEffect(
     coefficients=(),
     source="Featherstone 2008, Rigid Body Dynamics Algorithms, ch. 5",
     depends_on=("q_{joint}", "qd_{joint}", "qdd_{joint}"),
+    candidate=False,
+    excitation=QUICK,
 )

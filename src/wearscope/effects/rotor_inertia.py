@@ -1,6 +1,7 @@
 """Rotor inertia reflected to the joint."""
 
 from wearscope.effects.base import ArmatureEffect, Parameter, compile_row
+from wearscope.effects.motions import PAYLOAD, QUICK
 
 
 @compile_row
@@ -15,4 +16,8 @@ EFFECT = ArmatureEffect(
     source="Sciavicco and Siciliano 2000, sec. 4.2",
     depends_on=("qdd_{joint}",),
     row=_row,
+    standard=True,
+    given_by="rotor_inertia",
+    excitation=QUICK,
+    excitation_alone=PAYLOAD,
 )

@@ -1,6 +1,7 @@
 """Inertia on the motor side beyond the declared rotor inertia."""
 
 from wearscope.effects.base import ArmatureEffect, Parameter
+from wearscope.effects.motions import PAYLOAD, POSTURES
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 
 EFFECT = ArmatureEffect(
@@ -10,4 +11,7 @@ EFFECT = ArmatureEffect(
     source="Sciavicco and Siciliano 2000, sec. 4.2",
     depends_on=("qdd_{joint}",),
     row=ROTOR_INERTIA.row,
+    corrects="rotor_inertia",
+    excitation=POSTURES,
+    excitation_alone=PAYLOAD,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import SLOW_MOTION
 
 
 @compile_row
@@ -29,7 +30,9 @@ EFFECT = Effect(
     row=_row,
     shape=(
         Parameter("speed", "{position}/s", lower=1e-9, default=0.1),
-        Parameter("exponent", "-", lower=0.3, upper=4.0, default=1.0),
+        Parameter("exponent", "-", lower=0.3, upper=4.0, default=1.0, estimated=False),
     ),
     search=_search,
+    parents=("coulomb",),
+    excitation=SLOW_MOTION,
 )

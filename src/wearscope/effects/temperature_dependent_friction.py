@@ -3,6 +3,10 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import TEMPERATURE
+
+#: Span of temperature [K] below which nothing depends on it: that of a sensor at rest.
+LEAST_SPAN = 0.5
 
 
 @compile_row
@@ -16,6 +20,11 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array([[np.mean(signals.temperature[:, joint])]])
 
 
+def _varies(signals: Signals, joint: int) -> bool:
+    temperature = signals.temperature[:, joint]
+    return bool(np.isfinite(temperature).all() and np.ptp(temperature) > LEAST_SPAN)
+
+
 EFFECT = Effect(
     name="temperature_dependent_friction",
     form="(coulomb_slope sign(v) + viscous_slope v) (T - reference)",
@@ -26,7 +35,12 @@ EFFECT = Effect(
     source="Bittencourt and Gunnarsson 2012, ASME JDSMC 134(5)",
     depends_on=("temp_{joint}", "qd_{joint}", "sign_qd_{joint}"),
     row=_row,
-    shape=(Parameter("reference", "deg C", default=40.0),),
+    shape=(Parameter("reference", "deg C", default=40.0, estimated=False),),
     variants=(("coulomb_slope",), ("viscous_slope",), ("coulomb_slope", "viscous_slope")),
     search=_search,
+    parents=("coulomb", "viscous"),
+    applies=_varies,
+    lacking="its temperature is not recorded, or hardly changes",
+    excitation=TEMPERATURE,
+    separated_by={"warm_up_drift": TEMPERATURE},
 )

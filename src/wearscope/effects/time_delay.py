@@ -1,6 +1,15 @@
 """Torque channel that lags the position channel."""
 
-from wearscope.effects.base import MeasurementEffect, Parameter
+from wearscope.effects.base import MeasurementEffect, Parameter, Signals
+from wearscope.effects.motions import QUICK
+
+#: Smallest delay that is believed, in samples: clocks of two channels agree no better.
+_LEAST_SAMPLES = 0.1
+
+
+def _least(signals: Signals) -> float:
+    return _LEAST_SAMPLES * signals.dt
+
 
 EFFECT = MeasurementEffect(
     name="time_delay",
@@ -9,4 +18,6 @@ EFFECT = MeasurementEffect(
     source="Swevers et al. 1997, IEEE T. Robotics and Automation 13(5)",
     depends_on=("dtau_{joint}",),
     kind="lag",
+    least=_least,
+    excitation=QUICK,
 )

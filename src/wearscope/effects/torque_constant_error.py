@@ -1,12 +1,18 @@
-"""Gain error of the measured torque."""
+"""Gain error of the measured torque.
+
+Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent.
+"""
 
 from wearscope.effects.base import MeasurementEffect, Parameter
+from wearscope.effects.motions import PAYLOAD
 
 EFFECT = MeasurementEffect(
     name="torque_constant_error",
     form="gain tau",
-    coefficients=(Parameter("gain", "-", lower=-0.9),),
+    coefficients=(Parameter("gain", "-", lower=-0.9, believable=(-0.15, 0.15)),),
     source="Gautier and Briot 2014, IEEE T. Robotics 30(1): global identification of drive gains",
     depends_on=("tau_{joint}",),
     kind="gain",
+    excitation=PAYLOAD,
+    separated_by={"payload_error": "hold still in several postures with a known payload"},
 )

@@ -1,6 +1,7 @@
 """Constant bias of the torque sensor or the drive."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import REVERSALS
 
 
 @compile_row
@@ -15,4 +16,6 @@ EFFECT = Effect(
     source="Janot et al. 2019, EMPS benchmark",
     depends_on=("constant",),
     row=_row,
+    standard=True,
+    excitation=REVERSALS,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import SESSIONS
 
 
 @compile_row
@@ -21,6 +22,12 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.arange(2 * np.pi * 3 / reach, max(highest, 2 * np.pi * 4 / reach), np.pi / reach)[:, None]
 
 
+def _search_width(signals: Signals, joint: int, shape: np.ndarray) -> float:
+    # A wave that gains half a period over the visited range is another one.
+    travel = max(float(np.ptp(signals.q[:, joint])), 1e-12)
+    return min(0.3, np.pi / travel / float(shape[0]))
+
+
 EFFECT = Effect(
     name="torque_ripple",
     form="cosine cos(wavenumber q) + sine sin(wavenumber q)",
@@ -33,4 +40,9 @@ EFFECT = Effect(
     row=_row,
     shape=(Parameter("wavenumber", "1/{position}", lower=0.0, default=1.0),),
     search=_search,
+    repeatable=True,
+    runs_needed=2,
+    search_width=_search_width,
+    periodic=True,
+    excitation=SESSIONS,
 )

@@ -1,75 +1,115 @@
 """Structure outside the vocabulary: an empirical torque on the signal that it depends on.
 
-A linear spline of hat functions between the least and the largest value seen, held constant outside of it,
-times 1, the direction of motion or the speed. The knots of each number in `LEVELS` are among those of the
-next one, so that the columns of a fine spline give those of the coarse ones.
+A linear spline of hat functions of one signal between the least and the largest value seen, or the product
+of two such splines for two signals, times 1, the direction of motion or the speed. Outside of the values seen
+it falls to zero within `TAPER` knots, so that it says nothing of where nobody looked. The knots of each
+number in `LEVELS` are among those of the next one, so that the columns of a fine spline give those of the
+coarse ones.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from numba import njit
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import OTHERS
 
 #: Numbers of hat functions worth trying.
 LEVELS = (5, 9, 17, 33)
 #: Finest level tried for most signals; that of the joint's own position and speed is the last one.
 COARSE = 9
+#: Hat functions of each signal where there are two, and of their product.
+SIDE, PRODUCT = 5, 25
+#: Knots beyond the values seen within which the spline falls to zero.
+TAPER = 2.0
 #: Signals by code.
 SIGNALS = ("q", "qd", "qdd", "load", "temp", "t")
+#: Pairs of signals, by code, of the joint itself; of the joint and another one.
+_OWN_PAIRS = ((0, 1), (0, 3), (1, 3), (0, 4), (1, 4), (3, 4), (0, 5), (1, 5), (3, 5))
+_OTHER_PAIRS = ((0, 0), (1, 1), (1, 0), (3, 0))
 #: What the spline is multiplied with, by code: nothing, the direction of motion, the speed.
 MODULATORS = ("", "sign_qd", "qd")
 
 
+@njit(cache=True)
+def _take(signal, source, t, q, v, a, load, temperature):
+    if signal == 0:
+        return q[source]
+    if signal == 1:
+        return v[source]
+    if signal == 2:
+        return a[source]
+    if signal == 3:
+        return load[source]
+    if signal == 4:
+        return temperature[source]
+    return t
+
+
+@njit(cache=True)
+def _locate(x, low, high, knots):
+    """Knot below, part of the way to the next one, and what is left of the spline beyond the ends."""
+    place = (x - low) / (high - low) * (knots - 1)
+    beyond = max(-place, place - (knots - 1.0), 0.0)
+    place = min(max(place, 0.0), knots - 1.0)
+    below = min(int(place), knots - 2)
+    return below, place - below, max(0.0, 1.0 - beyond / TAPER)
+
+
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    signal, source, modulator = int(shape[0]), int(shape[1]), int(shape[2])
-    if signal == 0:
-        x = q[source]
-    elif signal == 1:
-        x = v[source]
-    elif signal == 2:
-        x = a[source]
-    elif signal == 3:
-        x = load[source]
-    elif signal == 4:
-        x = temperature[source]
-    else:
-        x = t
+    modulator, second, knots = int(shape[2]), int(shape[5]), int(shape[9])
     factor = 1.0
     if modulator == 1:
         factor = sign[j]
     elif modulator == 2:
         factor = v[j]
-    knots = int(shape[5])
-    place = (x - shape[3]) / (shape[4] - shape[3]) * (knots - 1)
-    place = min(max(place, 0.0), knots - 1.0)
     out[:] = 0.0
-    below = min(int(place), knots - 2)
-    out[below] = factor * (below + 1 - place)
-    out[below + 1] = factor * (place - below)
+    x = _take(int(shape[0]), int(shape[1]), t, q, v, a, load, temperature)
+    if second < 0:
+        below, part, left = _locate(x, shape[3], shape[4], knots)
+        out[below] = factor * left * (1.0 - part)
+        out[below + 1] = factor * left * part
+    else:
+        below, part, left = _locate(x, shape[3], shape[4], SIDE)
+        y = _take(second, int(shape[6]), t, q, v, a, load, temperature)
+        other, share, rest = _locate(y, shape[7], shape[8], SIDE)
+        for i in range(2):
+            for k in range(2):
+                weight = (part if i else 1.0 - part) * (share if k else 1.0 - share)
+                out[(below + i) * SIDE + other + k] = factor * left * rest * weight
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
     n = signals.q.shape[1]
-    found = []
-
-    def add(code: int, source: int, modulator: int, x: np.ndarray) -> None:
-        low, high = np.quantile(x, [0.002, 0.998])
-        if high - low > 1e-9 * (1.0 + abs(high)):
-            local = source == joint and code < 2 and modulator < 2
-            found.append((code, source, modulator, low, high, LEVELS[-1] if local else COARSE))
-
-    for source in [joint, *(i for i in range(n) if i != joint)]:
-        own = source == joint
-        kinds = [signals.q, signals.v, signals.a, signals.load]
+    kinds = [signals.q, signals.v, signals.a, signals.load, signals.temperature]
+    seen: dict[tuple[int, int], tuple[float, float]] = {}
+    for source in range(n):
         for code, x in enumerate(kinds):
-            for modulator in range(3) if own else range(2):
-                add(code, source, modulator, x[:, source])
-        if own and np.isfinite(signals.temperature[:, source]).all():
-            for modulator in range(3):
-                add(4, source, modulator, signals.temperature[:, source])
-    for modulator in range(2):
-        add(5, joint, modulator, signals.t)
-    return np.array(found, dtype=float).reshape(-1, 6)
+            if (code < 4 or source == joint) and np.isfinite(x[:, source]).all():
+                seen[code, source] = _reach(x[:, source])
+    seen[5, joint] = _reach(signals.t)
+    seen = {key: (low, high) for key, (low, high) in seen.items() if high - low > 1e-9 * (1.0 + abs(high))}
+    found = []
+    for (code, source), reach in seen.items():
+        own = source == joint
+        for modulator in range(3) if own and code < 5 else range(2):
+            fine = (own and code < 2 and modulator < 2) or code == 5
+            found.append((code, source, modulator, *reach, -1, 0, 0.0, 1.0, LEVELS[-1] if fine else COARSE))
+    pairs = [((a, joint), (b, joint)) for a, b in _OWN_PAIRS]
+    for other in (i for i in range(n) if i != joint):
+        pairs += [((a, joint), (b, other)) for a, b in _OTHER_PAIRS]
+    for one, two in pairs:
+        if one in seen and two in seen:
+            for modulator in range(2):
+                found.append((*one, modulator, *seen[one], *two, *seen[two], PRODUCT))
+    return np.array(found, dtype=float).reshape(-1, 10)
+
+
+def _reach(x: np.ndarray) -> tuple[float, float]:
+    low, high = np.quantile(x, [0.002, 0.998])
+    return float(low), float(high)
 
 
 def coarsen(knots: int, fewer: int) -> np.ndarray:
@@ -78,10 +118,13 @@ def coarsen(knots: int, fewer: int) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(fewer)))
 
 
-def name_signals(shape: tuple[float, ...], joints: list[str], joint: int) -> list[str]:
+def name_signals(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
     """Signals that a term of the given shape at a joint depends on."""
     signal, source, modulator = SIGNALS[int(shape[0])], int(shape[1]), MODULATORS[int(shape[2])]
     names = ["t" if signal == "t" else f"{signal}_{joints[source]}"]
+    if shape[5] >= 0:
+        second, other = SIGNALS[int(shape[5])], int(shape[6])
+        names.append("t" if second == "t" else f"{second}_{joints[other]}")
     if modulator:
         names.append(f"{modulator}_{joints[joint]}")
     return list(dict.fromkeys(names))
@@ -89,18 +132,27 @@ def name_signals(shape: tuple[float, ...], joints: list[str], joint: int) -> lis
 
 EFFECT = Effect(
     name="unknown",
-    form="modulator times a linear spline of one signal",
+    form="modulator times a linear spline of one signal, or the product of two",
     coefficients=tuple(Parameter(f"height{k}", "{torque}") for k in range(LEVELS[-1])),
     source="de Boor 1978, A Practical Guide to Splines (linear B-splines)",
     depends_on=("{signal}",),
     shape=(
-        Parameter("signal", "code: q, qd, qdd, load, temp, t", lower=0, upper=5),
-        Parameter("source", "index of the joint whose signal it is", lower=0),
-        Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2),
-        Parameter("low", "unit of the signal"),
-        Parameter("high", "unit of the signal", default=1.0),
-        Parameter("knots", "number of heights", lower=2, upper=LEVELS[-1], default=COARSE),
+        Parameter("signal", "code: q, qd, qdd, load, temp, t", lower=0, upper=5, estimated=False),
+        Parameter("source", "index of the joint whose signal it is", lower=0, estimated=False),
+        Parameter("modulator", "code: 1, sign_qd, qd", lower=0, upper=2, estimated=False),
+        Parameter("low", "unit of the signal", estimated=False),
+        Parameter("high", "unit of the signal", default=1.0, estimated=False),
+        Parameter("signal2", "code, -1 for none", lower=-1, upper=5, default=-1.0, estimated=False),
+        Parameter("source2", "index of the joint whose signal it is", lower=0, estimated=False),
+        Parameter("low2", "unit of the signal", estimated=False),
+        Parameter("high2", "unit of the signal", default=1.0, estimated=False),
+        Parameter("knots", "number of heights", 2, LEVELS[-1], default=COARSE, estimated=False),
     ),
     row=_row,
     search=_search,
+    candidate=False,
+    empirical=True,
+    repeatable=True,
+    excitation=OTHERS,
+    name_driver=name_signals,
 )

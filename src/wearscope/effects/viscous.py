@@ -1,6 +1,7 @@
 """Viscous friction."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import SPEEDS
 
 
 @compile_row
@@ -15,4 +16,6 @@ EFFECT = Effect(
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
     depends_on=("qd_{joint}",),
     row=_row,
+    standard=True,
+    excitation=SPEEDS,
 )

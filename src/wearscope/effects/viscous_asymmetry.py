@@ -1,6 +1,7 @@
 """Viscous slope that differs between the two directions."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.motions import SPEEDS
 
 
 @compile_row
@@ -18,4 +19,6 @@ EFFECT = Effect(
         "sign_qd_{joint}",
     ),
     row=_row,
+    parents=("viscous", "coulomb"),
+    excitation=SPEEDS,
 )

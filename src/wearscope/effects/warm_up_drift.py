@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.motions import TIME
 
 
 @compile_row
@@ -29,4 +30,6 @@ EFFECT = Effect(
     shape=(Parameter("time_constant", "s", lower=1e-3, default=100.0),),
     variants=(("coulomb_drift",), ("viscous_drift",), ("coulomb_drift", "viscous_drift")),
     search=_search,
+    parents=("coulomb", "viscous"),
+    excitation=TIME,
 )

@@ -50,11 +50,19 @@ class ClosedLoop:
         return [entry for entry in self.verdict["verdict"] if entry["joint"] == joint]
 
     def shown(self, most: int = 3) -> list[str]:
-        """Joints worth a figure: those with a verdict, else the one with the largest relative error."""
-        named = [joint for joint in self.joints if self.entries_at(joint)]
-        if named:
-            return named[:most]
-        return [max(self.joints, key=self._relative_error)]
+        """Joints worth a figure: refuted, unexplained, named, in this order; else the largest error."""
+
+        def rank(joint: str) -> int:
+            entries = self.entries_at(joint)
+            if any(entry["status"] == "refuted" for entry in entries):
+                return 0
+            if self.verdict["joints"][joint]["state"] == "unexplained":
+                return 1
+            return 2 if entries else 3
+
+        ranked = sorted(self.joints, key=rank)
+        chosen = [joint for joint in ranked if rank(joint) < 3][:most]
+        return chosen or [max(self.joints, key=self._relative_error)]
 
     def _relative_error(self, joint: str) -> float:
         values = self.verdict["joints"][joint].get("relative_error_percent", {}).values()
@@ -121,10 +129,12 @@ def bounded(value: float, interval: Sequence[Any] | None, text: Any) -> str:
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
-    Those that its verdict names, then those that the residual before depends on most, free of any form. The
+    Those that its verdict names, those that what is left unexplained depends on, then those that the residual
+    before depends on most, free of any form. The
     direction of motion is drawn as the speed, where it is a step.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
+    wanted += loop.verdict["joints"][joint]["unexplained_depends_on"]
     if loop.dependence is not None:
         table = loop.dependence
         own = table[(table["joint"] == joint) & (table["stage"] == "before")]

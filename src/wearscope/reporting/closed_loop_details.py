@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded
 from wearscope.reporting.figures.closed_loop import draw_candidates, draw_forward, draw_isolability
-from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.page import embed_figure, format_number, render_table, unbreak
 
 _MOST_CANDIDATES, _MOST_LATER = 14, 8
@@ -42,25 +43,36 @@ def describe_candidates(loop: ClosedLoop) -> Markup:
     """Ranking of the candidates at every step, and what was made of each."""
     if not len(loop.candidates):
         return _note("There was no candidate to try.")
+    standard = {effect.name for effect in list_effects() if effect.standard}
     parts: list[Markup] = []
+    unfolded = False
     for step, rows in loop.candidates.groupby("step", sort=True):
-        ranking = _rank(rows) if not parts else _rank(rows).head(_MOST_LATER)
+        ranking = _rank(rows).head(_MOST_LATER if unfolded else _MOST_CANDIDATES)
         taken = ranking[ranking["taken"]]
         what = f"took {join_words(list(taken['label']))}" if len(taken) else "took nothing"
-        kind = " (empirical term)" if (ranking["effect"] == "unknown").all() else ""
+        # Of the stage that asks of each joint's standard terms only what was kept is recorded.
+        first = bool(ranking["taken"].all()) and set(ranking["effect"]) <= standard
+        kind = (
+            " (standard terms)" if first else " (generic term)" if set(ranking["effect"]) == {UNKNOWN} else ""
+        )
         title = f"Step {int(step) + 1}{kind}: {what}"
         figure = embed_figure(
             draw_candidates(ranking, title),
             f"{title}. " + "; ".join(f"{row.label}: {row.reason}" for row in ranking.head(5).itertuples()),
         )
-        if not parts:
-            parts.append(figure)
-        else:
+        if first or unfolded:
             parts.append(Markup("<details><summary>{}</summary>{}</details>").format(title, figure))
+        else:
+            parts.append(figure)
+            unfolded = True
     text = (
         "Every candidate is fitted beside the model with all of its parameters and scored on held-out "
-        "training runs; one is taken only if it gains enough, is significant with all candidates "
-        "counted, and the runs agree. candidates.parquet has them all."
+        "training runs; one is taken only if it gains enough, is significant with all candidates counted, "
+        "and the runs agree. What was taken may still be dropped or replaced beside later terms, get the "
+        "name of a simpler term that does as well, or be left out in the end because its parameters are not "
+        "told from zero. Too little gained is too little of the joint's held-out loss, of what the standard "
+        "model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
+        "candidates.parquet has them all."
     )
     return Markup("{}{}").format(_note(text), Markup("").join(parts))
 
@@ -70,7 +82,7 @@ def _rank(rows: pd.DataFrame) -> pd.DataFrame:
     ordered = rows.sort_values(["taken", "cv_gain", "joint", "effect"], ascending=[False, False, True, True])
     best = ordered.drop_duplicates(["joint", "effect"])
     best = best.sort_values(["cv_gain", "joint", "effect"], ascending=[False, True, True])
-    best = pd.concat([best[best["taken"]], best[~best["taken"]]]).head(_MOST_CANDIDATES)
+    best = pd.concat([best[best["taken"]], best[~best["taken"]]])
     return best.assign(label=best["joint"] + ": " + best["effect"])
 
 

@@ -1,8 +1,6 @@
 """The page of a closed loop: what the model lacked, the errors before and after, and how sure that is."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,17 +23,16 @@ from wearscope.reporting.closed_loop_details import (
     describe_notes,
     describe_rest,
     describe_undetermined,
-    list_items,
     say_missing,
     write_value,
 )
+from wearscope.reporting.closed_loop_outcome import describe_outcome, tell_size, tell_version
 from wearscope.reporting.figures.closed_loop import (
     draw_errors,
     draw_residual_against,
     draw_residual_over_time,
 )
-from wearscope.reporting.labels import count_text, join_words, unit_text
-from wearscope.reporting.page import Section, badge, embed_figure, render_page, render_table, unbreak
+from wearscope.reporting.page import Section, badge, embed_figure, render_page, render_table
 
 
 def write_closed_loop_page(folder: str | Path) -> None:
@@ -52,7 +49,7 @@ def write_closed_loop_page(folder: str | Path) -> None:
 def render_closed_loop(loop: ClosedLoop) -> str:
     """Page of a closed loop, with nothing from elsewhere."""
     sections = [
-        Section("Outcome", _outcome(loop), "outcome"),
+        Section("Outcome", describe_outcome(loop), "outcome"),
         Section("Errors on the test runs", _errors(loop), "errors"),
         Section("Residual", _residual(loop), "residual"),
         Section("Candidates", describe_candidates(loop), "candidates"),
@@ -62,123 +59,8 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Not determined, and which motion would help", describe_undetermined(loop), "undetermined"),
         Section("Notes", describe_notes(loop), "notes"),
     ]
-    runs = loop.residual.groupby("use")["run"].nunique()
-    subtitle = (
-        f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
-        f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
-        "runs, errors from the test runs."
-    )
     title = f"Closed loop: {loop.verdict['dataset']}"
-    return render_page(title, [s for s in sections if s.body], subtitle, "Made by wearscope from its tables.")
-
-
-def _outcome(loop: ClosedLoop) -> Markup:
-    rows = [_joint_outcome(loop, joint) for joint in loop.joints]
-    lead = Markup("")
-    if not loop.verdict["verdict"]:
-        lead = Markup('<div class="notice">{}</div>').format(
-            "None: the declared model suffices. No candidate beat it outside the noise, and no further "
-            "structure was found; the model after is the model before."
-        )
-    forward = loop.verdict.get("forward", {})
-    failed = sorted(
-        {one["outcome"] for joint in forward.values() for one in joint.values() if one["outcome"] != "ok"}
-    )
-    alarm = Markup("").join(
-        Markup('<div class="alarm">Forward simulation: {}</div>').format(text) for text in failed
-    )
-    return Markup("{}{}{}{}").format(alarm, lead, list_items(rows), _parameters(loop))
-
-
-def _joint_outcome(loop: ClosedLoop, joint: str) -> Markup:
-    one = loop.verdict["joints"][joint]
-    before, after = number(one.get("rms_before")), number(one.get("rms_after"))
-    floor = number(one.get("noise_floor"))
-    if abs(after - before) <= 1e-6 * before:
-        told = f", noise floor {write_value(floor)}" if np.isfinite(floor) else ""
-        change = Markup(" RMS error {} {}{}.").format(write_value(before), one["unit"], told)
-    else:
-        gap = gap_closed(one)[1]
-        told = f", {gap} of the gap to the noise floor closed" if gap.endswith("%") else ""
-        change = Markup(" RMS error {} → {} {}{}.").format(
-            write_value(before), write_value(after), one["unit"], unbreak(told)
-        )
-    entries = loop.entries_at(joint)
-    if not np.isfinite(before):
-        return Markup("<strong>{}</strong>: {} it does not move on the test runs.").format(
-            joint, badge("not judged")
-        )
-    if not entries:
-        felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in ("payload_error",)]
-        text = f"nothing added here, but {join_words(felt)} acts on it too." if felt else "nothing added."
-        return Markup("<strong>{}</strong>: {} {}{}").format(joint, badge("none"), text, change)
-    said = Markup("; ").join(_describe(entry) for entry in entries)
-    return Markup("<strong>{}</strong>: {}.{}").format(joint, said, change)
-
-
-def _describe(entry: Mapping[str, Any]) -> Markup:
-    share = entry.get("error_reduction")
-    removed = "an unknown share" if share is None else f"{100 * share:.0f} %"
-    unknown = entry["effect"] == "unknown"
-    label = badge(entry["effect"], "unsure" if unknown else "good")
-    text = Markup(" structure that no named effect explains") if unknown else Markup("")
-    depends = join_words(entry.get("depends_on", []))
-    if depends:
-        text += Markup(", depending on {}").format(depends)
-    text += Markup(", removes {} of the held-out residual variance").format(unbreak(removed))
-    if share is not None and share < 0:
-        text += Markup(" ({})").format(badge("makes it larger", "bad"))
-    if entry.get("equivalent"):
-        text += Markup("; {} {}").format(
-            badge("equivalent", "unsure"),
-            f"these runs cannot tell it from {join_words(entry['equivalent'], 'or')}",
-        )
-    return Markup("{}{}").format(label, text)
-
-
-def _parameters(loop: ClosedLoop) -> Markup:
-    records = []
-    for entry in loop.verdict["verdict"]:
-        parameters = dict(entry.get("parameters", {}))
-        heights = [one["value"] for name, one in parameters.items() if name.startswith("height")]
-        if entry["effect"] == "unknown" and heights:
-            records.append(
-                {
-                    "joint": entry["joint"],
-                    "effect": "unknown",
-                    "parameter": f"{len(heights)} heights of a spline",
-                    "value": f"{write_value(min(heights))} to {write_value(max(heights))}",
-                    "95 % interval": "n/a",
-                    "unit": next(iter(parameters.values())).get("unit", ""),
-                }
-            )
-            continue
-        for name, one in parameters.items():
-            low, high = (number(v) for v in one["ci95"])
-            records.append(
-                {
-                    "joint": entry["joint"],
-                    "effect": entry["effect"],
-                    "parameter": name,
-                    "value": write_value(number(one["value"])),
-                    "95 % interval": f"{write_value(low)} to {write_value(high)}",
-                    "unit": unit_text(one.get("unit", "")),
-                }
-            )
-        for name, value in entry.get("fixed", {}).items():
-            records.append(
-                {
-                    "joint": entry["joint"],
-                    "effect": entry["effect"],
-                    "parameter": name,
-                    "value": write_value(number(value)),
-                    "95 % interval": "fixed",
-                    "unit": "",
-                }
-            )
-    if not records:
-        return Markup("")
-    return render_table(pd.DataFrame(records), "Parameters of what was added; the models hold them all.")
+    return render_page(title, [s for s in sections if s.body], tell_size(loop), tell_version(loop))
 
 
 def _errors(loop: ClosedLoop) -> Markup:
@@ -264,8 +146,9 @@ def _dependence(loop: ClosedLoop) -> Markup:
     return Markup("<h3>Dependence, whatever its form</h3>{}").format(
         render_table(
             table,
-            "Signals on which a spline explains held-out residual (share of its variance), adjusted p "
-            "at most 0.05 by random signs of blocks; at most four.",
+            "Signals on which a spline explains held-out residual of the training runs (share of the "
+            "joint's variance; above 100 % where other joints gain too by inertial parameters that it "
+            "frees), adjusted p at most 0.05 by random signs of blocks; at most four.",
         )
     )
 

@@ -9,6 +9,8 @@ import pandas as pd
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
 
+#: What a verdict calls structure outside the vocabulary of effects.
+UNKNOWN = "unknown"
 CELL = ("robot", "cycle", "axis", "fda")
 MODEL_NAMES = {"main": "main effects (2)", "simplified": "simplified (19)", "full": "full (3)"}
 _UNITS = {"degC": "°C", "1": "", "-": ""}

@@ -1,42 +1,107 @@
 """The closed loop's outcome in short: what was named, and the errors before and after."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from wearscope.reporting.labels import join_words, unit_text
+from wearscope.reporting.labels import UNKNOWN, join_words, unit_text
 from wearscope.reporting.page import format_number
 from wearscope.reporting.style import AFTER, BEFORE, figure_style, new_figure
+
+
+@dataclass(frozen=True)
+class StatusWords:
+    """What a status is called.
+
+    Attributes
+    ----------
+    heading : str
+        Of a group of effects.
+    sentence : str
+        Start of a sentence on one effect.
+    """
+
+    heading: str
+    sentence: str
+
+
+#: What the test runs say of an effect, in the order in which it is told.
+STATUSES = {
+    "refuted": StatusWords("Refuted by the test runs", "The test runs refute it"),
+    "confirmed": StatusWords("Confirmed by the test runs", "The test runs confirm it"),
+    "not_confirmed": StatusWords("Not confirmed", "The test runs neither confirm nor refute it"),
+}
+
+
+def tell_status(entry: Mapping[str, Any]) -> str:
+    """Start of a sentence: what the test runs say of an effect."""
+    return STATUSES[entry["status"]].sentence
+
+
+def say_share(entry: Mapping[str, Any]) -> str:
+    """Share of the residual variance that an effect removes on the test runs, with its 95 % interval."""
+    share = _number(entry["error_reduction"])
+    low, high = (_number(value) for value in entry["error_reduction_ci95"])
+    if not np.isfinite(share):
+        return "it removes an unknown share of the residual variance"
+    if share < 0.0:
+        return f"it adds {_percent(-share, -high, -low)} to the residual variance"
+    return f"it removes {_percent(share, low, high)} of the residual variance"
+
+
+def _percent(share: float, low: float, high: float) -> str:
+    """``48 % (95 %: 36 to 55)``, with a digit more where the share is small."""
+    digits = 0 if abs(share) >= 0.095 else 1
+    share, low, high = (round(100 * value, digits) + 0.0 for value in (share, low, high))
+    text = f"{share:.{digits}f} % (95 %: {low:.{digits}f} to {high:.{digits}f})"
+    return text.replace("-", "\N{MINUS SIGN}").replace("nan", "n/a")
 
 
 def verdict_sentences(verdict: Mapping[str, Any], planted: Mapping[str, Any] | None = None) -> list[str]:
     """What ``verdict.json`` says in words, and, where it is known, whether that is what was planted."""
     entries = verdict["verdict"]
-    if not entries:
-        sentences = ["None: the declared model suffices, no effect was added."]
-    else:
-        sentences = [_entry_sentence(entry) for entry in entries]
+    order = list(STATUSES)
+    sentences = [
+        _entry_sentence(entry) for entry in sorted(entries, key=lambda entry: order.index(entry["status"]))
+    ]
+    sentences += _rest_sentences(verdict)
     if planted is not None:
         sentences.append(_truth_sentence(entries, planted))
     return sentences
 
 
+def _rest_sentences(verdict: Mapping[str, Any]) -> list[str]:
+    """What is left unexplained, and why the search stopped; that nothing was added where nothing is left."""
+    sentences = []
+    for name, joint in verdict["joints"].items():
+        if joint["state"] == "unexplained":
+            on = joint["unexplained_depends_on"]
+            depends = f", depending on {join_words(on)}" if on else ""
+            size = f"{format_number(_number(joint['unexplained_rms']))} {joint['unit']}"
+            sentences.append(f"Unexplained on {name}: {size} RMS{depends}.")
+    if not verdict["verdict"] and not sentences:
+        sentences.append("None: the declared model suffices, no effect was added.")
+    elif not verdict["verdict"]:
+        sentences.insert(0, "No effect was named, and the declared model does not suffice.")
+    return sentences + [f"{text}." for text in verdict["stopped"]]
+
+
 def _entry_sentence(entry: Mapping[str, Any]) -> str:
-    share = entry.get("error_reduction")
-    removed = "an unknown share" if share is None else f"{100 * share:.0f} %"
-    depends = join_words([str(one) for one in entry.get("depends_on", [])])
-    if entry["effect"] == "unknown":
+    depends = join_words([str(one) for one in entry["depends_on"]])
+    if entry["effect"] == UNKNOWN:
         text = f"Unknown on {entry['joint']}: structure that no named effect explains"
     else:
         text = f"{entry['effect']} on {entry['joint']}"
     if depends:
         text += f", depending on {depends}"
-    text += f", removes {removed} of the held-out residual variance{_parameter_text(entry)}"
-    if entry.get("equivalent"):
-        text += f"; these runs cannot tell it from {join_words(entry['equivalent'], 'or')}"
+    status = tell_status(entry)
+    text += f". {status}: {say_share(entry)}{_parameter_text(entry)}"
+    if entry["equivalent"]:
+        text += f". It cannot be told from {join_words(entry['equivalent'], 'or')} on these runs"
     return text + "."
 
 

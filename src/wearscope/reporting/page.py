@@ -161,7 +161,7 @@ def render_table(table: pd.DataFrame, caption: str = "", digits: int = 3) -> Mar
             text = value if isinstance(value, Markup) else escape(format_number(value, digits))
             cells += Markup('<td class="number">{}</td>' if number else "<td>{}</td>").format(text)
         rows.append(Markup("<tr>{}</tr>").format(cells))
-    title = Markup("<caption>{}</caption>").format(caption) if caption else ""
+    title = Markup("<caption><span>{}</span></caption>").format(caption) if caption else ""
     body = Markup("\n").join(rows)
     return Markup(
         '<div class="wide"><table>{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>'

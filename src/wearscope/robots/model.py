@@ -8,7 +8,8 @@ import numpy as np
 import yaml
 from pydantic import Field, PrivateAttr, ValidationError
 
-from wearscope import plugins, tables
+from wearscope import tables
+from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.fields import (
@@ -20,11 +21,10 @@ from wearscope.robots.fields import (
     Section,
     Sensors,
 )
+from wearscope.robots.model_file import Allowed, check_code, find_model, list_effects, read_model_file
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
-
-DEFAULT_ROBOTS_DIR = Path("config/robots")
 
 
 class RobotModel(Section):
@@ -270,52 +270,40 @@ def check_effects(model: RobotModel) -> None:
         Naming the entry, and the names that exist.
     """
     for k, entry in enumerate(model.effects):
-        effect = plugins.load(entry.effect, "effects", "EFFECT")
+        effect = load_effect(entry.effect).for_robot(model.n)
         effect.check_values(entry.parameters, f"{model.name}: effects[{k}] at joint '{entry.joint}'")
 
 
 def check_temperature(model: RobotModel, temperature: float) -> None:
-    """Refuse a temperature [deg C] at which a joint's eq. (17) has no positive Stribeck speed eta3 + eta4 T.
+    """Refuse a temperature [deg C] at which a joint's friction does not hold.
 
     Raises
     ------
     InputError
-        Naming the joint and the temperature from which the law holds.
+        Naming the joint and the temperatures at which it does.
     """
     for entry in model.effects:
-        eta3, eta4 = (entry.parameters.get(key, 0.0) for key in ("eta3", "eta4"))
-        speed = eta3 + eta4 * temperature
-        if entry.effect != "friction_wear_temperature" or speed > 0.0:
+        low, high = load_effect(entry.effect).temperatures(entry.parameters)
+        everywhere = low == -np.inf and high == np.inf
+        if everywhere or low < temperature < high or temperature == high == np.inf:
             continue
-        remedy = f"choose a temperature above {-eta3 / eta4:.4g}" if eta4 > 0.0 else "correct eta3 and eta4"
+        if low > high:
+            remedy = "correct its parameters: it holds at no temperature"
+        elif temperature <= low:
+            remedy = f"choose a temperature above {low:.4g}"
+        else:
+            remedy = f"choose a temperature below {high:.4g}"
         raise InputError(
             f"{model.name}: temperature {temperature:g} deg C is outside the friction law of joint "
-            f"'{entry.joint}', whose Stribeck speed eta3 + eta4 T is {speed:.4g} there; {remedy}."
+            f"'{entry.joint}' ({entry.effect}); {remedy}."
         )
 
 
-def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> Path:
-    """Path of a model file, given as `load_model` takes it.
-
-    Raises
-    ------
-    InputError
-        Where there is none.
-    """
-    folder = DEFAULT_ROBOTS_DIR if robots_dir is None else Path(robots_dir)
-    path = Path(reference)
-    for candidate in (path, path / "model.yaml", folder / path / "model.yaml"):
-        if candidate.is_file():
-            return candidate
-    known = ", ".join(sorted(file.parent.name for file in folder.glob("*/model.yaml"))) or "none"
-    raise InputError(
-        f"robot '{reference}': no such model file, nor folder with a model.yaml, nor robot in {folder} "
-        f"(there: {known}); correct the name."
-    )
-
-
 def load_model(
-    reference: str | Path, robots_dir: str | Path | None = None, strict: bool = True
+    reference: str | Path,
+    robots_dir: str | Path | None = None,
+    strict: bool = True,
+    allow_code: Allowed = False,
 ) -> RobotModel:
     """Load a model file.
 
@@ -327,6 +315,8 @@ def load_model(
         ``config/robots`` by default.
     strict : bool
         Refuse moving links without physical inertia.
+    allow_code : bool or list of str
+        Whether effects may be .py files, which run when the model is used: all, none, or those listed.
 
     Raises
     ------
@@ -334,18 +324,9 @@ def load_model(
         Where the file cannot be read or breaks a rule; effects are checked by `check_effects`.
     """
     path = find_model(reference, robots_dir)
-    try:
-        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not readable YAML ({' '.join(str(error).split())}); mend it.") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the file.") from error
-    if not isinstance(fields, dict):
-        raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
-    urdf = fields.get("urdf")
-    if not isinstance(urdf, str):
-        raise InputError(f"{path}: urdf: is missing or no text; name the URDF beside the model file.")
-    return make_model(fields, path.parent / urdf, str(path), strict)
+    fields = read_model_file(path)
+    check_code(list_effects(fields, str(path)), allow_code, str(path))
+    return make_model(fields, path.parent / fields["urdf"], str(path), strict)
 
 
 def save_model(model: RobotModel, path: str | Path) -> Path:

@@ -9,11 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from wearscope.errors import InputError
+from wearscope.robots.model_file import read_text
 from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 
 # A limit that a URDF leaves open (continuous joints, no effort or velocity given).
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
+#: No number of a robot is larger; products of a few such still have a value.
+LARGEST_NUMBER = 1e30
+#: No robot has more links.
+MOST_LINKS = 5000
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,9 @@ def _numbers(element: ET.Element | None, key: str, default: str, count: int, whe
     except ValueError:
         values = ()
     if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise InputError(f'{where}: {key}="{text}" is not {count} finite number(s); mend the URDF.')
+        raise InputError(f'{where}: {key}="{text[:80]}" is not {count} finite number(s); correct the URDF.')
+    if any(abs(value) > LARGEST_NUMBER for value in values):
+        raise InputError(f'{where}: {key}="{text}" is above {LARGEST_NUMBER:g}; correct the URDF.')
     return values
 
 
@@ -145,14 +152,7 @@ def read_urdf(text_or_path: str | Path) -> tuple[str, str]:
     """
     if isinstance(text_or_path, str) and text_or_path.lstrip().startswith("<"):
         return text_or_path, "URDF"
-    try:
-        return Path(text_or_path).read_text(encoding="utf-8"), str(text_or_path)
-    except OSError as error:
-        raise InputError(
-            f"{text_or_path}: cannot be read ({error.strerror}); name the robot's URDF."
-        ) from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{text_or_path}: is not a text file; name the robot's URDF.") from error
+    return read_text(text_or_path, "the robot's URDF"), str(text_or_path)
 
 
 def parse_urdf(text_or_path: str | Path) -> Tree:
@@ -165,15 +165,20 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
         form one tree.
     """
     text, source = read_urdf(text_or_path)
+    # Entities, which may grow without bounds or name other files, can be declared nowhere else.
+    if "<!DOCTYPE" in text:
+        raise InputError(f"{source}: holds a DOCTYPE, which no URDF needs; remove it.")
     try:
         robot = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise InputError(f"{source}: is not well-formed XML ({error}); mend the URDF.") from error
+    except (ET.ParseError, ValueError, RecursionError) as error:
+        raise InputError(f"{source}: is not well-formed XML ({error}); correct the URDF.") from error
     if robot.tag != "robot":
         raise InputError(f"{source}: starts with <{robot.tag}>, not <robot>; name the robot's URDF.")
     if any("xacro" in element.tag for element in robot.iter() if isinstance(element.tag, str)):
         raise InputError(f"{source}: holds xacro macros; expand it to plain URDF first (xacro FILE).")
     links: dict[str, Link] = {}
+    if len(robot.findall("link")) > MOST_LINKS:
+        raise InputError(f"{source}: has more than {MOST_LINKS} links; name the robot's URDF.")
     for element in robot.findall("link"):
         link = _read_link(element, source)
         if not link.name or link.name in links:

@@ -50,15 +50,15 @@ class Chain(NamedTuple):
     gravity: np.ndarray
 
 
-def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[str, Inertia]:
+def list_inertias(body: RigidBody, extra: Array | None = None) -> dict[str, Inertia]:
     """Inertia of each joint's link in its own frame, payload included.
 
     Parameters
     ----------
     body : RigidBody
-    extra_payload : ndarray (10,), optional
-        Inertial parameters to add to the last link, in the order of `wearscope.robots.spatial`; the sum need
-        not be a body's.
+    extra : ndarray (n, 10), optional
+        Inertial parameters to add to the links, in the order of `wearscope.robots.spatial`; the sum need not
+        be a body's.
 
     Raises
     ------
@@ -68,25 +68,25 @@ def list_inertias(body: RigidBody, extra_payload: Array | None = None) -> dict[s
     parameters = body.inertial_parameters.reshape(body.n, 10).copy()
     if body.payload is not None:
         parameters[-1] += body.payload.parameters
-    if extra_payload is not None:
-        parameters[-1] += extra_payload
+    if extra is not None:
+        parameters += extra
     for name, row in zip(body.names, parameters, strict=True):
         if not row[0] > 0.0:
             raise InputError(
-                f"joint '{name}': its link with the payload would weigh {row[0]:.4g} kg; correct the payload "
-                "or the payload_error."
+                f"joint '{name}': its link would weigh {row[0]:.4g} kg with payload and effects; "
+                "correct the payload or the effects."
             )
     return {name: Inertia.from_parameters(row) for name, row in zip(body.names, parameters, strict=True)}
 
 
-def build_chain(body: RigidBody, extra_payload: Array | None = None) -> Chain:
+def build_chain(body: RigidBody, extra: Array | None = None) -> Chain:
     """Arrays of a robot's bodies.
 
     Parameters
     ----------
     body : RigidBody
         With its payload.
-    extra_payload : ndarray (10,), optional
+    extra : ndarray (n, 10), optional
         As for `list_inertias`.
 
     Raises
@@ -104,7 +104,7 @@ def build_chain(body: RigidBody, extra_payload: Array | None = None) -> Chain:
     order: list[int] = []
     while len(order) < len(names):
         order += [j for j in range(len(names)) if j not in order and (parent[j] < 0 or parent[j] in order)]
-    inertias = list_inertias(body, extra_payload)
+    inertias = list_inertias(body, extra)
     return Chain(
         order=np.array(order),
         parent=parent,

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import make_conditions, simulate_points
 from wearscope.simulation.traces import point_path
+from wearscope.supervision import ProcessLost, run_supervised
 
 #: Delay before each next move where no factor is about it [s], the middle of the paper's range.
 DEFAULT_DWELL = 0.05
@@ -106,6 +108,7 @@ def simulate_chunk(
     plan: Plan,
     common: str,
     report: Callable[[int], None] | None = None,
+    time_limit: float | None = None,
 ) -> ChunkOutcome:
     """Simulate those of a chunk's points that are not there yet.
 
@@ -127,6 +130,9 @@ def simulate_chunk(
         See `fingerprint_point`.
     report : callable, optional
         Called with the number of points done.
+    time_limit : float, optional
+        Longest time a point [s]: the points are simulated in a process of their own, and one that takes
+        longer or crashes it has failed.
 
     Returns
     -------
@@ -143,14 +149,42 @@ def simulate_chunk(
         row for row in rows if read_fingerprint(paths[int(row["point"])]) != fingerprints[int(row["point"])]
     ]
     failed: dict[int, str] = {}
-    done = len(rows) - len(missing)
-    inputs = _prepare_points(missing, set_name, model, cycle, plan)
+    while missing:
+        work = partial(_simulate_rows, list(missing), fingerprints, paths, set_name, model, cycle, plan)
+        try:
+            for reason in work() if time_limit is None else run_supervised(work, time_limit):
+                _note(failed, int(missing.pop(0)["point"]), reason)
+                if report is not None:
+                    report(len(rows) - len(missing))
+        except ProcessLost as error:
+            point = int(missing.pop(0)["point"])
+            paths[point].unlink(missing_ok=True)
+            _note(failed, point, f"the simulation {error}")
+    return ChunkOutcome(fingerprints, failed)
+
+
+def _note(failed: dict[int, str], point: int, reason: str | None) -> None:
+    if reason is not None:
+        failed[point] = reason
+
+
+def _simulate_rows(
+    rows: Sequence[Mapping[str, Any]],
+    fingerprints: Mapping[int, str],
+    paths: Mapping[int, Path],
+    set_name: str,
+    model: RobotModel,
+    cycle: Cycle,
+    plan: Plan,
+) -> Iterator[str | None]:
+    """Simulate and write points; yield for each why it failed, or None."""
+    inputs = _prepare_points(rows, set_name, model, cycle, plan)
     try:
-        for row, result in zip(missing, simulate_points(model, inputs, plan.sample_rate), strict=True):
+        for row, result in zip(rows, simulate_points(model, inputs, plan.sample_rate), strict=True):
             point = int(row["point"])
             if isinstance(result, SimulationError):
-                failed[point] = str(result).rstrip(".")
                 paths[point].unlink(missing_ok=True)
+                yield str(result).rstrip(".")
             else:
                 write_recording(
                     paths[point],
@@ -160,14 +194,11 @@ def simulate_chunk(
                     model.torque_units,
                     fingerprints[point],
                 )
-            done += 1
-            if report is not None:
-                report(done)
+                yield None
     except SelfTestError as error:
         raise InputError(
             f"robot {plan.robot}, cycle {plan.cycle}: {str(error).rstrip('.')}; correct the robot's URDF."
         ) from error
-    return ChunkOutcome(fingerprints, failed)
 
 
 def _prepare_points(

@@ -7,35 +7,49 @@ from pathlib import Path
 import pandas as pd
 
 from wearscope.errors import InputError
+from wearscope.files import DamagedFile
 
 #: Reason in one line by set and point.
 Failures = dict[tuple[str, int], str]
 
 
-def read_failures(markers: Iterable[str | Path]) -> Failures:
-    """Failed points of some chunks, from what `workflow/scripts/simulate_points.py` writes when one is done.
+def read_markers(markers: Iterable[str | Path]) -> tuple[dict[tuple[str, int], str], Failures]:
+    """What some chunks say of their points, as `workflow/scripts/simulate_points.py` writes it.
 
     Parameters
     ----------
     markers : iterable of path-like
-        ``<set>/_chunk-<number>.json``, with the reasons by point under ``failed``.
+        ``<set>/_chunk-<number>.json``: by point the ``fingerprints``, and the reasons of what ``failed``.
+
+    Returns
+    -------
+    fingerprints, failures : dict
+        By set and point.
 
     Raises
     ------
-    InputError
+    DamagedFile
         Where a marker is not there or is no such file.
     """
+    fingerprints: dict[tuple[str, int], str] = {}
     failures: Failures = {}
     for marker in map(Path, markers):
         try:
-            failed = json.loads(marker.read_text(encoding="utf-8"))["failed"]
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(
+            content = json.loads(marker.read_text(encoding="utf-8"))
+            for key, found in (("fingerprints", fingerprints), ("failed", failures)):
+                found |= {(marker.parent.name, int(point)): str(one) for point, one in content[key].items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise DamagedFile(
+                marker,
                 f"{marker}: not a marker of simulated points ({type(error).__name__}); delete it and "
-                "simulate them again."
+                "simulate them again.",
             ) from error
-        failures |= {(marker.parent.name, int(point)): str(reason) for point, reason in failed.items()}
-    return failures
+    return fingerprints, failures
+
+
+def read_failures(markers: Iterable[str | Path]) -> Failures:
+    """Failed points of some chunks; see `read_markers`."""
+    return read_markers(markers)[1]
 
 
 def check_failures(

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 
 from wearscope.cycles.base import Cycle, Reference, check_reference
 from wearscope.errors import InputError
-from wearscope.robots.model import RobotModel, check_effects
+from wearscope.robots.model import RobotModel, check_effects, check_temperature
 from wearscope.simulation.chunk import DEFAULT_DWELL
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.sensors import find_stride
 from wearscope.simulation.study import Conditions, simulate_points
 
-FRICTION_LAW = "friction_wear_temperature"
 _NOMINAL_TEMPERATURE = 50.0
 #: How much of a test-cycle `check_start` simulates [s].
 START = 0.1
@@ -34,9 +33,9 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
     Raises
     ------
     InputError
-        Where a temperature is below the friction law's validity (its Stribeck speed eta3 + eta4 T would not
-        be positive), a wear level is negative, a wear factor has no joint, a mass error makes no mass, an
-        effect is wrong, or the sampling interval is no whole number of steps.
+        Where a joint's friction does not hold at a temperature, a wear level is negative, a wear factor has
+        no joint, a mass error makes no mass, an effect is wrong, or the sampling interval is no whole number
+        of steps.
     """
     check_effects(model)
     find_stride(step, model.sensors.sample_rate if sample_rate is None else sample_rate)
@@ -46,7 +45,7 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
             f"factors.{wear[-1]}: robot '{model.name}' has {len(model.wear_joints)} joints that wear for "
             f"{len(wear)} factors of kind wear; list more under wear_axes of its model, or drop the factor."
         )
-    for name, (kind, low, _) in ranges.items():
+    for name, (kind, low, high) in ranges.items():
         if kind == "wear" and low < 0:
             raise InputError(f"factors.{name}: a wear of {low:g} is none; start the range at 0 or above.")
         if kind == "dwell" and low < 0:
@@ -54,21 +53,15 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
         if kind == "payload_mass_error" and low <= -100:
             raise InputError(f"factors.{name}: {low:g} % leaves no mass; start the range above -100 %.")
         if kind == "temperature":
-            _check_temperatures(model, name, low)
+            _check_temperatures(model, name, (low, high))
 
 
-def _check_temperatures(model: RobotModel, factor: str, low: float) -> None:
-    for entry in model.effects:
-        if entry.effect != FRICTION_LAW:
-            continue
-        eta3, eta4 = entry.parameters["eta3"], entry.parameters["eta4"]
-        if eta3 + eta4 * low <= 0:
-            valid = f"is positive above {-eta3 / eta4:.1f} degC only" if eta4 > 0 else "is not positive there"
-            raise InputError(
-                f"factors.{factor}: {low:g} degC is below the validity of the friction law (17) of joint "
-                f"'{entry.joint}' of robot '{model.name}', whose Stribeck speed eta3 + eta4 T {valid}; raise "
-                "the range."
-            )
+def _check_temperatures(model: RobotModel, factor: str, levels: tuple[float, float]) -> None:
+    for level in levels:
+        try:
+            check_temperature(model, level)
+        except InputError as error:
+            raise InputError(f"factors.{factor}: {error}") from None
 
 
 def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, step: float) -> float:
@@ -104,7 +97,7 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
             reference = cycle.build(model, dwell, step)
         except InputError:
             raise
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             raise InputError(
                 f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
                 f"{' '.join(str(problem).split())}; mend the test-cycle."

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Plant, load_effect
+from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
 from wearscope.robots.model import RobotModel, check_effects
 from wearscope.simulation.arrays import Gears
 
@@ -23,8 +24,7 @@ def build_plant(model: RobotModel) -> Plant:
     Returns
     -------
     Plant
-        `armature` is the `rotor_inertia` effect where a joint lists one, else the drive's rotor inertia;
-        other inertias add to it.
+        An effect whose value the drive states has it wherever a joint lists no parameters of its own.
 
     Raises
     ------
@@ -33,14 +33,18 @@ def build_plant(model: RobotModel) -> Plant:
     """
     check_effects(model)
     plant = Plant(model.n)
-    listed = {entry.joint for entry in model.effects if entry.effect == "rotor_inertia" and entry.parameters}
-    for joint, name in enumerate(model.joints):
-        if name not in listed:
-            plant.armature[joint] = model.rotor_inertia[joint]
-    for entry in model.effects:
-        if entry.effect == "rotor_inertia" and not entry.parameters:
+    for effect in STATED_BY_DRIVE:
+        stated = getattr(model.drive, effect.given_by)
+        if stated is None:
             continue
-        load_effect(entry.effect).install(plant, model.joints.index(entry.joint), entry.parameters)
+        (coefficient,) = effect.coefficients
+        for joint, name in enumerate(model.joints):
+            if not any(e.joint == name and e.effect == effect.name and e.parameters for e in model.effects):
+                effect.install(plant, joint, {coefficient.name: stated[joint]})
+    for entry in model.effects:
+        listed = load_effect(entry.effect)
+        if entry.parameters or not listed.given_by:
+            listed.install(plant, model.joints.index(entry.joint), entry.parameters)
     return plant
 
 

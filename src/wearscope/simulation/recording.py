@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from wearscope import tables
 from wearscope.errors import InputError
@@ -82,27 +81,27 @@ def write_recording(
     )
     if fingerprint is not None:
         table = table.replace_schema_metadata({"fingerprint": fingerprint})
-    tables.write_whole(
+    tables.write_arrow(
         path,
-        lambda name: pq.write_table(
-            table,
-            name,
-            compression="zstd",
-            use_dictionary=["t", "joint"],
-            column_encoding={column: "BYTE_STREAM_SPLIT" for column in ("q", "qd", "tau")},
-            row_group_size=count * n,
-        ),
+        table,
+        use_dictionary=["t", "joint"],
+        column_encoding={column: "BYTE_STREAM_SPLIT" for column in ("q", "qd", "tau")},
+        row_group_size=count * n,
     )
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of a recording; None where there is no whole recording or it has none."""
+    """Fingerprint of a recording, every byte checked; None where none is whole or it has none."""
     try:
-        metadata = pq.read_schema(path).metadata or {}
-    except (pa.ArrowInvalid, OSError):
+        table = tables.read_arrow(path, list(COLUMNS))
+    except tables.DamagedFile:
         return None
-    value = metadata.get(b"fingerprint")
-    return None if value is None else value.decode()
+    return _fingerprint(table)
+
+
+def _fingerprint(table: pa.Table) -> str | None:
+    value = (table.schema.metadata or {}).get(b"fingerprint")
+    return None if value is None else value.decode(errors="replace")
 
 
 def _join_units(joints: Sequence[str], units: Sequence[str]) -> str:
@@ -111,28 +110,31 @@ def _join_units(joints: Sequence[str], units: Sequence[str]) -> str:
     return ", ".join(f"{joint}: {unit}" for joint, unit in zip(joints, units, strict=True))
 
 
-def read_recording(path: str | Path, joints: Sequence[str] | None = None) -> Recording:
-    """Read a run.
+def read_recording(
+    path: str | Path, joints: Sequence[str] | None = None, fingerprint: str | None = None
+) -> Recording:
+    """Read a run, every byte checked.
 
     Parameters
     ----------
     path : path-like
     joints : sequence of str, optional
         Order of the joints, that of the file by default.
+    fingerprint : str, optional
+        The recording must have it: another one is of another point, setting or code.
 
     Raises
     ------
+    DamagedFile
+        Where the file is missing, damaged, or not the recording with the fingerprint.
     InputError
-        Where the file is missing, is no whole Parquet file, or does not hold these joints.
+        Where it does not hold these joints.
     """
-    try:
-        table = pq.read_table(path, columns=list(COLUMNS), partitioning=None)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; simulate the design point first.") from error
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(
-            f"{path}: not a whole recording ({str(error).splitlines()[0]}); delete it and simulate it again."
-        ) from error
+    table = tables.read_arrow(path, list(COLUMNS))
+    if fingerprint is not None and _fingerprint(table) != fingerprint:
+        raise tables.DamagedFile(
+            path, f"{path}: is the recording of another point or setting; delete it and simulate it again."
+        )
     column = table.column("joint").combine_chunks()
     if isinstance(column, pa.ChunkedArray):
         column = column.chunk(0)

@@ -117,9 +117,9 @@ def run_motion(
     scale = np.where(scale > 0.0, scale, np.abs(law.feedforward).max(axis=0) + 1.0)
     gears = build_gears(plant, scale)
     rows, terms = pack_terms(plant)
-    ghost = bool(np.any(plant.payload))
+    ghost = bool(np.any(plant.inertials))
     bodies = build_chain(body)
-    chain = build_chain(body, plant.payload) if ghost else bodies
+    chain = build_chain(body, plant.inertials) if ghost else bodies
     state, work, motion = make_state(n), make_work(n), make_motion(n)
     w, v = make_scratch(n), make_scratch(n)
     log = Log(*(np.full((count, n), np.nan) for _ in range(4)))

@@ -1,6 +1,6 @@
 """Where the recordings of a robot and test-cycle lie: a folder a set, a partition a design point."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from wearscope.robots.model import RobotModel
@@ -13,8 +13,29 @@ def point_path(folder: str | Path, set_name: str, point: int) -> Path:
 
 
 def read_points(
-    folder: str | Path, set_name: str, points: Sequence[int], model: RobotModel
+    folder: str | Path,
+    set_name: str,
+    points: Sequence[int],
+    model: RobotModel,
+    fingerprints: Mapping[tuple[str, int], str] | None = None,
 ) -> Iterator[tuple[int, Recording]]:
-    """Recordings of some points of a set, one at a time."""
-    for point in points:
-        yield int(point), read_recording(point_path(folder, set_name, int(point)), model.joints)
+    """Recordings of some points of a set, one at a time.
+
+    Parameters
+    ----------
+    folder : path-like
+        Traces of this robot and test-cycle.
+    set_name : str
+    points : sequence of int
+    model : RobotModel
+    fingerprints : mapping of (set, point) to str, optional
+        What the recordings must have been made from, see `wearscope.simulation.chunk.fingerprint_point`.
+
+    Raises
+    ------
+    DamagedFile
+        Where a recording is missing, damaged or another one.
+    """
+    for point in map(int, points):
+        wanted = None if fingerprints is None else fingerprints[set_name, point]
+        yield point, read_recording(point_path(folder, set_name, point), model.joints, wanted)

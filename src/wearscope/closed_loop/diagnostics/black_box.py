@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 from wearscope.closed_loop.diagnostics.dependence import thin_signals
 from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 
 #: Most rows that trees are grown on, and most trees.
 _MOST_ROWS, _MOST_TREES = 6000, 80
@@ -83,8 +83,8 @@ def judge_black_box(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFr
     train = [p for p in predicted if p.run.use == "train"]
     test = [p for p in predicted if p.run.use == "test"]
     # Within a single run, time says which sample it is.
-    features = {p.run.file: make_features(thin_signals(p.run), len(train) > 1) for p in predicted}
-    every = np.concatenate([features[p.run.file] for p in train])
+    features = {p.run.label: make_features(thin_signals(p.run), len(train) > 1) for p in predicted}
+    every = np.concatenate([features[p.run.label] for p in train])
     useful = np.isfinite(every).all(axis=0) & (np.ptp(every, axis=0) > 0)
     rows = max(4, int(4 * prepared.band.torque))
     records = []
@@ -103,7 +103,7 @@ def judge_black_box(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFr
             if model is not None:
                 trees[j] = int(model.n_iter_)
                 for p, residual in zip(test, left, strict=True):
-                    residual[:, j] -= model.predict(features[p.run.file][:, useful])
+                    residual[:, j] -= model.predict(features[p.run.label][:, useful])
         own = [(p.run.measured - getattr(p, stage), p.run.keep) for p in test]
         rest = [(residual, p.run.keep) for p, residual in zip(test, left, strict=True)]
         sizes = {"rms": own, "rms_black_box": rest}

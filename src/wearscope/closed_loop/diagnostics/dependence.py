@@ -7,10 +7,15 @@ import pandas as pd
 from scipy import signal, stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
-from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
-from wearscope.closed_loop.model.regression import Regression, block_scores, cross_validate_family, partial_fit
+from wearscope.closed_loop.model.blocks import Folds
+from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
+from wearscope.closed_loop.model.regression import (
+    Regression,
+    block_scores,
+    cross_validate_family,
+    partial_fit,
+)
 
 #: Hat functions of a linear spline.
 KNOTS = 8
@@ -31,7 +36,7 @@ DIAGNOSTIC_UNITS = {
 DEPENDENCE_UNITS = {"share": "1", "share_held_out": "1", "p_value": "1", "p_adjusted": "1"}
 
 
-def diagnose(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
+def diagnose_residuals(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
     """Size, spectrum and whiteness of every residual.
 
     Parameters

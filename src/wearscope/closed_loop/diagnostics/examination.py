@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -10,20 +10,20 @@ import pandas as pd
 from wearscope import tables
 from wearscope.closed_loop.diagnostics import isolability
 from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
-from wearscope.closed_loop.model.prediction import Predicted
 from wearscope.closed_loop.diagnostics.black_box import judge_black_box
 from wearscope.closed_loop.diagnostics.dependence import (
     DEPENDENCE_UNITS,
     DIAGNOSTIC_UNITS,
-    diagnose,
+    diagnose_residuals,
     find_dependence,
     thin_signals,
 )
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.selection.evidence import make_flips
-from wearscope.closed_loop.selection.search import Trace
-from wearscope.robots.model import RobotModel
+from wearscope.closed_loop.selection.significance import make_flips
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.diagnosis import Diagnosis
 
 _FLIPS, _SEED = 499, 17
 
@@ -65,25 +65,16 @@ def _write(out: Path, name: str, table: pd.DataFrame, prepared: Prepared, units:
 
 
 def examine(
-    out: Path,
-    prepared: Prepared,
-    trace: Trace,
-    predicted: list[Predicted],
-    models: dict[str, RobotModel],
-    progress: Callable[[str], None] = lambda _: None,
+    out: Path, diagnosis: "Diagnosis", progress: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
-    """Examine a traced data set and write the tables of the report.
+    """Examine a diagnosed data set and write the tables of the report.
 
     Parameters
     ----------
     out : Path
         Where ``signals.parquet``, ``isolability.parquet``, ``diagnostics.parquet``, ``dependence.parquet``,
         ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are written.
-    prepared : Prepared
-    trace : Trace
-    predicted : list of Predicted
-    models : dict of str to RobotModel
-        ``before`` and ``after``.
+    diagnosis : Diagnosis
     progress : callable
 
     Returns
@@ -91,18 +82,19 @@ def examine(
     dict
         For ``verdict.json``: `advice`, `undetermined`, `black_box` and `forward` (by joint and stage).
     """
+    prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
-    angles = isolability.measure_isolability(prepared, trace.before)
-    advice, undetermined = advise(prepared, angles), find_undetermined(prepared, angles)
+    angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
+    advice, undetermined = advise(diagnosis.problem, angles), find_undetermined(diagnosis.problem, angles)
     progress("what the residuals depend on")
-    diagnostics = diagnose(prepared, predicted)
-    folds = trace.folds
-    assert folds is not None
-    flips = make_flips(_FLIPS, len(trace.before.blocks), _SEED)
-    dependence = find_dependence(prepared, {"before": trace.before, "after": trace.after}, folds, flips)
+    diagnostics = diagnose_residuals(prepared, predicted)
+    layout = diagnosis.problem.layout
+    flips = make_flips(_FLIPS, len(layout.blocks), _SEED)
+    stages = {"before": diagnosis.before, "after": diagnosis.after}
+    dependence = find_dependence(prepared, stages, layout.folds, flips)
     progress("what a black box explains")
     black_box = judge_black_box(prepared, predicted)
-    forward, series = compare_forward(prepared, models, progress)
+    forward, series = compare_forward(prepared, diagnosis.models, progress)
     for name, table, units in (
         ("signals", signal_table(prepared), {}),
         ("isolability", angles, isolability.UNITS),

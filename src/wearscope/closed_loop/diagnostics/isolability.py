@@ -6,11 +6,11 @@ from itertools import combinations, pairwise
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.model.prediction import update_prediction
-from wearscope.closed_loop.model.candidates import applies, candidate_names, joined_signals, reduce_columns
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.candidates import reduce_columns
+from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
-from wearscope.effects.base import Effect, load_effect
+from wearscope.closed_loop.selection.problem import Problem
+from wearscope.effects.base import Effect, Signals
 
 #: Shapes of a nonlinear effect that stand for all of them, spread over those worth trying.
 _SHAPES = 9
@@ -26,32 +26,38 @@ UNITS = {"angle_deg": "deg", "largest_angle_deg": "deg", "sine_a": "1", "sine_b"
 
 
 @dataclass
-class _Candidate:
+class _Columns:
     """Weighted columns of an effect on the rows of all training runs.
 
     Attributes
     ----------
     name : str
-    x : ndarray (R, S*m), or (R, n, S*m) where the effect spreads
-    count : int
-        Columns m of each shape.
+    x : ndarray (R, C), or (R, n, C) where the effect spreads
+        Each plain variant at each shape, side by side.
+    counts : list of int
+        Columns of each.
     """
 
     name: str
     x: np.ndarray
-    count: int
+    counts: list[int]
 
 
-def _make_candidate(effect: Effect, joint: int, model: Regression, shapes: np.ndarray) -> _Candidate:
+def _stack_columns(
+    effect: Effect, joint: int, model: Regression, joined: Signals, along: list[Signals]
+) -> _Columns:
+    shapes = effect.shapes(joined, joint)
     pick = np.unique(np.linspace(0, len(shapes) - 1, min(_SHAPES, len(shapes))).round().astype(int))
+    variants = effect.plain_subsets()
+    kept = [s * len(effect.coefficients) + variant for s in range(len(pick)) for variant in variants]
     parts = []
-    for run, w in zip(model.prepared.runs_for("train"), model.weights, strict=True):
-        x = reduce_columns(effect, joint, shapes[pick], run)
+    for run, w, signals in zip(model.prepared.runs_for("train"), model.weights, along, strict=True):
+        x = reduce_columns(effect, joint, shapes[pick], run, signals)[..., np.concatenate(kept)]
         parts.append(x * (w[:, :, None] if effect.spread else w[:, [joint]]))
-    return _Candidate(effect.name, np.concatenate(parts), len(effect.coefficients))
+    return _Columns(effect.name, np.concatenate(parts), [len(k) for k in kept])
 
 
-def _project(model: Regression, candidates: list[_Candidate], joint: int) -> tuple[np.ndarray, np.ndarray]:
+def _project(model: Regression, candidates: list[_Columns], joint: int) -> tuple[np.ndarray, np.ndarray]:
     """Gram matrices of all candidates' columns, before and after the model is projected out."""
     d = np.concatenate([x * w[:, :, None] for x, w in zip(model.columns, model.weights, strict=True)])
     width = sum(c.x.shape[-1] for c in candidates)
@@ -84,6 +90,8 @@ def _whiten(gram: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, float]:
     own, left = gram / np.outer(scale, scale), inner / np.outer(scale, scale)
     value, vector = np.linalg.eigh(own)
     good = value > 1e-9 * value[-1]
+    if not good.any():
+        return np.zeros((len(gram), 0)), 0.0
     base = vector[:, good] / np.sqrt(value[good])
     share, turn = np.linalg.eigh(base.T @ left @ base)
     sine = float(np.sqrt(np.clip(share[-1], 0.0, 1.0)))
@@ -91,7 +99,7 @@ def _whiten(gram: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, float]:
     return (base @ turn[:, kept] / np.sqrt(share[kept])) / scale[:, None], sine
 
 
-def _angles(model: Regression, candidates: list[_Candidate], joint: int) -> list[dict]:
+def _angles(model: Regression, candidates: list[_Columns], joint: int) -> list[dict]:
     """One row for each pair of candidates at a joint."""
     gram, inner = _project(model, candidates, joint)
     bases: list[np.ndarray] = []
@@ -99,15 +107,15 @@ def _angles(model: Regression, candidates: list[_Candidate], joint: int) -> list
     sines = np.zeros(len(candidates))
     start = 0
     for k, c in enumerate(candidates):
-        for first in range(start, start + int(c.x.shape[-1]), c.count):
-            span = slice(first, first + c.count)
+        for count in c.counts:
+            span = slice(start, start + count)
+            start += count
             small, sine = _whiten(gram[span, span], inner[span, span])
             sines[k] = max(sines[k], sine)
             full = np.zeros((len(gram), small.shape[1]))
             full[span] = small
             bases.append(full)
             owners.append(k)
-        start += int(c.x.shape[-1])
     ends = np.cumsum([0, *(b.shape[1] for b in bases)])
     whole = np.concatenate(bases, axis=1)
     cosines = whole.T @ inner @ whole
@@ -134,12 +142,14 @@ def _angles(model: Regression, candidates: list[_Candidate], joint: int) -> list
     return records
 
 
-def measure_isolability(prepared: Prepared, model: Regression) -> pd.DataFrame:
+def measure_isolability(problem: Problem, model: Regression) -> pd.DataFrame:
     """Principal angles between all candidates at each joint once the declared model is projected out.
+
+    Each candidate stands in its plainest variants.
 
     Parameters
     ----------
-    prepared : Prepared
+    problem : Problem
     model : Regression
         The declared model, refitted.
 
@@ -148,27 +158,22 @@ def measure_isolability(prepared: Prepared, model: Regression) -> pd.DataFrame:
     DataFrame
         One row a joint and pair of candidates: `angle_deg`, the smallest principal angle between them (Bjorck
         and Golub 1973), `largest_angle_deg`, that of the direction of the smaller one which the larger one
-        reproduces worst, both over the shapes at which they are most alike; `sine_a` and `sine_b` to the
-        declared model, at the shape and in the direction that it absorbs least. Angles are NaN where the
-        declared model leaves nothing of one of the two.
+        reproduces worst, both over the shapes and variants at which they are most alike; `sine_a` and
+        `sine_b` to the declared model, at the shape, variant and direction that it absorbs least. Angles are
+        NaN where the declared model leaves nothing of one of the two.
     """
-    fields = prepared.dataset.fields
-    names = candidate_names(fields.declared_effects, fields.robot.rotor_inertia is not None)
-    joined = joined_signals(prepared.runs_for("train"))
-    update_prediction(model)
-    common = []
+    prepared, joined = problem.prepared, problem.joined
+    along = find_operating_point(model)
     last = prepared.n - 1
-    payload = load_effect("payload_error")
-    if "payload_error" in names and applies(payload, last, prepared):
-        common.append(_make_candidate(payload, last, model, payload.shapes(joined, last)))
+
+    def stack(joint: int, per_robot: bool) -> list[_Columns]:
+        asked = (e for e in problem.effects if e.per_robot == per_robot and e.is_usable(joined, joint))
+        return [_stack_columns(effect, joint, model, joined, along) for effect in asked]
+
+    common = stack(last, True) if prepared.moving[last] else []
     tables = []
     for j in map(int, np.flatnonzero(prepared.moving)):
-        candidates = [
-            _make_candidate(effect, j, model, effect.shapes(joined, j))
-            for effect in map(load_effect, names)
-            if effect.name != "payload_error" and applies(effect, j, prepared)
-        ]
-        table = pd.DataFrame(_angles(model, candidates + common, int(j)))
+        table = pd.DataFrame(_angles(model, stack(j, False) + common, j))
         table.insert(0, "joint", prepared.dataset.joints[j])
         tables.append(table)
     return pd.concat(tables, ignore_index=True)

@@ -10,18 +10,20 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import interpolate, optimize
 
-from wearscope.closed_loop.intake.filtering import differentiate, low_pass
-from wearscope.closed_loop.intake.preprocessing import PreparedRun, rows
+from wearscope.closed_loop.intake.acceptance import exchange_code
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
+from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.rough_model import fit_bounded, rough_columns
 from wearscope.robots.dynamics import RigidBody
 
 #: By which factor the rigid body may be off: as the data set states it is trusted, or approximate.
 GAINS = {"trusted": (0.7, 1.4), "approximate": (0.4, 2.5)}
-#: Least misfit as stated of a joint whose position is in another unit.
-_OTHER_UNIT = 0.8
+#: Least misfit as stated of a joint whose position is in another unit; what another reading may leave, as a
+#: share of what the stated one leaves with a rigid body of any size.
+_OTHER_UNIT, _FAR_BETTER = 0.8, 0.25
 _ANY_GAIN = (-np.inf, np.inf)
-_MOST_ROWS, _LEAST_ROWS = 1200, 30
+_MOST_ROWS, LEAST_ROWS = 1200, 30
 #: Torque that varies less than this share of what it usually does says nothing.
 _QUIET = 0.2
 #: Least span of a position in degrees, or in mm, that is a motion.
@@ -79,18 +81,21 @@ class Reading:
     change : callable
         From the sample as stated to the sample as read.
     joints : tuple of int
-        Joints whose misfit it must mend; empty where it concerns all.
+        Joints whose misfit it must remove; empty where it concerns all.
     told : str
         What is wrong and the remedy, to stand after the run's file name.
-    least : float
-        Misfit that its joints must have as stated for it to be thinkable: accelerations in degrees make the
-        rigid body far too large, not a little wrong.
+    code : str
+        Under which a data set overrules it.
+    other_unit : bool
+        Whether it takes the positions for another unit. Such a reading shrinks the rigid body to next to
+        nothing, which also suits a joint whose body the URDF merely overstates; so it is asked for more.
     """
 
     change: Callable[[Sample], Sample]
     joints: tuple[int, ...]
     told: str
-    least: float = 0.0
+    code: str
+    other_unit: bool = False
 
 
 def _every(run: PreparedRun) -> int:
@@ -118,7 +123,7 @@ def take_sample(run: PreparedRun, inertia: np.ndarray, inertials: str, usual: np
     spread = np.array(
         [max(tau[at, j].std(), known[at, j].std()) if at.any() else 0.0 for j, at in enumerate(counts.T)]
     )
-    heard = (spread > _QUIET * usual) & (counts.sum(axis=0) >= _LEAST_ROWS)
+    heard = (spread > _QUIET * usual) & (counts.sum(axis=0) >= LEAST_ROWS)
     rate = run.band.rate / run.band.stride / every
     return Sample(q, v, a, sign, tau, counts, s.rigid_body, inertia, GAINS[inertials], heard, rate)
 
@@ -126,9 +131,7 @@ def take_sample(run: PreparedRun, inertia: np.ndarray, inertials: str, usual: np
 def columns_for(sample: Sample, known: np.ndarray, j: int) -> np.ndarray:
     """Regressors (K, 5) of joint j over the rows that count: known, a, sign, v, 1."""
     at = sample.counts[:, j]
-    return np.column_stack(
-        [known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j], np.ones(int(at.sum()))]
-    )
+    return rough_columns(known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j])
 
 
 def fit_joint(
@@ -152,19 +155,16 @@ def fit_joint(
         Factor of the rigid body, inertia, Coulomb, viscous friction, offset.
     """
     y = sample.tau[sample.counts[:, j], j]
-    if len(y) < _LEAST_ROWS or y.std() <= 0.0:
+    if len(y) < LEAST_ROWS or y.std() <= 0.0:
         return np.nan, np.zeros(5)
     x = columns_for(sample, known, j)
     low, high = gains or sample.gains
     further = np.inf if gains is None else 1e-12
-    scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
-    r = np.linalg.qr(np.column_stack([x / scale, y]))[1]
-    lower = np.array([low, 0.0, 0.0, 0.0, -np.inf]) * scale
-    upper = np.array([high, further, np.inf, np.inf, np.inf]) * scale
-    with np.errstate(invalid="ignore"):
-        found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower, upper)).x
-    left = np.sum((r[:-1, :-1] @ found - r[:-1, -1]) ** 2) + r[-1, -1] ** 2
-    return float(left / np.sum((y - y.mean()) ** 2)), found / scale
+    free = np.inf
+    left, found = fit_bounded(
+        x, y, np.array([low, 0.0, 0.0, 0.0, -free]), np.array([high, further, free, free, free])
+    )
+    return left / float(np.sum((y - y.mean()) ** 2)), found
 
 
 def misfits(sample: Sample) -> np.ndarray:
@@ -176,6 +176,27 @@ def misfits(sample: Sample) -> np.ndarray:
 def total_misfit(left: np.ndarray, heard: np.ndarray) -> float:
     """Sum over the joints that say something; each counts 2 at most, and where it is not known."""
     return float(np.sum(np.minimum(np.nan_to_num(left[heard], nan=2.0), 2.0)))
+
+
+def explains_more(sample: Sample, reading: Reading, read: Sample, stated: np.ndarray) -> bool:
+    """Whether a reading explains its joints far better than the stated one with a rigid body of any size.
+
+    A body that the URDF merely overstates, on a joint full of friction, suits many readings: those that take
+    it away or average it out. A reading of another unit shrinks it to next to nothing, and must explain far
+    more than friction and rotors alone do, too.
+    """
+    joints = list(reading.joints) or np.flatnonzero(np.isfinite(stated)).tolist()
+    if reading.other_unit and np.nanmedian(stated[joints]) < _OTHER_UNIT:
+        return False
+    known, other = sample.known(), read.known()
+    free = without = left = 0.0
+    for j in joints:
+        any_size = fit_joint(sample, known, j, (0.0, np.inf))[0]
+        no_body = fit_joint(sample, np.zeros_like(known), j)[0]
+        free += min(any_size, no_body, stated[j])
+        without += fit_joint(read, np.zeros_like(other), j)[0]
+        left += fit_joint(read, other, j)[0]
+    return bool(left < _FAR_BETTER * free and (not reading.other_unit or left < _FAR_BETTER * without))
 
 
 def scale_factors(sample: Sample, doubtful: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +263,8 @@ def list_readings(
             lambda s: _times(s, factor, "q", "v", "a"),
             (),
             "positions look like degrees; convert q to rad.",
-            _OTHER_UNIT,
+            "degrees q",
+            True,
         )
     if not turning.all() and span[~turning].max() > _LEAST_MM:
         shrink = np.where(turning, 1.0, 1e-3)
@@ -250,18 +272,21 @@ def list_readings(
             lambda s: _times(s, shrink, "q", "v", "a"),
             (),
             "positions look like mm; convert q to m.",
-            _OTHER_UNIT,
+            "mm q",
+            True,
         )
     yield Reading(
         lambda s: _times(s, -np.ones(n), "tau"),
         (),
         "the torques have the opposite sign of what the motion needs; give motor torque, positive where it "
         "does positive work in positive motion.",
+        "sign tau",
     )
     yield Reading(
         lambda s: _times(s, -np.ones(n), "v", "sign"),
         (),
         "the torques fit the motion run backwards; sort the rows by time.",
+        "backwards t",
     )
     gravity = np.array(run.signals.rigid_body.gravity)
     if gravity.any():
@@ -269,12 +294,14 @@ def list_readings(
             lambda s: _with_gravity(s, -gravity),
             (),
             "gravity acts opposite to robot.gravity; give gravity in the base frame.",
+            "sign gravity",
         )
     if gravity.any() and not 9.7 < np.linalg.norm(gravity) < 9.9:
         yield Reading(
             lambda s: _with_gravity(s, 9.81 * gravity / np.linalg.norm(gravity)),
             (),
             f"gravity is not {np.linalg.norm(gravity):.3g} m/s^2 strong as robot.gravity says; give m/s^2.",
+            "size gravity",
         )
     for j in np.flatnonzero(doubtful).tolist():
         yield from _list_for_joint(run, joints, slides, j)
@@ -294,28 +321,33 @@ def _list_for_joint(run: PreparedRun, joints: list[str], slides: list[bool], j: 
             lambda s: _times(s, _only(n, j, factor), "q", "v", "a"),
             (j,),
             f"column 'q_{joint}' looks like {unit}.",
-            _OTHER_UNIT,
+            f"{'mm' if slides[j] else 'degrees'} q_{joint}",
+            True,
         )
     yield Reading(
         lambda s: _times(s, _only(n, j, -1.0), "tau"),
         (j,),
         f"column 'tau_{joint}' has the opposite sign of what the motion needs; give motor torque, positive "
         "where it does positive work in positive motion.",
+        f"sign tau_{joint}",
     )
     yield Reading(
         lambda s: _times(s, _only(n, j, -1.0), *_MOTION),
         (j,),
         f"column 'q_{joint}' has the opposite sign of the URDF's axis; turn it round.",
+        f"sign q_{joint}",
     )
     yield Reading(
         lambda s: _times(s, _only(n, j, -1.0), *_MOTION, "tau"),
         (j,),
         f"columns 'q_{joint}' and 'tau_{joint}' have the opposite sign of the URDF's axis; turn both round.",
+        f"sign q_{joint} tau_{joint}",
     )
     yield Reading(
         lambda s: _exchange_kinds(s, run, j),
         (j,),
         f"columns 'q_{joint}' and 'tau_{joint}' look swapped; exchange them.",
+        f"exchanged q_{joint} tau_{joint}",
     )
 
 
@@ -330,46 +362,5 @@ def _list_exchanges(joints: list[str], i: int, j: int) -> Iterator[Reading]:
             lambda s, names=names: _exchange(s, names, i, j),  # type: ignore[misc]
             (i, j),
             f"columns look swapped: exchange {what}.",
+            exchange_code(joints, kinds, i, j),
         )
-
-
-def _misfits_at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Share of the variance of each column of y (K, L) that free coefficients of x (K, P) leave (L,)."""
-    basis = np.linalg.qr(x)[0]
-    y = y - y.mean(axis=0)
-    return 1.0 - ((basis.T @ y) ** 2).sum(axis=0) / np.maximum((y**2).sum(axis=0), 1e-300)
-
-
-def find_lag(sample: Sample, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time by which each joint's torque lags its motion, and the misfit there over that without a lag.
-
-    Parameters
-    ----------
-    sample : Sample
-    longest : float
-        Longest lag either way [s].
-
-    Returns
-    -------
-    lag, ratio : ndarray (n,)
-        [s]; NaN for joints that say nothing.
-    """
-    known = sample.known()
-    reach = int(longest * sample.rate)
-    lags, ratios = np.full(sample.n, np.nan), np.full(sample.n, np.nan)
-    inner = np.arange(reach + 1, len(sample.q) - reach - 1)
-    for j in np.flatnonzero(sample.heard).tolist():
-        at = inner[sample.counts[inner, j]]
-        if len(at) < _LEAST_ROWS:
-            continue
-        x = np.column_stack(
-            [known[at, j], sample.a[at, j], sample.sign[at, j], sample.v[at, j], np.ones(len(at))]
-        )
-        between = interpolate.CubicSpline(np.arange(len(sample.tau)), sample.tau[:, j])
-        shifts = np.arange(-reach, reach + 1).astype(float)
-        left = _misfits_at(x, between(at[:, None] + shifts))
-        near = shifts[int(np.argmin(left))] + np.linspace(-1.0, 1.0, 41)
-        fine = _misfits_at(x, between(at[:, None] + near))
-        lags[j] = near[int(np.argmin(fine))] / sample.rate
-        ratios[j] = fine.min() / max(left[reach], 1e-300)
-    return lags, ratios

@@ -1,7 +1,7 @@
 """Recording faults that no machine makes: wrapped angles, spikes, steps of the encoder, frozen torque.
 
-What can be mended without guessing is mended, kept out of all fits and said in a note; a position channel
-that steps in the middle of a run is refused, since either half may be the wrong one.
+What can be corrected without guessing is corrected, kept out of all fits and said in a note; a position
+channel that steps in the middle of a run is refused, since either half may be the wrong one.
 """
 
 from dataclasses import dataclass, replace
@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from wearscope.closed_loop.intake.dataset import Run
+from wearscope.closed_loop.intake.acceptance import Acceptance
+from wearscope.closed_loop.intake.recording import LEAST_CHANGES, Run, estimate_quantum
 from wearscope.errors import InputError
 
 #: A change is a fault beyond this multiple of what the run's own 98th percentile is ...
@@ -22,8 +23,13 @@ LONGEST_SPIKE = 4
 _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 #: Share of a position's span beyond which a step can be a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
-#: Most spikes of one channel that are still mended, as a share of its rows.
+#: Most spikes of one channel that are still bridged, as a share of its rows.
 _MOST = 0.01
+#: Share of a run over which a frozen torque is a dead channel.
+_MOST_FROZEN = 0.8
+#: Steps of the encoder that a difference may be off by; a joint rests where its usual range is below this
+#: share of its reach, or below this many steps of the encoder.
+_QUANTA, _RESTING, _RESTING_QUANTA = 5.0, 2e-3, 10.0
 
 
 @dataclass
@@ -35,7 +41,7 @@ class Cleaned:
     run : Run
         Uniformly sampled, cut to the part that holds.
     faulty : ndarray (N, n) of bool
-        Samples of joints that were mended or are not measurements, and must not count.
+        Samples of joints that were corrected or are not measurements, and must not count.
     notes : list of str
     """
 
@@ -44,7 +50,7 @@ class Cleaned:
     notes: list[str]
 
 
-def _stretches(marked: np.ndarray, apart: int = 1) -> list[tuple[int, int]]:
+def find_stretches(marked: np.ndarray, apart: int = 1) -> list[tuple[int, int]]:
     """First and last index of stretches of marked samples (N,), joined where at most `apart` apart."""
     at = np.flatnonzero(marked)
     if not len(at):
@@ -54,18 +60,29 @@ def _stretches(marked: np.ndarray, apart: int = 1) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
-def _odd_steps(q: np.ndarray) -> np.ndarray:
+def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
+    """Size below which a difference of a position (N,) is no fault.
+
+    A few steps of the encoder; where the joint rests, the range that it usually keeps to as well, since a
+    count that toggles, also between samples that a recorder has interpolated, stays within that.
+    """
+    usual = float(np.ptp(np.percentile(q, [0.5, 99.5])))
+    rests = usual <= max(_RESTING * reach, _RESTING_QUANTA * quantum)
+    return max(_QUANTA * quantum, 2.0 * usual if rests else 0.0, 1e-9)
+
+
+def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
     """How far each difference of a position (N,) is from those around it; 0 (N-1,) where that is no fault."""
     step = np.diff(q)
     sizes = np.abs(step[step != 0.0])
-    resolution = float(sizes.min()) if len(sizes) else 0.0
+    resolution = float(sizes.min()) if len(sizes) >= LEAST_CHANGES else 0.0
     around = ndimage.median_filter(step, 11, mode="nearest")
     odd = step - around
     least = max(
         _ODD * float(np.percentile(np.abs(odd), _USUAL)),
         _OF_SPEED * float(np.percentile(np.abs(around), 99.5)),
         _ODD * resolution,
-        1e-9,
+        floor,
     )
     return np.where(np.abs(odd) > least, odd, 0.0)
 
@@ -85,92 +102,142 @@ def _bridge(x: np.ndarray, first: int, last: int) -> None:
     x[inside] = np.polyval(np.polyfit(good - centre, x[good], degree), inside - centre)
 
 
+@dataclass
+class _Position:
+    """What was found in one position channel: rows that hold, corrected places, notes."""
+
+    first: int
+    after: int
+    wraps: int = 0
+    spikes: int = 0
+
+    def list_notes(self, label: str, joint: str, t: np.ndarray) -> list[str]:
+        notes = []
+        if self.wraps:
+            notes.append(f"{label}: q_{joint} was unwrapped at {self.wraps} rows.")
+        if self.spikes:
+            notes.append(f"{label}: spikes of q_{joint} in {self.spikes} rows were bridged and do not count.")
+        if self.first:
+            notes.append(
+                f"{label}: q_{joint} steps at t = {t[self.first]:.6g} s; the rows before it are cut off."
+            )
+        if self.after < len(t):
+            notes.append(
+                f"{label}: q_{joint} steps at t = {t[self.after]:.6g} s; the rows from there on are cut off."
+            )
+        return notes
+
+
 def _clean_position(
-    run: Run, j: int, joint: str, slides: bool, where: str, faulty: np.ndarray
-) -> tuple[int, int, list[str]]:
-    """Mend a position in place; rows that hold as (first, after last), and notes."""
+    run: Run, j: int, joint: str, slides: bool, floor: float, where: str, accepted: Acceptance
+) -> tuple[_Position, np.ndarray, list[str]]:
+    """Correct a position in place; what was found, rows (N,) that do not count, and notes."""
     q, t = run.q[:, j], run.t
-    notes: list[str] = []
-    first, after, wraps, spikes = 0, len(q), 0, 0
-    odd = _odd_steps(q)
-    stretches = _stretches(odd != 0.0, apart=LONGEST_SPIKE)
+    as_recorded = q.copy()
+    found, faulty, notes = _Position(0, len(q)), np.zeros(len(q), dtype=bool), []
+    odd = _odd_steps(q, floor)
+    stretches = find_stretches(odd != 0.0, apart=LONGEST_SPIKE)
     nets = np.array([odd[low : high + 1].sum() for low, high in stretches])
     for low, high in stretches:
         path = np.cumsum(odd[low : high + 1])
         net, largest = float(path[-1]), float(np.abs(path).max())
         if abs(net) < 0.2 * largest:
-            spikes += high - low
+            found.spikes += high - low
             _bridge(q, low + 1, high)
             faulty[low + 1 : high + 1] = True
         elif not slides and abs(abs(net) - 2 * np.pi) < 0.3 and high == low:
             q[high + 1 :] -= np.sign(net) * 2 * np.pi
-            wraps += 1
+            found.wraps += 1
         elif abs(net) <= _STEP * float(np.ptp(q)) or (high > low and _returns(net, nets)):
             continue
+        elif accepted.accepts(f"step q_{joint}"):
+            told = f"column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s."
+            notes.append(accepted.refuse(run.label, told, f"step q_{joint}"))
         elif t[high + 1] - t[0] <= _START:
-            first = max(first, high + 1)
+            found.first = max(found.first, high + 1)
         elif t[-1] - t[low] <= _START:
-            after = min(after, low + 1)
+            found.after = min(found.after, low + 1)
         else:
-            raise InputError(
-                f"{where}: column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s, as no joint "
-                "moves; split the run there or mend the channel."
+            told = (
+                f"column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s, as no joint moves; split "
+                "the run there or correct the channel."
             )
-    if spikes > _MOST * len(q):
-        raise InputError(
-            f"{where}: column 'q_{joint}' has spikes in {spikes} rows; mend the channel or record again."
-        )
-    if wraps:
-        notes.append(f"{run.file}: q_{joint} was unwrapped at {wraps} rows.")
-    if spikes:
-        notes.append(f"{run.file}: spikes of q_{joint} in {spikes} rows were bridged and do not count.")
-    if first:
-        notes.append(f"{run.file}: q_{joint} steps at t = {t[first]:.6g} s; the rows before it are cut off.")
-    if after < len(q):
-        notes.append(
-            f"{run.file}: q_{joint} steps at t = {t[after]:.6g} s; the rows from there on are cut off."
-        )
-    return first, after, notes
+            accepted.refuse(where, told, f"step q_{joint}")
+    if found.spikes > _MOST * len(q):
+        told = f"column 'q_{joint}' has spikes in {found.spikes} rows; correct the channel or record again."
+        notes.append(accepted.refuse(where, told, f"spikes q_{joint}"))
+        q[:] = as_recorded
+        return _Position(0, len(q)), np.zeros(len(q), dtype=bool), notes
+    return found, faulty, notes + found.list_notes(run.label, joint, t)
 
 
-def _clean_torque(run: Run, j: int, joint: str, where: str, faulty: np.ndarray) -> list[str]:
-    """Bridge spikes of a torque in place and mark frozen stretches."""
-    tau = run.tau[:, j]
+def _clean_torque(
+    run: Run, j: int, joint: str, where: str, accepted: Acceptance
+) -> tuple[np.ndarray, list[str]]:
+    """Bridge spikes of a torque in place; rows (N,) that do not count, and notes."""
+    spiky = _bridge_spikes(run.tau[:, j])
     notes: list[str] = []
+    if spiky.any():
+        notes.append(
+            f"{run.label}: spikes of tau_{joint} in {int(spiky.sum())} rows were bridged and do not count."
+        )
+    frozen = _find_frozen(run, j)
+    if frozen.mean() > _MOST_FROZEN:
+        told = (
+            f"column 'tau_{joint}' does not change over most of the run; the channel is dead or saturated, "
+            "record it again or leave the joint out."
+        )
+        notes.append(accepted.refuse(where, told, f"frozen tau_{joint}"))
+        return spiky, notes
+    if frozen.any():
+        notes.append(
+            f"{run.label}: tau_{joint} does not change in {int(frozen.sum())} rows in which the joint moves; "
+            "they do not count."
+        )
+    if np.ptp(run.tau[:, j]) == 0.0:
+        frozen[:] = True
+        notes.append(f"{run.label}: tau_{joint} is constant while the joint rests; its rows do not count.")
+    return spiky | frozen, notes
+
+
+def _bridge_spikes(tau: np.ndarray) -> np.ndarray:
+    """Spikes (N,) of a torque, bridged in place."""
     odd = np.abs(tau - ndimage.median_filter(tau, 2 * LONGEST_SPIKE + 1, mode="nearest"))
     span = float(np.ptp(np.percentile(tau, [1, 99])))
     spiky = odd > max(_ODD * float(np.percentile(odd, _USUAL)), _OF_SPAN * span, 1e-12)
-    for low, high in _stretches(spiky):
-        beside = abs(tau[min(high + 1, len(tau) - 1)] - tau[max(low - 1, 0)])
-        if high - low >= LONGEST_SPIKE or beside > 0.3 * odd[low : high + 1].max():
+    for low, high in find_stretches(spiky):
+        change = abs(tau[min(high + 1, len(tau) - 1)] - tau[max(low - 1, 0)])
+        if high - low >= LONGEST_SPIKE or change > 0.3 * odd[low : high + 1].max():
             spiky[low : high + 1] = False
             continue
         _bridge(tau, low, high)
-    if spiky.any():
-        faulty |= spiky
-        notes.append(
-            f"{run.file}: spikes of tau_{joint} in {int(spiky.sum())} rows were bridged and do not count."
-        )
+    return spiky
+
+
+def _find_frozen(run: Run, j: int) -> np.ndarray:
+    """Samples (N,) in which a torque does not change although its joint moves."""
+    tau = run.tau[:, j]
     shortest = max(_FROZEN_ROWS, int(_FROZEN_TIME / float(np.median(np.diff(run.t)))))
     frozen = np.zeros(len(tau), dtype=bool)
-    for low, high in _stretches(np.diff(tau) == 0.0):
+    for low, high in find_stretches(np.diff(tau) == 0.0):
         if high + 1 - low >= shortest and _travels(run.q[low : high + 2, j], run.q[:, j]):
             frozen[low : high + 2] = True
-    if frozen.any():
-        faulty |= frozen
-        notes.append(
-            f"{run.file}: tau_{joint} does not change in {int(frozen.sum())} rows in which the joint moves; "
-            "they do not count."
-        )
-    return notes
+    return frozen
 
 
 def _travels(part: np.ndarray, whole: np.ndarray) -> bool:
     return bool(np.ptp(part) > 1e-3 * np.ptp(whole))
 
 
-def clean_run(run: Run, joints: list[str], slides: list[bool], where: str) -> Cleaned:
-    """Mend what can be mended of a run.
+def clean_run(
+    run: Run,
+    joints: list[str],
+    slides: list[bool],
+    where: str,
+    reach: np.ndarray | None = None,
+    accepted: Acceptance | None = None,
+) -> Cleaned:
+    """Correct what can be corrected of a run.
 
     Parameters
     ----------
@@ -181,40 +248,34 @@ def clean_run(run: Run, joints: list[str], slides: list[bool], where: str) -> Cl
         Whether each joint is prismatic; the others may wrap at a full turn.
     where : str
         What to call the run in messages.
+    reach : ndarray (n,), optional
+        Largest span of each position in the runs of the data set; this run's own where None.
+    accepted : Acceptance, optional
 
     Raises
     ------
     InputError
         Where a position steps in the middle of the run, has too many spikes, or too little is left.
     """
-    mended = replace(run, q=run.q.copy(), tau=run.tau.copy())
-    faulty = np.zeros(run.q.shape, dtype=bool)
+    accepted = accepted or Acceptance()
+    cleaned = replace(run, q=run.q.copy(), tau=run.tau.copy())
+    quantum = estimate_quantum(run.q) if run.quantum is None else run.quantum
+    reach = np.ptp(run.q, axis=0) if reach is None else reach
     notes: list[str] = []
     first, after = 0, len(run.t)
     odd_position = np.zeros(len(run.t), dtype=bool)
     for j, joint in enumerate(joints):
-        start, stop, told = _clean_position(mended, j, joint, slides[j], where, odd_position)
-        first, after = max(first, start), min(after, stop)
+        floor = _least_odd(run.q[:, j], float(quantum[j]), float(reach[j]))
+        found, odd, told = _clean_position(cleaned, j, joint, slides[j], floor, where, accepted)
+        first, after = max(first, found.first), min(after, found.after)
+        odd_position |= odd
         notes += told
     # A wrong position of one joint makes the rigid-body torque of all of them wrong.
-    faulty |= odd_position[:, None]
+    faulty = np.repeat(odd_position[:, None], len(joints), axis=1)
     for j, joint in enumerate(joints):
-        notes += _clean_torque(mended, j, joint, where, faulty[:, j])
-    for j, joint in enumerate(joints):
-        if np.mean(faulty[:, j]) > 0.8:
-            raise InputError(
-                f"{where}: column 'tau_{joint}' does not change over most of the run; the channel is dead or "
-                "saturated, record it again or leave the joint out."
-            )
-    if after - first < 50 or mended.t[after - 1] - mended.t[first] < 0.5 * (run.t[-1] - run.t[0]):
+        odd, told = _clean_torque(cleaned, j, joint, where, accepted)
+        faulty[:, j] |= odd
+        notes += told
+    if after - first < 50 or cleaned.t[after - 1] - cleaned.t[first] < 0.5 * (run.t[-1] - run.t[0]):
         raise InputError(f"{where}: little is left once steps of the positions are cut off; record it again.")
-    part = slice(first, after)
-    kept = replace(
-        mended,
-        t=mended.t[part],
-        q=mended.q[part],
-        tau=mended.tau[part],
-        qd=None if run.qd is None else run.qd[part],
-        temperature=None if run.temperature is None else run.temperature[part],
-    )
-    return Cleaned(kept, faulty[part], notes)
+    return Cleaned(cleaned.cut(first, after), faulty[first:after], notes)

@@ -1,20 +1,21 @@
 """A measured data set: one folder in the form of the measured-data contract, read and refused.
 
 What a folder says is checked here against itself (fields, columns, rows, rates); what its signals say about
-units, sides and signs is checked in `wearscope.closed_loop.intake.plausibility`.
+units, sides and signs is checked in `wearscope.closed_loop.intake.plausibility`. Every recording is read once
+for these checks and let go; `RunRecord.load` reads it again when it is needed.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet as pq
-from scipy import signal
 
+from wearscope.closed_loop.intake.acceptance import Acceptance
+from wearscope.closed_loop.intake.clock import check_clock, split_at_gaps
+from wearscope.closed_loop.intake.data_folder import check_file, find_inside
 from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
     PayloadFields,
@@ -23,39 +24,36 @@ from wearscope.closed_loop.intake.dataset_fields import (
     check_fields,
     read_fields,
 )
+from wearscope.closed_loop.intake.recording import Run, estimate_quantum
+from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_run
+from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_joints
 from wearscope.errors import InputError
 
-#: Runs whose aligned channels differ by less than this share of their spread are copies of each other.
-_COPY = 1e-3
-_LEAST_ROWS, _LEAST_TIME = 50, 1.0
+#: Temperatures of a machine [deg C].
+_COLDEST, _HOTTEST = -60.0, 250.0
 
 
-@dataclass
-class Run:
-    """One recording.
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """A recording that has been checked; its arrays are in its file.
 
     Attributes
     ----------
-    file : str
-    use : str
-        ``train`` or ``test``.
-    t : ndarray (N,)
-        Time [s] as recorded.
-    q, tau : ndarray (N, n)
-        Joint position and joint-side torque.
-    qd, temperature : ndarray (N, n) or None
-        Joint speed and temperature [deg C]: None where no joint has any, NaN for joints that have none.
+    file, use : str
     payload : PayloadFields or None
+    session : str or None
+    reach : ndarray (n,)
+        Span of each joint's position.
+    load : callable
+        Reads the recording: one `Run`, before its gaps split it.
     """
 
     file: str
     use: str
-    t: np.ndarray
-    q: np.ndarray
-    tau: np.ndarray
-    qd: np.ndarray | None
-    temperature: np.ndarray | None
     payload: PayloadFields | None
+    session: str | None
+    reach: np.ndarray
+    load: Callable[[], Run]
 
 
 @dataclass
@@ -66,18 +64,22 @@ class Dataset:
     ----------
     folder : Path
     fields : DatasetFields
-    runs : list of Run
+    runs : list of RunRecord
+        In the order of the file.
     position_unit, torque_unit : list of str
         By joint.
+    accepted : Acceptance
+        Refusals by inference that the data set overrules.
     notes : list of str
         What a reader should know and that is no breach.
     """
 
     folder: Path
     fields: DatasetFields
-    runs: list[Run]
+    runs: list[RunRecord]
     position_unit: list[str]
     torque_unit: list[str]
+    accepted: Acceptance = field(default_factory=Acceptance)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -95,158 +97,93 @@ class Dataset:
         """Path of the robot's URDF."""
         return self.folder / self.fields.robot.urdf
 
-    def runs_for(self, use: str) -> list[Run]:
+    def runs_for(self, use: str) -> list[RunRecord]:
         """Runs of one use, in the order of the file."""
         return [run for run in self.runs if run.use == use]
 
 
-def _read_columns(path: Path) -> pd.DataFrame:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; mend runs[].file in dataset.yaml or add the file.")
-    try:
-        if path.suffix.lower() == ".csv":
-            table = pyarrow.csv.read_csv(path)
-        elif path.suffix.lower() == ".parquet":
-            table = pq.read_table(path, partitioning=None)
-        else:
-            raise InputError(f"{path}: is neither .parquet nor .csv; convert it to one of them.")
-    except (pa.ArrowException, OSError) as error:
-        told = str(error).replace(str(path), "it").splitlines()[0].rstrip(".")
-        raise InputError(f"{path}: cannot be read whole ({told}); copy the file again.") from error
-    names = table.column_names
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: column '{name}' stands twice; keep one of them.")
-    return table.to_pandas()
+def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
+    path, joints = folder / entry.file, fields.robot.joints
+    frame = read_columns(path)
+    t = take_column(path, frame, "t")
+    check_clock(str(path), t, fields.sample_rate)
+    q = take_joints(path, frame, "q", joints)
+    return Run(
+        entry.file,
+        entry.use,
+        t - t[0],
+        q,
+        take_joints(path, frame, "tau", joints),
+        take_given(path, frame, "qd", joints),
+        take_given(path, frame, "temp", joints),
+        entry.payload,
+        session=entry.session,
+        channels={name: take_column(path, frame, name) for name in fields.channels},
+        start=float(t[0]),
+        quantum=estimate_quantum(q),
+    )
 
 
-def _take(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
-    """One column as finite numbers."""
-    if name not in frame.columns:
-        near = [c for c in map(str, frame.columns) if c.strip().lower() == name.lower()]
-        hint = f"rename '{near[0]}'" if near else "add it, or mend robot.joints"
-        raise InputError(f"{path}: column '{name}' is missing; {hint}.")
-    series = frame[name]
-    if not pd.api.types.is_numeric_dtype(series) or pd.api.types.is_bool_dtype(series):
-        numbers = pd.to_numeric(series, errors="coerce")
-        row = int(np.argmax(numbers.isna().to_numpy()))
-        if not len(series):
-            raise InputError(f"{path}: holds 0 rows; a run needs at least {_LEAST_ROWS} rows and one second.")
-        raise InputError(
-            f"{path}: column '{name}' holds text or dates, not numbers "
-            f"(row {row}: {str(series.iloc[row])[:30]!r}); convert it."
-        )
-    values = np.array(series.to_numpy(dtype=float, na_value=np.nan))
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        raise InputError(
-            f"{path}: column '{name}' is no finite number at row {bad[0]} "
-            f"({len(bad)} in all); cut or mend these rows."
-        )
-    return values
-
-
-def _take_all(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray:
-    return np.column_stack([_take(path, frame, f"{kind}_{joint}") for joint in joints])
-
-
-def _take_given(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray | None:
-    """Columns of one kind, NaN for the joints that have none; None where no joint has."""
-    given = [joint for joint in joints if f"{kind}_{joint}" in frame.columns]
-    if not given:
-        return None
-    taken = np.full((len(frame), len(joints)), np.nan)
-    for joint in given:
-        taken[:, joints.index(joint)] = _take(path, frame, f"{kind}_{joint}")
-    return taken
-
-
-def _check_time(path: Path, t: np.ndarray, rate: float) -> None:
-    if len(t) < _LEAST_ROWS:
-        raise InputError(
-            f"{path}: holds {len(t)} rows; a run needs at least {_LEAST_ROWS} rows and one second."
-        )
-    steps = np.diff(t)
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        raise InputError(
-            f"{path}: column 't' does not increase at row {back[0] + 1} "
-            f"({t[back[0]]:.10g} s, then {t[back[0] + 1]:.10g} s); sort the rows and drop repeated ones."
-        )
-    period = float(np.median(steps))
-    if abs(period * rate - 1.0) > 0.01:
-        raise InputError(
-            f"{path}: column 't' steps by {period:.6g} s, which is {1 / period:.6g} Hz, "
-            f"where sample_rate says {rate:g} Hz; mend one of them."
-        )
-    jump = np.flatnonzero(steps > 1.5 * period)
-    if len(jump):
-        raise InputError(
-            f"{path}: column 't' jumps by {steps[jump[0]]:.6g} s at row {jump[0] + 1}; "
-            "split the run there or fill the gap."
-        )
-    mean = float((t[-1] - t[0]) / (len(t) - 1))
-    if abs(mean * rate - 1.0) > 0.01:
-        raise InputError(
-            f"{path}: column 't' steps by {mean:.6g} s on average, which is {1 / mean:.6g} Hz, "
-            f"where sample_rate says {rate:g} Hz; mend one of them."
-        )
-    if t[-1] - t[0] < _LEAST_TIME:
-        raise InputError(f"{path}: lasts {t[-1] - t[0]:.3g} s; a run needs at least one second.")
-
-
-def _read_run(folder: Path, entry: RunFields, joints: list[str], rate: float) -> Run:
-    path = folder / entry.file
-    frame = _read_columns(path)
-    t = _take(path, frame, "t")
-    _check_time(path, t, rate)
-    q = _take_all(path, frame, "q", joints)
-    tau = _take_all(path, frame, "tau", joints)
-    qd = _take_given(path, frame, "qd", joints)
-    temperature = _take_given(path, frame, "temp", joints)
-    if temperature is not None and (np.nanmin(temperature) < -60 or np.nanmax(temperature) > 250):
+def _check_run(path: Path, run: Run, joints: list[str]) -> None:
+    """Refuse temperatures that no machine has, and torques that are constant though the joint moves."""
+    t = run.temperature
+    if t is not None and (np.nanmin(t) < _COLDEST or np.nanmax(t) > _HOTTEST):
         raise InputError(f"{path}: a temperature lies outside -60..250 deg C; give deg C.")
+    reach = np.ptp(run.q, axis=0)
     for i, joint in enumerate(joints):
-        if np.ptp(tau[:, i]) == 0.0:
+        if np.ptp(run.tau[:, i]) == 0.0 and reach[i] > max(1e-3 * reach.max(), 1e-9):
             raise InputError(
-                f"{path}: column 'tau_{joint}' is constant ({tau[0, i]:g}); the channel is dead or "
+                f"{path}: column 'tau_{joint}' is constant ({run.tau[0, i]:g}); the channel is dead or "
                 "saturated, record it again or leave the joint out."
             )
-    return Run(entry.file, entry.use, t, q, tau, qd, temperature, entry.payload)
 
 
-def _shift_between(a: np.ndarray, b: np.ndarray) -> int:
-    """Row of `a` at which `b` fits best, by the torque that varies most; negative where b starts earlier."""
-    j = int(np.argmax(a.std(axis=0)))
-    match = signal.correlate(a[:, j] - a[:, j].mean(), b[:, j] - b[:, j].mean(), mode="full", method="fft")
-    return int(np.argmax(match)) - (len(b) - 1)
+def _read_records(folder: Path, fields: DatasetFields) -> tuple[list[RunRecord], list[Signature]]:
+    """Read and check the recordings one at a time, keeping what tells them apart."""
+    records, signatures = [], []
+    for entry in fields.runs:
+        run = _read_run(folder, entry, fields)
+        _check_run(folder / entry.file, run, fields.robot.joints)
+        split_at_gaps(run, fields.sample_rate, str(folder / run.file))
+        signatures.append(sign_run(run, fields.sample_rate))
+        load = partial(_read_run, folder, entry, fields)
+        records.append(RunRecord(run.file, run.use, run.payload, run.session, np.ptp(run.q, axis=0), load))
+    _check_torques(folder, signatures, fields)
+    return records, signatures
 
 
-def _is_copy(a: Run, b: Run) -> bool:
-    """Whether two runs hold one recording: channels alike to a share of their spread that noise never is."""
-    shift = _shift_between(a.tau, b.tau)
-    first, second = max(shift, 0), max(-shift, 0)
-    shared = min(len(a.t) - first, len(b.t) - second)
-    if shared < max(_LEAST_ROWS, 0.2 * min(len(a.t), len(b.t))):
-        return False
-    for x, y in ((a.tau, b.tau), (a.q, b.q)):
-        one, other = x[first : first + shared], y[second : second + shared]
-        spread = np.maximum(one.std(axis=0), 1e-12)
-        if np.any(np.quantile(np.abs(one - other), 0.9, axis=0) > _COPY * spread):
-            return False
-    return True
+def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFields) -> None:
+    """Refuse a torque that is constant in every train run."""
+    train = [s.spread for s, entry in zip(signatures, fields.runs, strict=True) if entry.use == "train"]
+    largest = np.max(train, axis=0)
+    for i, joint in enumerate(fields.robot.joints):
+        if largest[i] == 0.0:
+            raise InputError(
+                f"{folder}: column 'tau_{joint}' is constant in every train run; the channel is dead, record "
+                "it again or leave the joint out."
+            )
 
 
-def _check_repeats(path: Path, runs: list[Run]) -> None:
+def _check_repeats(
+    path: Path, runs: list[RunRecord], signatures: list[Signature], accepted: Acceptance
+) -> list[str]:
     """Refuse a run that is another one over again: what is held out must have been recorded apart."""
-    for k, run in enumerate(runs):
-        for other in runs[:k]:
-            if "train" in (run.use, other.use) and _is_copy(run, other):
-                again, first = (run, other) if run.use == "test" or other.use == "train" else (other, run)
-                raise InputError(
-                    f"{path}: the {again.use} run {again.file} repeats the {first.use} run {first.file}; "
-                    "give a run that was recorded apart."
-                )
+    notes: list[str] = []
+    settled = [False] * len(runs)
+
+    def matters(i: int, k: int) -> bool:
+        return "train" in (runs[i].use, runs[k].use) and not (settled[i] or settled[k])
+
+    while (pair := find_copies(signatures, matters, lambda i: runs[i].load())) is not None:
+        other, run = (runs[i] for i in pair)
+        again, first = (run, other) if run.use == "test" or other.use == "train" else (other, run)
+        told = (
+            f"the {again.use} run {again.file} repeats the {first.use} run {first.file}; give a run that was "
+            "recorded apart."
+        )
+        notes.append(accepted.refuse(str(path), told, f"copy {again.file}"))
+        settled[runs.index(again)] = True
+    return notes
 
 
 def _by_joint(path: Path, name: str, stated: Any, count: int) -> list[str]:
@@ -302,10 +239,10 @@ def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
     path = folder / "dataset.yaml"
     notes: list[str] = []
     fields = read_fields(path, notes)
-    check_fields(path, fields)
-    if not (folder / fields.robot.urdf).is_file():
-        raise InputError(f"{folder / fields.robot.urdf}: no such file; mend robot.urdf in dataset.yaml.")
-    units = _check_units(path, fields, prismatic(folder / fields.robot.urdf, fields.robot.joints))
-    runs = [_read_run(folder, entry, fields.robot.joints, fields.sample_rate) for entry in fields.runs]
-    _check_repeats(path, runs)
-    return Dataset(folder, fields, runs, *units, notes)
+    accepted, told = check_fields(path, fields)
+    urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
+    check_file(urdf, "correct robot.urdf in dataset.yaml")
+    units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))
+    runs, signatures = _read_records(folder, fields)
+    notes += told + _check_repeats(path, runs, signatures, accepted)
+    return Dataset(folder, fields, runs, *units, accepted, notes)

@@ -1,6 +1,8 @@
 """The fields of `dataset.yaml`, read and checked against each other."""
 
 import difflib
+import re
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,7 +11,14 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wearscope import plugins
+from wearscope.closed_loop.intake.acceptance import Acceptance
+from wearscope.closed_loop.intake.data_folder import find_inside, read_text
 from wearscope.errors import InputError
+
+#: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
+_STRONGEST = 15.0
+#: Longest name of a data set, which a folder of results is called like.
+_LONGEST_NAME = 100
 
 
 def _refuse_bool(value: Any) -> Any:
@@ -19,6 +28,13 @@ def _refuse_bool(value: Any) -> Any:
 
 
 _Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+
+
+def _take_label(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, date) else value
+
+
+_Label = Annotated[str, BeforeValidator(_take_label)]
 _PositionUnit = Literal["rad", "m"]
 _TorqueUnit = Literal["N m", "N"]
 
@@ -40,6 +56,7 @@ class RunFields(_Fields):
     file: str
     use: Literal["train", "test"]
     payload: PayloadFields | None = None
+    session: _Label | None = None
 
 
 class RobotFields(_Fields):
@@ -71,7 +88,32 @@ class DatasetFields(_Fields):
     sample_rate: _Number = Field(gt=0.0)
     units: UnitFields | None = None
     declared_effects: list[str]
+    effects: list[str] = []
+    channels: dict[str, str] = {}
+    accept: list[str] = []
+    reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1)
+
+
+def folder_name(name: Any, where: str) -> str:
+    """Name of the results' folder of a data set: its name with '-' for spaces.
+
+    Raises
+    ------
+    InputError
+        Where the name is missing, holds other than letters, digits, '_', '-', '.' and inner spaces, is too
+        long, or consists of dots only.
+    """
+    if isinstance(name, int | float) and not isinstance(name, bool):
+        name = str(name)
+    plain = isinstance(name, str) and re.fullmatch(r"[\w.-]+( +[\w.-]+)*", name) is not None
+    if not plain or not name.strip(". ") or len(name) > _LONGEST_NAME:
+        raise InputError(
+            f"{where}: name is missing or holds other than letters, digits, '_', '-', '.' and inner "
+            f"spaces, or more than {_LONGEST_NAME} characters; the results' folder is called like it, "
+            "so correct it."
+        )
+    return re.sub(" +", "-", name)
 
 
 def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
@@ -84,31 +126,51 @@ def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
 
 
 def _explain(path: Path, content: dict, error: ValidationError) -> InputError:
-    """Sentence about the first field that is wrong; a misspelt name of it is looked for beside it."""
+    """Sentence about the first field that is wrong; a misspelt name of it is looked for at its place."""
     first = error.errors()[0]
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
-    beside: Any = content
+    siblings: Any = content
     for k, part in enumerate(parts):
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
-        if isinstance(beside, dict) and part not in beside:
-            near = difflib.get_close_matches(str(part), [str(key) for key in beside], n=1, cutoff=0.7)
+        if isinstance(siblings, dict) and part not in siblings:
+            near = difflib.get_close_matches(str(part), [str(key) for key in siblings], n=1, cutoff=0.7)
             if near and k == len(parts) - 1:
                 where = f"{path}: {place.rpartition('.')[0]}".rstrip(": ")
                 return InputError(f"{where}: there is no field '{near[0]}'; did you mean '{part}'?")
             break
         try:
-            beside = beside[part]
+            siblings = siblings[part]
         except (KeyError, IndexError, TypeError):
             break
     told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
     if first["type"] == "missing":
         told = "is missing"
+    elif first["type"] in ("model_type", "dict_type"):
+        told = f"should hold fields of its own, as 'name: value', but is {str(first['input'])[:40]!r}"
     elif first["type"] not in ("too_short", "too_long"):
         told += f", but is {str(first['input'])[:40]!r}"
     return InputError(
-        f"{path}: field '{place}' {told[0].lower()}{told[1:]}; mend it as docs/measured-data.md says."
+        f"{path}: field '{place}' {told[0].lower()}{told[1:]}; correct it as docs/measured-data.md says."
     )
+
+
+def load_yaml(path: Path) -> Any:
+    """Content of a `dataset.yaml`, of plain values only.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file, or it is no YAML.
+    """
+    text = read_text(path, "a data set is a folder with a dataset.yaml in it")
+    try:
+        return yaml.safe_load(text)
+    except RecursionError as error:
+        raise InputError(f"{path}: its fields are nested too deeply; write them as documented.") from error
+    except (yaml.YAMLError, ValueError, TypeError) as error:
+        line = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: not readable as YAML ({line}); correct that line.") from error
 
 
 def read_fields(path: Path, notes: list[str]) -> DatasetFields:
@@ -118,21 +180,16 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     ------
     InputError
     """
-    try:
-        content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: no such file, or not readable; a data set is a folder with a dataset.yaml in it."
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        line = " ".join(str(error).split())
-        raise InputError(f"{path}: not readable as YAML ({line}); mend that line.") from error
+    content = load_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no fields; write them as 'field: value'.")
     try:
         fields = DatasetFields.model_validate(content)
     except ValidationError as error:
         raise _explain(path, content, error) from error
+    except (RecursionError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
+    folder_name(fields.name, str(path))
     _refuse_typos(fields, str(path), notes)
     _refuse_typos(fields.robot, f"{path}: robot", notes)
     for i, run in enumerate(fields.runs):
@@ -144,45 +201,95 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     return fields
 
 
-def check_fields(path: Path, fields: DatasetFields) -> None:
-    """Refuse fields that do not fit each other: list lengths, names, effects, uses.
+def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[str]]:
+    """Refuse fields that do not fit each other: list lengths, names, effects, paths, uses.
+
+    Returns
+    -------
+    Acceptance
+        What the data set accepts.
+    list of str
+        Notes.
 
     Raises
     ------
     InputError
     """
-    joints = fields.robot.joints
+    files = [run.file for run in fields.runs]
+    _check_by_joint(path, fields.robot)
+    _check_effects(path, fields)
+    _check_channels(path, fields)
+    _check_runs(path, fields)
+    accepted = Acceptance.read(str(path), fields.accept, fields.robot.joints, files)
+    strength = float(np.linalg.norm(fields.robot.gravity))
+    notes = []
+    if strength > _STRONGEST:
+        told = f"robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."
+        notes.append(accepted.refuse(str(path), told, "size gravity"))
+    return accepted, notes
+
+
+def _check_by_joint(path: Path, robot: RobotFields) -> None:
+    joints = robot.joints
     if len(set(joints)) < len(joints):
         raise InputError(f"{path}: robot.joints names a joint twice; name each once.")
     for name in ("torque_limit", "gear_ratio", "rotor_inertia"):
-        values = getattr(fields.robot, name)
+        values = getattr(robot, name)
         if values is not None and len(values) != len(joints):
             raise InputError(
                 f"{path}: robot.{name} has {len(values)} values for {len(joints)} joints; give one a joint."
             )
-    if fields.robot.rotor_inertia is not None and min(fields.robot.rotor_inertia) < 0:
+    if robot.rotor_inertia is not None and min(robot.rotor_inertia) < 0:
         raise InputError(f"{path}: robot.rotor_inertia holds a negative value; give kg m^2 at the joint.")
-    if fields.robot.torque_limit is not None and min(fields.robot.torque_limit) <= 0:
+    if robot.torque_limit is not None and min(robot.torque_limit) <= 0:
         raise InputError(f"{path}: robot.torque_limit must be positive; give the limit of each joint.")
-    if fields.robot.gear_ratio is not None and 0.0 in fields.robot.gear_ratio:
+    if robot.gear_ratio is not None and 0.0 in robot.gear_ratio:
         raise InputError(f"{path}: robot.gear_ratio holds a 0; give motor turns by joint turn.")
-    strength = float(np.linalg.norm(fields.robot.gravity))
-    if strength > 15.0:
-        raise InputError(
-            f"{path}: robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."
-        )
+
+
+def _check_effects(path: Path, fields: DatasetFields) -> None:
+    """Names must be known; own effect files must lie in the folder. None of them is run here."""
+    for reference in fields.effects:
+        if not reference.endswith(".py"):
+            raise InputError(
+                f"{path}: effects: '{reference}' is no path of a .py file; name the files of own effects."
+            )
     known = [name for name in plugins.list_names("effects", "EFFECT") if name != "unknown"]
+    for name in fields.effects + [name for name in fields.declared_effects if name.endswith(".py")]:
+        if not find_inside(path.parent, name, f"{path}: effects").is_file():
+            raise InputError(f"{path.parent / name}: no such file; correct effects in dataset.yaml.")
     for name in fields.declared_effects:
-        if name not in known:
+        if name not in known and not name.endswith(".py"):
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else f"; choose from {', '.join(known)}."
             raise InputError(f"{path}: declared_effects: there is no effect '{name}'{hint}")
     if len(set(fields.declared_effects)) < len(fields.declared_effects):
         raise InputError(f"{path}: declared_effects names an effect twice; name each once.")
+
+
+def _check_channels(path: Path, fields: DatasetFields) -> None:
+    joints = fields.robot.joints
+    taken = {"t", *(f"{kind}_{joint}" for kind in ("q", "qd", "tau", "temp") for joint in joints)}
+    for name in fields.channels:
+        if name in taken:
+            raise InputError(
+                f"{path}: channels: '{name}' is a column that the format already gives a meaning; name "
+                "only further columns."
+            )
+
+
+def _check_runs(path: Path, fields: DatasetFields) -> None:
     files = [run.file for run in fields.runs]
     for file in files:
+        find_inside(path.parent, file, f"{path}: runs[].file")
         if files.count(file) > 1:
             raise InputError(f"{path}: runs names {file} more than once; a run is either train or test.")
     for use in ("train", "test"):
         if not any(run.use == use for run in fields.runs):
             raise InputError(f"{path}: no run has 'use: {use}'; give at least one.")
+    sessions = {run.session for run in fields.runs}
+    for session in fields.reference:
+        if session not in sessions:
+            raise InputError(
+                f"{path}: reference: no run has 'session: {session}'; name sessions that the runs state."
+            )

@@ -11,14 +11,24 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+from scipy import signal, sparse
 
-from wearscope.closed_loop.intake.dataset import Run
+from wearscope.closed_loop.intake.recording import Run
 from wearscope.differentiation import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, _REST_SHARE = 5.0, 0.01
+#: ... or below this share of its largest speed in any train run.
+_REST_OF_ALL = 0.002
 _ORDER = 4
+#: Half length of the common filter's impulse response, in periods of its cut-off.
+_REACH = 4.0
+#: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
+_EDGE_PERIODS = 1.0
+#: Samples a period of the common cut-off that a fast recording keeps at least, and its least rate [Hz].
+ROWS_PER_PERIOD, _LEAST_RATE = 20.0, 250.0
+#: Half length of the anti-alias filter [new samples].
+_TAPS = 10
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,12 @@ class Band:
         return max(1, int(self.rate / (4.0 * self.torque)))
 
 
+def rows(band: Band, length: int) -> slice:
+    """Rows kept of a run of `length` samples: edges cut, one in `Band.stride`."""
+    edge = int(_EDGE_PERIODS * band.rate / band.torque)
+    return slice(edge, max(length - edge, edge), band.stride)
+
+
 @dataclass
 class Motion:
     """Uniformly sampled motion of one run.
@@ -55,8 +71,8 @@ class Motion:
     Attributes
     ----------
     t : ndarray (N,)
-    q, v, a, tau : ndarray (N, n)
-        `q`, `v`, `a` after the motion filter, `tau` as recorded.
+    q, v, a : ndarray (N, n)
+        After the motion filter.
     temperature : ndarray (N, n)
         NaN where not measured.
     rest_speed : ndarray (n,)
@@ -69,7 +85,6 @@ class Motion:
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    tau: np.ndarray
     temperature: np.ndarray
     rest_speed: np.ndarray
     sure_speed: np.ndarray
@@ -90,19 +105,86 @@ def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
     return np.ascontiguousarray(signal.sosfiltfilt(sections, columns, axis=-1, padlen=length).T)
 
 
-def resample(run: Run, rate: float) -> Run:
-    """Run on a uniform time grid; runs that already are uniform come back as they are."""
-    uniform = run.t[0] + np.arange(round((run.t[-1] - run.t[0]) * rate) + 1) / rate
-    uniform = uniform[uniform <= run.t[-1] + 1e-9]
-    if len(uniform) == len(run.t) and np.abs(uniform - run.t).max() < 1e-3 / rate:
-        return run
+@lru_cache(maxsize=64)
+def _thinning(length: int, band: "Band") -> sparse.csr_matrix:
+    """`low_pass` at the common cut-off and the choice of rows as one sparse matrix (M, N).
 
-    def take(x: np.ndarray | None) -> np.ndarray | None:
-        return None if x is None else np.column_stack([np.interp(uniform, run.t, c) for c in x.T])
+    The filter's impulse response is cut where it has fallen below 1e-4 of its peak; beyond the ends the
+    signal is extended by odd reflection, as `low_pass` does.
+    """
+    half = int(_REACH * band.rate / band.torque)
+    impulse = np.zeros(4 * half + 1)
+    impulse[2 * half] = 1.0
+    taps = signal.sosfiltfilt(_sections(band.torque, band.rate), impulse)[half : 3 * half + 1]
+    taps /= taps.sum()
+    centres = np.arange(length)[rows(band, length)]
+    at = centres[:, None] + np.arange(-half, half + 1)
+    weight = np.broadcast_to(taps, at.shape).copy()
+    row = np.broadcast_to(np.arange(len(centres))[:, None], at.shape)
+    before, after = at < 0, at >= length
+    mirrored = np.where(before, -at, np.where(after, 2 * (length - 1) - at, at)).clip(0, length - 1)
+    sign = np.where(before | after, -1.0, 1.0)
+    parts = [
+        sparse.coo_matrix(((weight * sign).ravel(), (row.ravel(), mirrored.ravel())), (len(centres), length))
+    ]
+    for outside, end in ((before, 0), (after, length - 1)):
+        if outside.any():
+            total = 2.0 * (weight * outside).sum(axis=1)
+            column = np.full(len(centres), end)
+            parts.append(
+                sparse.coo_matrix((total, (np.arange(len(centres)), column)), (len(centres), length))
+            )
+    return sum(parts[1:], parts[0]).tocsr()
 
-    q, tau = take(run.q), take(run.tau)
-    assert q is not None and tau is not None
-    return Run(run.file, run.use, uniform, q, tau, take(run.qd), take(run.temperature), run.payload)
+
+def thin(x: np.ndarray, band: "Band") -> np.ndarray:
+    """Common filter, then one row in `Band.stride`, edges cut: (N, K) to (M, K)."""
+    if band.torque >= 0.45 * band.rate:
+        return x[rows(band, len(x))]
+    return _thinning(len(x), band) @ x
+
+
+def choose_factor(rate: float, motion: float, torque: float) -> int:
+    """Every how many samples of a recording are kept.
+
+    Recordings of less than twice 250 Hz stay as they are; faster ones keep at least 250 Hz, `ROWS_PER_PERIOD`
+    samples a period of the common cut-off and three of the motion filter's.
+
+    Parameters
+    ----------
+    rate, motion, torque : float
+        Sampling rate and cut-offs [Hz].
+    """
+    return max(1, int(rate / max(_LEAST_RATE, ROWS_PER_PERIOD * torque, 3.0 * motion)))
+
+
+def decimate(x: np.ndarray, factor: int) -> np.ndarray:
+    """Every `factor`-th sample of (N, ...) along the first axis after a zero-phase FIR anti-alias filter.
+
+    Flat to a half of the new Nyquist frequency, 80 dB down from it on; the ends are extended by odd
+    reflection, as `low_pass` does.
+    """
+    if factor == 1:
+        return x
+    half = _TAPS * factor
+    taps = _anti_alias(factor)
+    reach = min(half, len(x) - 1)
+    head, tail = 2 * x[:1] - x[reach:0:-1], 2 * x[-1:] - x[-2 : -reach - 2 : -1]
+    extended = np.concatenate([head, x, tail])
+    filtered = signal.upfirdn(taps, extended, 1, factor, axis=0)
+    # The filter delays by `half`; sample 0 stands at `reach` of the extended signal.
+    start = half + reach
+    if start % factor:
+        extended = np.concatenate([np.repeat(extended[:1], factor - start % factor, axis=0), extended])
+        filtered = signal.upfirdn(taps, extended, 1, factor, axis=0)
+        start += factor - start % factor
+    count = -(-len(x) // factor)
+    return np.ascontiguousarray(filtered[start // factor : start // factor + count])
+
+
+@lru_cache(maxsize=32)
+def _anti_alias(factor: int) -> np.ndarray:
+    return signal.firwin(2 * _TAPS * factor + 1, 0.75 / factor, window=("kaiser", 8.0))
 
 
 def position_noise(q: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -164,6 +246,8 @@ def choose_torque_cutoff(pairs: list[tuple[np.ndarray, np.ndarray]], rate: float
         Highest frequency to which most joints' torques have a coherence of at least one half with the
         prediction, in [4, `highest`] Hz.
     """
+    longest = max(len(m) for m, _ in pairs)
+    pairs = [(m, p) for m, p in pairs if len(m) >= 0.25 * longest]
     length = int(min(min(len(m) for m, _ in pairs) // 4, 2 * rate))
     edges = []
     for j in range(pairs[0][0].shape[1]):
@@ -181,7 +265,7 @@ def choose_torque_cutoff(pairs: list[tuple[np.ndarray, np.ndarray]], rate: float
     return float(np.clip(np.median(edges), 4.0, highest))
 
 
-def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
+def differentiate_run(run: Run, rate: float, cutoff: float, usual_speed: np.ndarray | None = None) -> Motion:
     """Speed and acceleration of a run by the motion filter and central differences.
 
     Parameters
@@ -190,6 +274,8 @@ def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
         Uniformly sampled.
     rate, cutoff : float
         [Hz]
+    usual_speed : ndarray (n,), optional
+        Largest speed of each joint in the train runs: far below it a joint rests.
     """
     q = low_pass(run.q, cutoff, rate)
     v = differentiate(q, rate)
@@ -197,9 +283,15 @@ def differentiate_run(run: Run, rate: float, cutoff: float) -> Motion:
         given = np.isfinite(run.qd).all(axis=0)
         v[:, given] = low_pass(run.qd[:, given], cutoff, rate)
     a = differentiate(v, rate)
-    density, _ = position_noise(run.q, rate)
+    density = position_noise(run.q, rate)[0]
+    if run.quantum is not None:
+        # Rounding to a grid is white noise of a twelfth of its step squared where the joint moves.
+        density = np.maximum(density, run.quantum**2 / (6.0 * rate))
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
     sure = _REST_NOISE * speed_noise
-    rest = np.maximum(sure, _REST_SHARE * np.abs(v).max(axis=0))
+    top = np.abs(v).max(axis=0)
+    rest = np.maximum(sure, _REST_SHARE * top)
+    if usual_speed is not None:
+        rest = np.maximum(rest, _REST_OF_ALL * usual_speed)
     temperature = np.full(q.shape, np.nan) if run.temperature is None else run.temperature
-    return Motion(run.t, q, v, a, run.tau, temperature, rest, sure)
+    return Motion(run.t, q, v, a, temperature, rest, sure)

@@ -6,51 +6,12 @@ the common filter across the gap. Rows in a gap never count.
 """
 
 import numpy as np
-
-from wearscope.effects.base import Signals
+from scipy import ndimage
 
 #: Least share of a run's rows that must lie at a level before it is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
 #: Share of a torque's span by which the rough prediction must exceed a limit.
 _BEYOND = 0.02
-
-
-def _columns(signals: Signals, known: np.ndarray, j: int) -> np.ndarray:
-    return np.column_stack(
-        [known[:, j], signals.a[:, j], signals.sign[:, j], signals.v[:, j], np.ones(len(known))]
-    )
-
-
-def predict_roughly(
-    made: list[tuple[Signals, np.ndarray]],
-    measured: list[np.ndarray],
-    faulty: list[np.ndarray],
-    train: list[bool],
-) -> list[np.ndarray]:
-    """Predicted torque (N, n) of every run, fitted on the middle 80 % of the training torques.
-
-    Parameters
-    ----------
-    made : list of (Signals, ndarray (N, n))
-        Signals and known torque of each run.
-    measured, faulty : list of ndarray (N, n)
-    train : list of bool
-        Which runs may be fitted on.
-    """
-    predicted = [np.zeros_like(tau) for tau in measured]
-    for j in range(measured[0].shape[1]):
-        x, y = [], []
-        for (signals, known), tau, bad, use in zip(made, measured, faulty, train, strict=True):
-            if use:
-                low, high = tau[:, j].min(), tau[:, j].max()
-                inner = (tau[:, j] > low + 0.1 * (high - low)) & (tau[:, j] < high - 0.1 * (high - low))
-                inner &= ~bad[:, j]
-                x.append(_columns(signals, known, j)[inner])
-                y.append(tau[inner, j])
-        theta = np.linalg.lstsq(np.vstack(x), np.concatenate(y), rcond=None)[0]
-        for out, (signals, known) in zip(predicted, made, strict=True):
-            out[:, j] = _columns(signals, known, j) @ theta
-    return predicted
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
@@ -102,7 +63,7 @@ def find_clipped(tau: np.ndarray, predicted: np.ndarray, limits: list[float] | N
 
 
 def bridge_torque(tau: np.ndarray, predicted: np.ndarray, bad: np.ndarray) -> np.ndarray:
-    """Torque (N, n) with bad samples replaced by the prediction, shifted to meet the good ones beside."""
+    """Torque (N, n) with bad samples replaced by the prediction, shifted to meet their good neighbours."""
     bridged = tau.copy()
     rows = np.arange(len(tau))
     for j in np.flatnonzero(bad.any(axis=0)):
@@ -115,5 +76,13 @@ def bridge_torque(tau: np.ndarray, predicted: np.ndarray, bad: np.ndarray) -> np
 
 def spread_out(bad: np.ndarray, width: int) -> np.ndarray:
     """Mark `width` samples on either side of every marked sample (N, n)."""
-    kernel = np.ones(2 * width + 1)
-    return np.column_stack([np.convolve(b, kernel, mode="same") > 0.5 for b in bad.T.astype(float)])
+    return ndimage.maximum_filter1d(bad, 2 * width + 1, axis=0, mode="constant", cval=False)
+
+
+def keep_lasting(marked: np.ndarray, width: int) -> np.ndarray:
+    """Marked samples (N, n) that are part of a stretch longer than `width` samples."""
+    inner = ndimage.minimum_filter1d(marked, width + 1, axis=0, mode="constant", cval=False)
+    # A window that ends at the last sample of the stretch is centred elsewhere for an even length.
+    return marked & ndimage.maximum_filter1d(
+        inner, width + 1, axis=0, mode="constant", cval=False, origin=-1 if width % 2 else 0
+    )

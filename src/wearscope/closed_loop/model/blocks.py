@@ -9,6 +9,8 @@ from wearscope.closed_loop.intake.preprocessing import Prepared
 
 #: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets.
 _BLOCK_PERIODS = 4.0
+#: Shortest block [s]; most blocks and folds.
+_SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,13 @@ class Folds:
 
 
 def make_blocks(prepared: Prepared) -> list[Block]:
-    """Contiguous blocks of the training runs, long against the correlation of the residual."""
+    """Contiguous blocks of the training runs, long against the correlation of the residual.
+
+    There are at most `_MOST_BLOCKS` of them or two a run, so that cost stays linear in the rows.
+    """
     runs = prepared.runs_for("train")
-    length = max(0.4, _BLOCK_PERIODS / prepared.band.torque)
+    whole = sum(run.t[-1] - run.t[0] for run in runs)
+    length = max(_SHORTEST, _BLOCK_PERIODS / prepared.band.torque, whole / _MOST_BLOCKS)
     blocks = []
     for r, run in enumerate(runs):
         count = max(2, round((run.t[-1] - run.t[0]) / length))
@@ -55,17 +61,26 @@ def make_blocks(prepared: Prepared) -> list[Block]:
     return blocks
 
 
-def make_folds(blocks: list[Block]) -> Folds:
-    """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side."""
-    run_of = np.array([block.run for block in blocks])
-    runs = run_of.max() + 1
+def make_folds(blocks: list[Block], files: list[str]) -> Folds:
+    """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side.
+
+    Parameters
+    ----------
+    blocks : list of Block
+    files : list of str
+        File of each training run: pieces of one recording are held out together. Of more than
+        `_MOST_FOLDS` recordings, several are held out at once.
+    """
+    unit = np.unique(files, return_inverse=True)[1][[block.run for block in blocks]]
+    runs = int(unit.max()) + 1
     share = {1: 5, 2: 4}.get(runs, 1)
     parts = np.empty(len(blocks), dtype=int)
     for r in range(runs):
-        own = np.flatnonzero(run_of == r)
+        own = np.flatnonzero(unit == r)
         parts[own] = share * r + np.arange(len(own)) * share // len(own)
     if runs > 1:
-        test = np.array([run_of == r for r in range(runs)])
+        folds = min(runs, _MOST_FOLDS)
+        test = np.array([unit * folds // runs == k for k in range(folds)])
         return Folds(~test, test, True, parts, runs > 2)
     test = np.array([parts == k for k in range(share)])
     near = test.copy()

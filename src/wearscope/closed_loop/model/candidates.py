@@ -1,85 +1,69 @@
-"""Candidates: every effect that a joint may lack, with the shapes worth trying, as regression rows."""
+"""Candidates: an effect at a joint with all shapes worth trying, as rows of regressors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wearscope import plugins
+from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
-from wearscope.closed_loop.model.regression import Entry
-from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
+from wearscope.closed_loop.model.inertials import find_penalty
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import Effect, Signals
 
-#: Effects that contain others: declaring the first leaves nothing of the second to find.
-_CONTAINS = {
-    "friction_wear_temperature": ("coulomb", "viscous", "stribeck", "temperature_dependent_friction"),
-    "rotor_inertia": (),
-    "joint_spring": ("torque_offset",),
-    "gravity_counterbalance": ("joint_spring",),
-}
-_NEVER = ("rigid_body", "friction_wear_temperature", "unknown")
+#: Columns that are made at once, so that full-rate regressors of many shapes need little memory.
+_AT_ONCE = 64
 
 
-@dataclass
-class Family:
+@dataclass(frozen=True, eq=False)
+class Candidate:
     """One effect at one joint with all shapes worth trying.
 
     Attributes
     ----------
     effect : Effect
     joint : int
-    shapes : ndarray (S, k)
-    columns : list of ndarray (M, S*m), or (M, n, S*m) where the effect spreads
-        Reduced regressors of each training run.
+    shapes : tuple of tuple of float
+        Shape of the model term that each alternative stands for.
+    joints : tuple of int
+        Joints at which the effect is felt.
+    rows : tuple of ndarray (M, S*m)
+        Reduced regressors of all training runs, one below the other, by joint of `joints`.
+    penalty : ndarray (m, m) or None
+        Prior precision of the coefficients.
+    tried : float
+        Shapes that each of `shapes` was chosen from, for what many trials find by chance.
     """
 
     effect: Effect
     joint: int
-    shapes: np.ndarray
-    columns: list[np.ndarray]
+    shapes: tuple[tuple[float, ...], ...]
+    joints: tuple[int, ...]
+    rows: tuple[np.ndarray, ...]
+    penalty: np.ndarray | None = None
+    tried: float = 1.0
 
     @property
     def count(self) -> int:
         """Columns of each shape."""
-        return len(self.effect.coefficients)
+        return self.rows[0].shape[1] // len(self.shapes)
 
-    def entry(self, shape: int, subset: np.ndarray) -> Entry:
-        """Model entry of one shape and subset."""
-        return Entry(self.effect, self.joint, tuple(self.shapes[shape]), tuple(int(i) for i in subset))
+    def at(self, shape: int) -> "Candidate":
+        """The same with one shape only."""
+        own = slice(shape * self.count, (shape + 1) * self.count)
+        return replace(self, shapes=(self.shapes[shape],), rows=tuple(x[:, own] for x in self.rows))
 
-
-def candidate_names(declared: list[str], rotor_inertia_given: bool) -> list[str]:
-    """Effects that a model with the declared effects may lack."""
-    gone = set(declared) | set(_NEVER)
-    for name in declared:
-        gone.update(_CONTAINS.get(name, ()))
-    if "rotor_inertia" not in declared or not rotor_inertia_given:
-        gone.add("rotor_inertia_error")
-    return [name for name in plugins.list_names("effects", "EFFECT") if name not in gone]
+    def term(self, shape: int, subset: tuple[int, ...]) -> ModelTerm:
+        """Model term of one shape and subset."""
+        return ModelTerm(self.effect, self.joint, self.shapes[shape], subset)
 
 
-def applies(effect: Effect, joint: int, prepared: Prepared) -> bool:
-    """Whether the runs have the signals that the effect needs at the joint."""
-    if not prepared.moving[joint]:
-        return False
-    train = prepared.runs_for("train")
-    if effect.name == "temperature_dependent_friction":
-        temperature = np.concatenate([run.signals.temperature[:, joint] for run in train])
-        return bool(np.isfinite(temperature).all() and np.ptp(temperature) > 0.5)
-    if effect.name == "cross_coupling":
-        return prepared.n > 1
-    # One payload for all joints: the last joint stands for it.
-    if effect.name == "payload_error":
-        return joint == prepared.n - 1
-    return True
-
-
-def joined_signals(runs: list[PreparedRun]) -> Signals:
+def join_signals(runs: list[PreparedRun]) -> Signals:
     """Signals of several runs end to end, to choose shapes from."""
 
     def join(name: str) -> np.ndarray:
         return np.concatenate([getattr(run.signals, name) for run in runs])
 
-    first = runs[0]
+    first = runs[0].signals
     return Signals(
         t=join("t"),
         q=join("q"),
@@ -89,27 +73,53 @@ def joined_signals(runs: list[PreparedRun]) -> Signals:
         load=join("load"),
         temperature=join("temperature"),
         wear=join("wear"),
-        rigid_body=first.signals.rigid_body,
-        bandwidth=first.band.torque,
+        rigid_body=first.rigid_body,
+        bandwidth=runs[0].band.torque,
+        channels={name: np.concatenate([r.signals.channels[name] for r in runs]) for name in first.channels},
     )
 
 
-def reduce_columns(effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun) -> np.ndarray:
-    """Reduced regressors of all shapes for one run, (M, S*m) or (M, n, S*m)."""
-    chunks = []
-    for start in range(0, len(shapes), 64):
-        chunks.append(run.reduce(effect.stack(run.signals, joint, shapes[start : start + 64])))
+def reduce_columns(
+    effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun, signals: Signals | None = None
+) -> np.ndarray:
+    """Reduced regressors of all shapes for one run, (M, S*m) or (M, n, S*m).
+
+    Parameters
+    ----------
+    effect : Effect
+    joint : int
+    shapes : ndarray (S, k)
+    run : PreparedRun
+    signals : Signals, optional
+        Instead of the run's own.
+    """
+    own = run.signals if signals is None else signals
+    step = max(1, _AT_ONCE // max(len(effect.coefficients), 1))
+    chunks = [
+        run.reduce(effect.stack(own, joint, shapes[start : start + step]))
+        for start in range(0, len(shapes), step)
+    ]
     return np.concatenate(chunks, axis=-1)
 
 
-def make_family(effect: Effect, joint: int, prepared: Prepared, joined: Signals) -> Family:
-    """Candidate family of an effect at a joint."""
+def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.ndarray) -> Candidate:
+    """Candidate of an effect at a joint with given shapes (S, k), along the motion alone.
+
+    A gear bends under the torque that the rigid body asks for along the motion, without what two derivatives
+    of it would amplify.
+    """
     train = prepared.runs_for("train")
-    shapes = effect.shapes(joined, joint)
-    columns = [reduce_columns(effect, joint, shapes, run) for run in train]
-    return Family(effect, joint, shapes, columns)
-
-
-def follows_torque(family: Family) -> bool:
-    """Whether a family's regressors change with the model's prediction."""
-    return isinstance(family.effect, MeasurementEffect | TransmissionEffect)
+    signals = [run.signals for run in train]
+    if ModelTerm(effect, joint, (), ()).is_deflection:
+        signals = [
+            replace(run.signals, transmitted=low_pass(run.signals.load, run.band.gear, run.band.rate))
+            for run in train
+        ]
+    parts = [reduce_columns(effect, joint, shapes, run, s) for run, s in zip(train, signals, strict=True)]
+    named = tuple(tuple(float(x) for x in shape) for shape in shapes)
+    stacked = np.concatenate(parts)
+    if not effect.spread:
+        return Candidate(effect, joint, named, (joint,), (stacked,))
+    felt = tuple(j for j in range(prepared.n) if prepared.moving[j] and np.any(stacked[:, j]))
+    rows = tuple(np.ascontiguousarray(stacked[:, j]) for j in felt)
+    return Candidate(effect, joint, named, felt, rows, find_penalty(prepared, effect))

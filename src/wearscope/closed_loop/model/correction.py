@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.closed_loop.model.consistency import nearest_consistent
 from wearscope.closed_loop.intake.dataset import Dataset
-from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.intake.preprocessing import Prepared, known_inertia
+from wearscope.closed_loop.model.consistency import nearest_consistent
+from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, make_model, save_model
@@ -62,7 +62,7 @@ def make_corrected_model(
         effects.append(
             {
                 "joint": dataset.joints[estimate.entry.joint],
-                "effect": estimate.entry.effect.name,
+                "effect": estimate.entry.effect.label,
                 "parameters": estimate.values | dict(zip(names, theta[span].tolist(), strict=True)),
                 "source": f"fitted on {', '.join(run.file for run in train)}",
             }

@@ -1,34 +1,79 @@
-"""The declared model: entries of the declared effects, fitted with the scale of what they leave."""
+"""The declared model: terms of the declared effects, fitted with the scale of what they leave."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.closed_loop.model.candidates import applies, joined_signals
 from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.model.regression import Entry, Regression
-from wearscope.effects.base import load_effect
+from wearscope.closed_loop.model.blocks import Block
+from wearscope.closed_loop.model.candidates import reduce_columns
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import Effect, RigidBodyEffect, Signals
 
 
-def declared_entries(prepared: Prepared) -> list[Entry]:
-    """Entries of the declared effects that have parameters to fit."""
-    fields = prepared.dataset.fields
-    entries = []
-    joined = joined_signals(prepared.runs_for("train"))
-    for name in fields.declared_effects:
-        if name == "rigid_body" or (name == "rotor_inertia" and fields.robot.rotor_inertia is not None):
+def declared_terms(
+    prepared: Prepared, effects: Sequence[Effect], given: Sequence[Effect], joined: Signals
+) -> list[ModelTerm]:
+    """Terms of the declared effects that have parameters to fit, joint by joint.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    effects : sequence of Effect
+        Those declared.
+    given : sequence of Effect
+        Those of them whose values the data set gives.
+    joined : Signals
+        Of all training runs, to choose shapes from.
+    """
+    terms = []
+    for effect in effects:
+        if effect in given or isinstance(effect, RigidBodyEffect):
             continue
-        effect = load_effect(name)
         for joint in range(prepared.n):
-            if not applies(effect, joint, prepared):
+            if not prepared.moving[joint] or (effect.per_robot and joint != prepared.n - 1):
                 continue
-            shapes = effect.shapes(joined, joint)
-            subset = effect.subsets()[-1]
-            entries.append(
-                Entry(effect, joint, tuple(shapes[len(shapes) // 2]), tuple(int(i) for i in subset))
-            )
-    return entries
+            if not effect.is_usable(joined, joint):
+                continue
+            term = fit_declared(prepared, effect, joint, joined)
+            if term is not None:
+                terms.append(term)
+    return terms
 
 
-def fit_scale(prepared: Prepared, entries: list[Entry], inertial: bool, blocks: list) -> Regression:
+def fit_declared(prepared: Prepared, effect: Effect, joint: int, joined: Signals) -> ModelTerm | None:
+    """Term of a declared effect: the shape that fits a joint's torque best, what the signals determine.
+
+    Coefficients whose regressor is zero (wear, where nothing says how worn) or unknown (a temperature that
+    was not recorded) are left out; None where none is left.
+    """
+    shapes = effect.shapes(joined, joint)
+    subset = effect.subsets()[-1]
+    train = prepared.runs_for("train")
+    best, least = None, np.inf
+    for shape in shapes if len(shapes) > 1 else shapes[:1]:
+        x = np.concatenate([reduce_columns(effect, joint, shape[None], run) for run in train])
+        own = x[:, joint] if effect.spread else x
+        usable = [int(k) for k in subset if np.isfinite(own[:, k]).all() and np.any(own[:, k])]
+        if not usable:
+            continue
+        if len(shapes) == 1:
+            return ModelTerm(effect, joint, tuple(float(v) for v in shape), tuple(usable))
+        keep = np.concatenate([run.keep[:, joint] for run in train])
+        y = np.concatenate([run.measured[:, joint] for run in train])[keep]
+        known = np.concatenate([run.reduce(run.known[:, [joint]]) for run in train])[keep]
+        a = np.column_stack([own[keep][:, usable], known, np.ones(len(y))])
+        scale = np.sqrt(np.maximum((a**2).mean(axis=0), 1e-300))
+        loss = float(((y - a @ (np.linalg.lstsq(a / scale, y, rcond=1e-9)[0] / scale)) ** 2).sum())
+        if loss < least:
+            least, best = loss, ModelTerm(effect, joint, tuple(float(v) for v in shape), tuple(usable))
+    return best
+
+
+def fit_declared_model(
+    prepared: Prepared, terms: list[ModelTerm], inertial: bool, blocks: list[Block]
+) -> Regression:
     """Regression weighted by the residual scale of each joint."""
     sigma = np.array(
         [
@@ -37,9 +82,8 @@ def fit_scale(prepared: Prepared, entries: list[Entry], inertial: bool, blocks: 
         ]
     )
     for _ in range(2):
-        model = Regression(prepared, entries, sigma, inertial, blocks)
-        sigma = residual_scale(model)
-    return Regression(prepared, entries, sigma, inertial, blocks)
+        sigma = residual_scale(Regression(prepared, terms, sigma, inertial, blocks))
+    return Regression(prepared, terms, sigma, inertial, blocks)
 
 
 def residual_scale(model: Regression) -> np.ndarray:

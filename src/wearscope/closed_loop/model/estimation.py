@@ -6,11 +6,12 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.model.regression import Entry, Regression
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Shape parameters that are chosen from a grid or say which signal is meant, and have no interval.
-FIXED = frozenset({"exponent", "other", "reference", "signal", "source", "modulator", "low", "high", "knots"})
+#: Information on a spline's height below which nothing is known of it, over that on its best known one.
+_INFORMED = 1e-3
 
 
 @dataclass
@@ -19,21 +20,20 @@ class Estimate:
 
     Attributes
     ----------
-    entry : Entry
+    entry : ModelTerm
     values : dict of str to float
         Every parameter in use, coefficients and shape.
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
+    p_value : float
+        That all its coefficients are zero (Wald's F with the clusters that inform, less one, as degrees of
+        freedom).
     """
 
-    entry: Entry
+    entry: ModelTerm
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
-
-
-def free_shapes(entry: Entry) -> list[int]:
-    """Indices of the shape parameters that are estimated."""
-    return [k for k, p in enumerate(entry.effect.shape) if p.name not in FIXED]
+    p_value: float
 
 
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
@@ -42,14 +42,14 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        for k in free_shapes(entry):
+        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes():
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])
             shapes[0, k] -= step
             shapes[1, k] += step
             for r, run in enumerate(train):
-                x = reduce_columns(entry.effect, entry.joint, shapes, run)
+                x = reduce_columns(entry.effect, entry.joint, shapes, run, (model.signals or [])[r])
                 x = x.reshape(*x.shape[:-1], 2, -1)[..., list(entry.subset)]
                 slope = (x[..., 1, :] - x[..., 0, :]) @ theta[span] / (2 * step)
                 full = np.zeros((len(slope), model.prepared.n))
@@ -91,9 +91,9 @@ def estimate(model: Regression) -> list[Estimate]:
         rows = slice(block.start, block.stop)
         w = model.weights[block.run][rows]
         x = np.concatenate([model.columns[block.run][rows], extra[block.run][rows]], axis=2) * w[:, :, None]
-        x = x.reshape(-1, p)
+        x = x.reshape(w.size, p)
         z = x.copy()
-        z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(-1, model.p)
+        z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(w.size, model.p)
         e = (residuals[block.run][rows] * w).reshape(-1)
         hessian += z.T @ x
         information[b] = (z**2).sum(axis=0)
@@ -101,8 +101,10 @@ def estimate(model: Regression) -> list[Estimate]:
     scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1)
-    error = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse.T), 0.0))
+    covariance = inverse @ meat @ inverse.T
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
+    told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
@@ -111,6 +113,9 @@ def estimate(model: Regression) -> list[Estimate]:
         for k, index in zip(entry.subset, range(span.start, span.stop), strict=True):
             name = entry.effect.coefficients[k].name
             values[name] = float(theta[index])
+            # Where no row informs there is nothing to have an interval.
+            if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
+                continue
             intervals[name] = (float(theta[index] - width[index]), float(theta[index] + width[index]))
         for k, parameter in enumerate(entry.effect.shape):
             values[parameter.name] = float(entry.shape[k])
@@ -120,5 +125,9 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        estimates.append(Estimate(entry, values, intervals))
+        own = covariance[span, span]
+        wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
+        clusters = max(float(carried[span].max()) - 1.0, 1.0)
+        p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
+        estimates.append(Estimate(entry, values, intervals, p_value))
     return estimates

@@ -1,19 +1,22 @@
-"""Errors of the models before and after on every run, with intervals and the noise floor."""
+"""What a model predicts along every run, and its errors there, with intervals and the noise floor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
-from wearscope.closed_loop.model.regression import Entry, Regression
 from wearscope.closed_loop.model.joint_flexibility import (
-    estimate_transmission,
-    find_held,
-    solve_transmission,
-    transmits,
-    trust_jumps,
+    estimate_by_instruments,
+    find_jump_shares,
+    measure_gears,
+    solve_gears,
 )
-from wearscope.effects.base import MeasurementEffect
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import MeasurementEffect, Signals
+
+#: Passes of the fit where a term acts on what the others predict.
+_PASSES = 4
 
 
 @dataclass
@@ -26,92 +29,94 @@ class Predicted:
     after: np.ndarray
 
 
-def is_late(entry: Entry) -> bool:
-    """Whether an entry is an error of the measurement, acting on what the rest of the model predicts."""
-    return isinstance(entry.effect, MeasurementEffect)
-
-
 def predict_motor(
-    model: Regression, theta: np.ndarray, run: PreparedRun, shares: dict[int, float] | None = None
+    model: Regression,
+    theta: np.ndarray,
+    run: PreparedRun,
+    signals: Signals,
+    shares: dict[int, float] | None = None,
 ) -> np.ndarray:
     """Full-rate torque (N, n) of the motors, before errors of the measurement.
 
-    Gears bend under `signals.transmitted`. Of the entries in `shares`, by index, only a share of the torque
-    is taken.
+    Of the terms in `shares`, by index, only a share of the torque is taken.
     """
-    s = run.signals
     torque = run.known.copy()
     if model.inertial:
-        count = 10 * model.prepared.n
-        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[:count]
-    for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        if not is_late(entry):
-            torque += (shares or {}).get(i, 1.0) * (entry.columns(run) @ theta[span])
+        s = signals
+        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[: 10 * model.prepared.n]
+    for i, (term, span) in enumerate(zip(model.entries, model.spans, strict=True)):
+        if not term.is_measurement_error:
+            torque += (shares or {}).get(i, 1.0) * (term.columns(signals) @ theta[span])
     return torque
 
 
 def predict_full(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
-    """Full-rate torque (N, n) that a model predicts to be recorded along a run."""
-    s = run.signals
-    kept, s.transmitted = s.transmitted, _solve_if_soft(model, theta, run)
-    motor = predict_motor(model, theta, run, trust_jumps(model, theta))
-    s.transmitted = kept
-    return _record(model, theta, run, motor)
+    """Full-rate torque (N, n) that a model predicts to be recorded along a run, from its motion alone."""
+    signals = replace(run.signals, transmitted=solve_gears(model, theta, run))
+    motor = predict_motor(model, theta, run, signals, find_jump_shares(model, theta))
+    return _record(model, theta, signals, motor)
 
 
-def _solve_if_soft(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray | None:
-    soft = any(transmits(entry) for entry in model.entries)
-    return solve_transmission(model, theta, run) if soft else None
+def predict_reduced(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
+    """`predict_full` after the common filter, (M, n)."""
+    return run.reduce(predict_full(model, theta, run))
 
 
-def _record(model: Regression, theta: np.ndarray, run: PreparedRun, motor: np.ndarray) -> np.ndarray:
+def _record(model: Regression, theta: np.ndarray, signals: Signals, motor: np.ndarray) -> np.ndarray:
     """Recorded torque (N, n) of motors that give the torque `motor`."""
-    s = run.signals
     torque = motor.copy()
-    kept = s.torque, s.lag
-    s.torque, s.lag = motor, find_lags(model, theta)
-    for entry, span in zip(model.entries, model.spans, strict=True):
-        if is_late(entry):
-            torque += entry.columns(run) @ theta[span]
-    s.torque, s.lag = kept
+    late = replace(signals, torque=motor, lag=find_lags(model, theta))
+    for term, span in zip(model.entries, model.spans, strict=True):
+        if term.is_measurement_error:
+            torque += term.columns(late) @ theta[span]
     return torque
 
 
 def find_lags(model: Regression, theta: np.ndarray) -> np.ndarray:
     """Delay [s] of each torque channel (n,) in a model."""
     lags = np.zeros(model.prepared.n)
-    for entry, span in zip(model.entries, model.spans, strict=True):
-        if isinstance(entry.effect, MeasurementEffect) and entry.effect.kind == "lag":
-            lags[entry.joint] = theta[span][0]
+    for term, span in zip(model.entries, model.spans, strict=True):
+        if isinstance(term.effect, MeasurementEffect) and term.effect.kind == "lag":
+            lags[term.joint] = theta[span][0]
     return lags
 
 
-def update_prediction(model: Regression) -> None:
-    """Give the training signals the motors' and the gears' torque of a model.
+def find_operating_point(model: Regression) -> list[Signals]:
+    """Signals of the training runs with the motors' and the gears' torque that a fitted model gives.
 
     Errors of the measurement act on the first, deflections of the gears on the second.
     """
     theta = model.solve()
+    made = []
     for run in model.prepared.runs_for("train"):
-        s = run.signals
-        s.transmitted = _solve_if_soft(model, theta, run)
-        s.torque, s.lag = predict_motor(model, theta, run), find_lags(model, theta)
-        s.transmitted = estimate_transmission(model, theta, run, _record(model, theta, run, s.torque))
+        solved = solve_gears(model, theta, run)
+        signals = replace(run.signals, transmitted=solved)
+        motor = predict_motor(model, theta, run, signals)
+        gears = measure_gears(model, theta, run, solved, _record(model, theta, signals, motor))
+        made.append(replace(signals, torque=motor, lag=find_lags(model, theta), transmitted=gears))
+    return made
 
 
-def refit(base: Regression, entries: list[Entry]) -> Regression:
-    """Regression like `base` with other entries.
+def refit(base: Regression, entries: list[ModelTerm]) -> Regression:
+    """Regression like `base` with other terms.
 
     Errors of the measurement multiply the motor torque, and gears bend under a torque, that the other
     parameters give: the fit is repeated until both agree.
     """
-    model = Regression(base.prepared, entries, base.sigma, base.inertial, base.blocks)
-    if any(is_late(entry) or transmits(entry) for entry in entries):
-        for _ in range(4):
-            update_prediction(model)
-            model = Regression(
-                base.prepared, entries, base.sigma, base.inertial, base.blocks, find_held(model)
-            )
+
+    def fit(signals: list[Signals] | None, held: dict[int, np.ndarray]) -> Regression:
+        return Regression(
+            base.prepared, entries, base.sigma, base.inertial, base.blocks, held=held, signals=signals
+        )
+
+    model = fit(None, {})
+    if any(term.is_measurement_error or term.is_deflection for term in entries):
+        for _ in range(_PASSES):
+            signals = find_operating_point(model)
+            model = fit(signals, {})
+            held = estimate_by_instruments(model)
+            if held:
+                model = fit(signals, held)
     return model
 
 

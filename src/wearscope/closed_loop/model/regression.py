@@ -5,62 +5,31 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wearscope.closed_loop.intake.preprocessing import Prepared
 from wearscope.closed_loop.model.blocks import Block, Folds
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
-from wearscope.effects.base import Effect
+from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
-
-
-@dataclass(frozen=True)
-class Entry:
-    """An effect at a joint with its shape, some of its coefficients in use.
-
-    Attributes
-    ----------
-    effect : Effect
-    joint : int
-    shape : tuple of float
-    subset : tuple of int
-        Indices of the coefficients in use.
-    """
-
-    effect: Effect
-    joint: int
-    shape: tuple[float, ...]
-    subset: tuple[int, ...]
-
-    @property
-    def label(self) -> str:
-        """Name and joint index."""
-        return f"{self.effect.name}@{self.joint}"
-
-    def columns(self, run: PreparedRun) -> np.ndarray:
-        """Full-rate regressors at every joint, (N, n, m)."""
-        x = self.effect.columns(run.signals, self.joint, np.array(self.shape))[..., list(self.subset)]
-        if self.effect.spread:
-            return x
-        full = np.zeros((len(x), run.signals.q.shape[1], x.shape[-1]))
-        full[:, self.joint] = x
-        return full
-
 
 #: Weight with which a coefficient is held, of the runs' own information on it.
 _HOLD = 1e8
 #: Weights against the mean square of a hat function: of the squared differences of neighbouring heights of a
-#: coarse spline, of the squared heights of a fine one.
+#: coarse spline, of the squared heights of any.
 _ROUGHNESS, _SHRINKAGE = 0.001, 0.01
 
 
 def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
-    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and a
-    fine one, which describes what is local, goes to zero.
+    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and
+    every spline goes to zero: also where all heights together are what another term of the model is.
     """
-    if knots > COARSE:
-        return _SHRINKAGE * np.eye(knots)
-    difference = np.diff(np.eye(knots), axis=0)
-    return _ROUGHNESS * difference.T @ difference
+    penalty = _SHRINKAGE * np.eye(knots)
+    if knots <= COARSE:
+        difference = np.diff(np.eye(knots), axis=0)
+        penalty += _ROUGHNESS * difference.T @ difference
+    return penalty
 
 
 @dataclass
@@ -131,20 +100,23 @@ class Regression:
         Whether deviations of the inertial parameters are among the columns, first.
     held : dict of int to ndarray
         Coefficients of entries, by their index, that are known otherwise and not fitted.
-    trusted : dict of int to float, optional
-        Shares of entries' torque that a prediction takes, once known; see `transmission.trust_jumps`.
+    signals : list of Signals, optional
+        Of each training run, with the motors' and the gears' torque where terms act on them; those of the
+        motion alone where None.
     """
 
     prepared: Prepared
-    entries: list[Entry]
+    entries: list[ModelTerm]
     sigma: np.ndarray
     inertial: bool
     blocks: list[Block]
     held: dict[int, np.ndarray] = field(default_factory=dict)
-    trusted: dict[int, float] | None = None
+    signals: list[Signals] | None = None
     columns: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        if self.signals is None:
+            self.signals = [run.signals for run in self.prepared.runs_for("train")]
         self.weights = [run.keep / self.sigma for run in self.prepared.runs_for("train")]
         self.spans: list[slice] = []
         self._inertial_columns = self._make_inertial() if self.inertial else None
@@ -152,8 +124,7 @@ class Regression:
 
     def _make_inertial(self) -> list[np.ndarray]:
         made = []
-        for run in self.prepared.runs_for("train"):
-            s = run.signals
+        for run, s in zip(self.prepared.runs_for("train"), self.signals or [], strict=True):
             made.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
         return made
 
@@ -170,7 +141,7 @@ class Regression:
             self.spans.append(slice(start, start + len(entry.subset)))
             start += len(entry.subset)
             for r, run in enumerate(runs):
-                parts[r].append(run.reduce(entry.columns(run)))
+                parts[r].append(run.reduce(entry.columns((self.signals or [])[r])))
         self.columns = [
             np.concatenate(p, axis=2) if p else np.zeros((len(run.t), self.prepared.n, 0))
             for p, run in zip(parts, runs, strict=True)
@@ -188,7 +159,7 @@ class Regression:
         for b, block in enumerate(self.blocks):
             rows = slice(block.start, block.stop)
             w = self.weights[block.run][rows]
-            x = (self.columns[block.run][rows] * w[:, :, None]).reshape(-1, self.p)
+            x = (self.columns[block.run][rows] * w[:, :, None]).reshape(w.size, self.p)
             y = self.target[block.run][rows] * w
             self.gram[b] = x.T @ x
             self.score[b] = x.T @ y.reshape(-1)
@@ -216,19 +187,19 @@ class Regression:
         return self._moments[key]
 
     def _make_prior(self) -> np.ndarray:
-        """Precision of the inertial deviations about the URDF's values; a whisper elsewhere."""
+        """Precision of the inertial deviations about the URDF's values; next to nothing elsewhere."""
         prior = np.zeros(self.p)
         if self.inertial:
-            body = self.prepared.runs[0].signals.rigid_body
-            parameters = body.inertial_parameters.reshape(-1, 10)
-            mass = np.maximum(parameters[:, 0], 0.02 * parameters[:, 0].max() + 1e-6)
-            lever = np.sqrt(np.maximum(np.trace(_tensor(parameters), axis1=1, axis2=2) / mass, 1e-4))
-            scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
-            prior[: scale.size] = 1.0 / (0.3 * scale.ravel()) ** 2
+            scale = inertial_scale(self.prepared)
+            prior[: scale.size] = 1.0 / scale**2
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            penalty = find_penalty(self.prepared, entry.effect)
+            if penalty is not None:
+                prior[span] = np.diag(penalty)[list(entry.subset)]
         diagonal = np.einsum("bii->i", self.gram)
         precision = np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):
-            if entry.effect.name == "unknown":
+            if entry.effect.empirical:
                 precision[span, span] += diagonal[span].mean() * regularise(len(entry.subset))
         return precision
 
@@ -324,7 +295,7 @@ class Regression:
             x, d, y = family[block.run][rows], self.columns[block.run][rows], self.target[block.run][rows]
             if spread:
                 x = (x * w[:, :, None]).reshape(-1, x.shape[-1])
-                d = (d * w[:, :, None]).reshape(-1, self.p)
+                d = (d * w[:, :, None]).reshape(w.size, self.p)
                 y = (y * w).reshape(-1)
             else:
                 x = x * w[:, [joint]]
@@ -335,11 +306,6 @@ class Regression:
             split = np.ascontiguousarray(x.reshape(len(x), s, count).transpose(1, 2, 0))
             gram[b] = split @ split.transpose(0, 2, 1)
         return Regressors(cross, gram, score)
-
-
-def _tensor(parameters: np.ndarray) -> np.ndarray:
-    xx, xy, yy, xz, yz, zz = parameters[:, 4:].T
-    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
 
 
 @dataclass

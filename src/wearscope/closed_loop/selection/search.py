@@ -1,223 +1,464 @@
-"""Tracing the residual to the effects that the model lacks, one at a time.
+"""The search: standard terms of each joint first, then what else is missing, then each term asked again.
 
-At each step every candidate at every joint is fitted beside the current model, all of its parameters with it.
-The one with the largest cross-validated gain is taken if it beats the current model on held-out runs, its
-score is significant with all candidates tried corrected for, and every run agrees; what the runs cannot
-tell apart from it is said beside it. It goes on until nothing passes. Structure that no name explains is then
-described by an empirical term, and named effects that the empirical term makes superfluous are taken back.
+1. Standard stage: rotor inertia, Coulomb, viscous and offset of every joint, as a group; what held-out runs
+   do not need is dropped.
+2. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
+   accepted by the rule is added, in its simplest form that is as good; until none is accepted.
+3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import optimize
 
-from wearscope.closed_loop.model.prediction import is_late, refit, update_prediction
-from wearscope.closed_loop.model.blocks import Folds, make_blocks, make_folds
-from wearscope.closed_loop.model.candidates import (
-    Family,
-    applies,
-    candidate_names,
-    follows_torque,
-    joined_signals,
-    make_family,
-    reduce_columns,
-)
-from wearscope.closed_loop.selection.rule import Choice, TraceOptions
-from wearscope.closed_loop.model.declared import declared_entries, fit_scale
-from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.model.regression import Entry, Regression
-from wearscope.closed_loop.selection.unexplained import Rest
-from wearscope.closed_loop.selection.evidence import Found, Scored, Scorer, adjust_p_values, make_flips
-from wearscope.effects.base import load_effect
+from wearscope.closed_loop.intake.preprocessing import rows
+from wearscope.closed_loop.model.candidates import Candidate, make_candidate
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.closed_loop.selection.whitening import drift_p_value
+from wearscope.effects.base import Effect, MeasurementEffect
 
-#: Effects that a joint can have several of.
-_REPEATABLE = frozenset({"torque_ripple", "cross_coupling", "unknown"})
+#: Most passes of the revision.
+_PASSES = 3
+#: Share of the best term's gain from which another one's shape is refined before they are compared.
+_NEAR = 0.5
 
 
-@dataclass
-class Trace:
-    """Outcome of the trace.
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A term that was named, with the evidence on it beside all others."""
 
-    Attributes
-    ----------
-    found : list of Found
-    before, after : Regression
-    candidates : list of dict
-        One row a candidate and step.
-    folds : Folds
-    """
+    chosen: Chosen
+    evidence: Evidence
 
-    found: list[Found]
-    before: Regression
-    after: Regression
-    candidates: list[dict] = field(default_factory=list)
-    folds: Folds | None = None
+    @property
+    def effect(self) -> Effect:
+        """Its effect."""
+        return self.chosen.candidate.effect
+
+    @property
+    def joint(self) -> int:
+        """Its joint."""
+        return self.chosen.candidate.joint
 
 
-class Tracer:
-    """Names the effects that a prepared data set's declared model lacks.
+class Search:
+    """Searches for the terms that a problem's declared model lacks.
 
     Parameters
     ----------
-    prepared : Prepared
-    options : TraceOptions
+    problem : Problem
+    policy : Policy
     progress : callable
         Called with a line of text at each step.
     """
 
     def __init__(
-        self, prepared: Prepared, options: TraceOptions, progress: Callable[[str], None] = lambda _: None
+        self, problem: Problem, policy: Policy, progress: Callable[[str], None] = lambda _: None
     ) -> None:
-        self.prepared = prepared
-        self.options = options
-        self.progress = progress
-        fields = prepared.dataset.fields
-        self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
-        self.blocks = make_blocks(prepared)
-        self.folds = make_folds(self.blocks)
-        self.flips = make_flips(options.flips, len(self.blocks), options.seed)
-        self.before = fit_scale(prepared, declared_entries(prepared), self.inertial, self.blocks)
-        self.declared = self.before.cross_validate_joints(self.folds)
-        names = candidate_names(fields.declared_effects, fields.robot.rotor_inertia is not None)
-        self.joined = joined_signals(prepared.runs_for("train"))
-        update_prediction(self.before)
-        self.families = [
-            make_family(effect, joint, prepared, self.joined)
-            for effect in map(load_effect, names)
-            for joint in range(prepared.n)
-            if applies(effect, joint, prepared)
-        ]
-        self.choice = Choice(prepared, options, self.folds, self.flips, self.families, self.declared)
+        self.problem, self.policy, self.progress = problem, policy, progress
+        self.flips = make_flips(policy.flips, len(problem.layout.blocks), policy.seed)
+        self.sigma = self.scale(())
         self.rows: list[dict] = []
+        self.full: set[int] = set()
+        self._step = 0
+        self._weighed: dict[tuple, Evidence] = {}
+        self.standard_loss = np.zeros(problem.prepared.n)
 
-    def fit(self, entries: list[Entry]) -> Regression:
-        """Regression of the declared entries and further ones."""
-        return refit(self.before, self.before.entries + entries)
+    def scale(self, found: Sequence[Found]) -> np.ndarray:
+        """Residual scale (n,) of the model with the terms found."""
+        problem = self.problem
+        sigma = np.maximum(np.sqrt(np.mean(problem.target**2, axis=0)), 1e-9)
+        keep = problem.layout.keep
+        for _ in range(2 if problem.inertial or any(f.effect.spread for f in found) else 1):
+            residual = Assembly(problem.layout, problem.target, self._chosen(found), sigma).residual
+            mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
+            sigma = np.sqrt(np.maximum(mean, 1e-18))
+        return sigma
 
-    def score_all(self, model: Regression, families: list[Family]) -> list[Scored]:
-        """Score all variants of the families beside a model, p-values adjusted over all of them."""
-        update_prediction(model)
-        scorer = Scorer(model, self.folds, self.flips)
-        named = {(e.effect.name, e.joint): e for e in model.entries}
-        scored: list[Scored] = []
-        for family in families:
-            name = family.effect.name
-            present = named.get((name, family.joint))
-            if present is not None and name not in _REPEATABLE:
-                scored += self.score_extensions(scorer, present)
+    def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
+        return (*self.problem.base, *(f.chosen for f in found))
+
+    def assemble(self, found: Iterable[Found]) -> Assembly:
+        """Normal equations of the declared model with the terms found."""
+        return Assembly(self.problem.layout, self.problem.target, self._chosen(found), self.sigma)
+
+    def candidates(
+        self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]
+    ) -> list[Candidate]:
+        """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
+        n = self.problem.prepared.n
+        present: list[list[Effect]] = [list(self.problem.given) for _ in range(n)]
+        for chosen in assembly.chosen:
+            present[chosen.candidate.joint].append(chosen.candidate.effect)
+        made = []
+        residual = assembly.residual
+        for joint in joints:
+            count = sum(f.joint == joint and not f.effect.standard for f in found)
+            if count >= self.policy.most_terms:
+                self.full.add(joint)
                 continue
-            if follows_torque(family):
-                family.columns = [
-                    reduce_columns(family.effect, family.joint, family.shapes, run)
-                    for run in self.prepared.runs_for("train")
-                ]
-            scored += scorer.score(family)
-        adjust_p_values(scored)
-        return scored
+            for effect in self.problem.effects:
+                there = present[joint]
+                if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
+                    continue
+                if not effect.has_parent(there):
+                    continue
+                if isinstance(effect, MeasurementEffect):
+                    if self.problem.prepared.moving[joint]:
+                        made.append(self.problem.measurement_candidate(effect, joint, assembly))
+                    continue
+                if effect.periodic:
+                    candidate = self.problem.periodic_candidate(effect, joint, residual[:, joint])
+                else:
+                    candidate = self.problem.candidate(effect, joint)
+                if candidate is not None:
+                    made.append(candidate)
+        return made
 
-    def score_extensions(self, scorer: Scorer, present: Entry) -> list[Scored]:
-        """Score the further coefficients of richer variants of an effect that is in the model."""
-        further = present.effect.richer_subsets(present.subset)
-        if not further or is_late(present):
-            return []
-        shapes = np.array([present.shape])
-        columns = [
-            reduce_columns(present.effect, present.joint, shapes, run)
-            for run in self.prepared.runs_for("train")
-        ]
-        scored = scorer.score(Family(present.effect, present.joint, shapes, columns), further)
-        for s in scored:
-            s.extends = True
-        return scored
+    def weigh_all(self, assembly: Assembly, candidates: Iterable[Candidate]) -> list[Evidence]:
+        """Evidence on all variants of the candidates beside a model, p-values over all, judged by the rule.
 
-    def record(self, step: int, scored: list[Scored], taken: Scored | None) -> None:
-        """Keep a row of each candidate for the candidates table."""
-        joints = self.prepared.dataset.joints
-        for s in scored:
-            self.rows.append(
-                {
-                    "step": step,
-                    "joint": joints[s.entry.joint],
-                    "effect": s.entry.effect.name,
-                    "coefficients": " ".join(s.entry.effect.coefficients[k].name for k in s.entry.subset),
-                    "shape": " ".join(f"{v:.6g}" for v in s.entry.shape),
-                    "cv_gain": s.cv_share,
-                    "p_value": s.p_block,
-                    "p_runs": s.p_run,
-                    "isolability": s.isolability,
-                    "taken": s is taken,
-                    "reason": "taken" if s is taken else (s.reason or "another candidate gained more"),
-                }
-            )
-
-    def run(self) -> Trace:
-        """Trace the residual.
-
-        Returns
-        -------
-        Trace
+        What is asked again beside a model that is the same where the candidate is felt is not weighed again.
         """
-        o = self.options
-        found: list[Found] = []
-        model = self.before
-        step = 0
-        while step < o.most_steps:
-            scored = self.score_all(model, self.families)
-            taken, rivals = self.choice.choose(model, scored, o.minimum_gain)
-            self.record(step, scored, taken)
-            step += 1
-            if taken is None:
-                break
-            found = self.add(found, self.choice.refine(model, taken.entry), rivals, taken)
-            entry = taken.entry
-            self.progress(f"step {step}: {entry.label}, {100 * taken.cv_share:.0f} % of the held-out loss")
-            model = self.fit([f.entry for f in found])
-        found = self.revise(found)
-        found, model = Rest(self).explain(found, step)
-        return Trace(found, self.before, model, self.rows, self.folds)
+        by_run = self.problem.layout.folds.by_run
+        weighed = []
+        for candidate in candidates:
+            effect = candidate.effect
+            for subset in list_subsets(effect, by_run):
+                key = self._key(assembly, candidate, subset)
+                if key not in self._weighed:
+                    self._weighed[key] = weigh(assembly, candidate, key[-1], self.flips)
+                weighed.append(self._weighed[key])
+        return [replace(e, refusal=self.judge(e)) for e in self.compare_whole(adjust_p_values(weighed))]
 
-    def add(self, found: list[Found], entry: Entry, rivals: list[Scored], taken: Scored) -> list[Found]:
-        """Add an effect to those found, or further coefficients to one of them."""
-        for i, f in enumerate(found):
-            same = f.entry.effect is entry.effect and f.entry.joint == entry.joint
-            if same and entry.effect.name not in _REPEATABLE:
-                merged = tuple(sorted({*f.entry.subset, *entry.subset}))
-                richer = Entry(entry.effect, entry.joint, f.entry.shape, merged)
-                return [*found[:i], Found(richer, f.equivalent, f.scored), *found[i + 1 :]]
-        return [*found, Found(entry, [r.entry.effect.name for r in rivals], taken)]
+    def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
+        """The same evidence with what it removes of the loss that the standard model leaves."""
+        scale = self.sigma**2 / np.maximum(self.standard_loss, 1e-300)
+        return [replace(e, whole=max(g * scale[j] for j, g in e.gains.items())) for e in weighed]
+
+    def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
+        """What evidence depends on: the candidate, and the model's terms that reach its joints."""
+        terms = assembly.chosen
+        reach = find_reach(terms, candidate)
+        own = frozenset((t.candidate, t.subset) for t in terms if reach & set(t.candidate.joints))
+        scale = tuple(float(assembly.sigma[j]) for j in sorted(reach))
+        return (candidate, own, scale, subset)
+
+    def judge(self, e: Evidence) -> Refusal:
+        """Whether a term may be taken, by the rule."""
+        term = e.term
+        return rule.judge(
+            e, self.policy, self.problem.bounds(term), self.problem.least(term),
+            self.problem.layout.folds.by_run,
+        )  # fmt: skip
+
+    def run(self) -> list[Found]:
+        """Terms that the declared model lacks."""
+        found = self.find_standard()
+        self.sigma = self.scale(found)
+        losses = np.nansum(self.assemble(found).joint_losses, axis=0)
+        self.standard_loss = losses * self.sigma**2
+        found = self.extend(found)
+        for _ in range(_PASSES):
+            revised = self.revise(found)
+            grown = self.extend(revised)
+            if _names(grown) == _names(found):
+                return grown
+            found = grown
+        return found
+
+    def find_standard(self) -> list[Found]:
+        """Standard terms that held-out runs need, of each joint as a group."""
+        problem = self.problem
+        base = self.assemble(())
+        offered = [c for c in self.candidates(base, (), range(problem.prepared.n)) if c.effect.standard]
+        kept = [Chosen(c, tuple(int(k) for k in c.effect.subsets()[0])) for c in offered]
+        worst: dict[int, tuple[float, Chosen]] = {}
+        evidence: dict[int, Evidence] = {}
+        while kept:
+            self.sigma = self._scale_of(kept)
+            worst, evidence = {}, {}
+            for chosen in kept:
+                others = tuple(k for k in kept if k is not chosen)
+                every = (*problem.base, *others)
+                reach = find_reach(every, chosen.candidate)
+                beside = Assembly(problem.layout, problem.target, every, self.sigma, reach)
+                e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
+                evidence[id(chosen)] = e
+                if not self.is_needed(beside, e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
+                    worst[e.joint] = (e.share, chosen)
+            if not worst:
+                break
+            gone = [chosen for _, chosen in worst.values()]
+            kept = [k for k in kept if not any(k is g for g in gone)]
+        self.record([evidence[id(k)] for k in kept], [evidence[id(k)] for k in kept])
+        for k in kept:
+            self.progress(f"standard term {evidence[id(k)].term.label}")
+        return [Found(k, evidence[id(k)]) for k in kept]
+
+    def _scale_of(self, chosen: Sequence[Chosen]) -> np.ndarray:
+        problem = self.problem
+        keep = problem.layout.keep
+        every = (*problem.base, *chosen)
+        residual = Assembly(problem.layout, problem.target, every, self.sigma).residual
+        mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
+        return np.sqrt(np.maximum(mean, 1e-18))
+
+    def is_needed(self, beside: Assembly, e: Evidence) -> bool:
+        """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it."""
+        low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
+        believable = all(low <= b <= high for b, (low, high) in low_high)
+        return (
+            believable
+            and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
+            and not self.drifts(beside, e)
+        )
+
+    def extend(self, found: list[Found]) -> list[Found]:
+        """Add terms until none is accepted: at each step the best of every joint, where they do not touch."""
+        while True:
+            self.sigma = self.scale(found)
+            assembly = self.assemble(found)
+            offered = self.candidates(assembly, found, range(self.problem.prepared.n))
+            weighed = self.weigh_all(assembly, offered)
+            taken = self.take(assembly, weighed)
+            self.record(weighed, taken)
+            if not taken:
+                return found
+            for e in taken:
+                self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
+            found = [*found, *(Found(e.chosen, e) for e in taken)]
+
+    def take(self, assembly: Assembly, weighed: list[Evidence]) -> list[Evidence]:
+        """Terms to add at one step, no two of which are felt at a joint that the model couples."""
+        able = [e for e in weighed if e.refusal is Refusal.NONE]
+        taken: list[Evidence] = []
+        coupled = any(len(c.candidate.joints) > 1 for c in assembly.chosen)
+        while able:
+            best = self.choose(assembly, able)
+            if best is None:
+                break
+            taken.append(best)
+            if coupled:
+                break
+            apart = [e for e in able if not rule.touches(e, best)]
+            # What is felt at several joints may explain what is next better than what is felt at one.
+            wide = max((e.gain for e in able if len(e.chosen.candidate.joints) > 1), default=0.0)
+            able = [e for e in apart if e.gain > wide]
+        return taken
+
+    def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
+        """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
+        able = sorted(able, key=lambda e: -e.gain)
+        while able and self.drifts(assembly, able[0]):
+            able = able[1:]
+        if not able:
+            return None
+        best = able[0]
+        near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > _NEAR * best.gain)]
+        near = [self.refine(assembly, e) for e in near]
+        chosen = rule.choose(near)
+        if (
+            chosen is not None
+            and chosen.term.effect is not best.term.effect
+            and self.drifts(assembly, chosen)
+        ):
+            return near[0]
+        return chosen
+
+    def drifts(self, assembly: Assembly, e: Evidence) -> bool:
+        """Whether a drift of what a term leaves explains it as well."""
+        if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
+            return False
+        tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
+        return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
+
+    def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
+        """The same term at its best continuous shape, its significance kept."""
+        effect, candidate = e.term.effect, e.chosen.candidate
+        if effect.search is None or effect.name_driver is not None:
+            return e
+        grid = effect.shapes(self.problem.joined, candidate.joint)
+        first = effect.estimated_shapes()
+        # The estimated one again once the others have moved.
+        others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
+        order = [*first[:1], *others, *(first[:1] if others else [])]
+        shape = np.array(candidate.shapes[0])
+        for k in order:
+            shape[k] = self._refine_one(assembly, e, shape, k, grid[:, k])
+        finer = weigh(assembly, self._shaped(e, shape), e.chosen.subset, self.flips)
+        if finer.gain <= e.gain:
+            return e
+        return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
+
+    def _shaped(self, e: Evidence, shape: np.ndarray) -> Candidate:
+        return make_candidate(e.term.effect, e.term.joint, self.problem.prepared, shape[None])
+
+    def _refine_one(
+        self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int, grid: np.ndarray
+    ) -> float:
+        """Best value of one shape parameter, the others held; within its grid (S,) if not estimated."""
+        effect = e.term.effect
+        low, high = np.log(grid.min() / shape[k]), np.log(grid.max() / shape[k])
+        if k in effect.estimated_shapes():
+            width = effect.width(self.problem.joined, e.term.joint, shape.tolist())
+            low = max(-width, float(np.log(max(effect.shape[k].lower, 1e-12) / shape[k])))
+            high = min(width, float(np.log(min(effect.shape[k].upper, 1e12) / shape[k])))
+
+        def loss(x: float) -> float:
+            tried = shape.copy()
+            tried[k] *= np.exp(x)
+            sums = assembly.sum_products(self._shaped(e, tried)).select(e.chosen.subset)
+            return -float(assembly.add(sums).gain[0])
+
+        found = optimize.minimize_scalar(
+            loss, bounds=(low, high), method="bounded", options={"maxiter": 10, "xatol": 1e-3 * (high - low)},
+        )  # fmt: skip
+        return float(shape[k] * np.exp(found.x)) if found.fun < loss(0.0) else float(shape[k])
 
     def revise(self, found: list[Found]) -> list[Found]:
-        """Ask of each effect again, with all later ones in the model, whether it is needed and the best."""
-        for f in list(found):
+        """Ask of each term again, with all others in the model, whether it is needed and the best."""
+        for f in sorted(found, key=lambda f: f.evidence.gain):
             others = [k for k in found if k is not f]
-            model = self.fit([k.entry for k in others])
-            joint = f.entry.joint
-            nearby = [
-                family
-                for family in self.families
-                if family.joint == joint or family.effect.spread or f.entry.effect.spread
-            ]
-            scored = self.score_all(model, nearby)
-            taken, rivals = self.choice.choose(model, scored, self.options.minimum_gain)
-            kin = [s for s in scored if s.entry.effect is f.entry.effect and s.entry.joint == joint]
-            own = max(kin, key=lambda s: s.cv_gain)
-            needed = own.cv_share >= self.options.minimum_gain
-            if taken is None or taken.entry.effect is f.entry.effect:
-                better = False
-            else:
-                better = not needed or self.choice.tells_apart(model, taken, own)
-            if better and taken is not None:
-                entry = self.choice.refine(model, taken.entry)
-                again = Found(entry, [r.entry.effect.name for r in rivals], taken)
-                self.progress(f"{f.entry.label} is replaced by {again.entry.label}")
-                found = [again if k is f else k for k in found]
-            elif not needed:
-                self.progress(f"{f.entry.label} is taken back: not needed beside the others")
+            beside = self.assemble(others)
+            if f.effect.standard:
+                own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+                if not self.is_needed(beside, own):
+                    self.progress(f"{own.term.label} is dropped: not needed beside the others")
+                    found = others
+                else:
+                    found = [Found(k.chosen, own) if k is f else k for k in found]
+                continue
+            again = self.ask_again(beside, others, f)
+            if again is None:
+                self.progress(f"{f.evidence.term.label} is dropped: not needed beside the others")
                 found = others
-            elif taken is not None and taken.entry.effect is f.entry.effect:
-                shape = self.choice.refine(model, taken.entry).shape
-                entry = Entry(f.entry.effect, joint, shape, f.entry.subset)
-                again = Found(entry, [r.entry.effect.name for r in rivals], taken)
+            else:
+                if again.effect is not f.effect:
+                    self.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
                 found = [again if k is f else k for k in found]
         return found
+
+    def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
+        """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
+
+        Gains of different scales must not be compared.
+        """
+        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+        return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+
+    def ask_again(self, beside: Assembly, others: list[Found], f: Found) -> Found | None:
+        """A term again beside all others: itself, what is better, or None."""
+        own = self.weigh_again(beside, f)
+        joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
+        n = self.problem.prepared.n
+        offered = self.candidates(beside, others, sorted({*joints, n - 1}))
+        offered = [c for c in offered if set(c.joints) & set(joints)]
+        weighed = self.weigh_all(beside, offered)
+        refused = self.judge(own)
+        able = [e for e in weighed if e.refusal is Refusal.NONE]
+        if refused in (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES):
+            same = [e for e in able if e.term.effect is f.effect and e.joint == own.joint]
+            chosen = rule.choose([own, *(self.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
+            if chosen is None or chosen is own or (
+                chosen.term.effect is not f.effect and not rule.separates(chosen, own)
+                and chosen.complexity >= own.complexity
+            ):  # fmt: skip
+                return Found(f.chosen, own)
+            if same and chosen.term.effect is f.effect:
+                return Found(chosen.chosen, chosen)
+            return Found(chosen.chosen, chosen)
+        best = self.choose(beside, able)
+        return None if best is None else Found(best.chosen, best)
+
+    def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
+        """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
+        for f in sorted(found, key=lambda f: f.evidence.gain):
+            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot:
+                continue
+            others = [k for k in found if k is not f]
+            beside = self.assemble(others)
+            own = self.weigh_again(beside, f)
+            if f.effect.standard:
+                needed = self.is_needed(beside, own)
+            elif f.effect.empirical:
+                needed = own.share >= self.policy.unknown_share
+            else:
+                needed = self.judge(own) is Refusal.NONE
+            if not needed:
+                self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
+                found = others
+        return found
+
+    def opposes_gravity(self, e: Evidence) -> bool:
+        """Whether a term that is built to take gravity's load off a joint does so."""
+        if not e.term.effect.opposes_gravity:
+            return False
+        joint, opposed, scale = e.term.joint, 0.0, 0.0
+        at = e.chosen.candidate.joints.index(joint)
+        torques = self.problem.layout.unpack(e.chosen.rows[at] @ e.beta)
+        for run, torque in zip(self.problem.train, torques, strict=True):
+            q = run.signals.q[rows(run.band, len(run.signals.t))]
+            gravity = run.signals.rigid_body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, joint]
+            opposed += float(torque @ gravity)
+            scale += float(np.linalg.norm(torque) * np.linalg.norm(run.signals.load[:, joint]))
+        # Where gravity gives nothing but round-off there is nothing to balance.
+        return opposed < -1e-6 * scale
+
+    def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
+        """Keep a row of each candidate for the candidates table."""
+        joints = self.problem.prepared.dataset.joints
+        names = {(e.term.effect.name, e.term.joint) for e in taken}
+        for e in weighed:
+            term = e.term
+            is_taken = (term.effect.name, term.joint) in names and e.refusal is Refusal.NONE
+            self.rows.append(
+                {
+                    "step": self._step,
+                    "joint": joints[term.joint],
+                    "effect": term.effect.name,
+                    "coefficients": " ".join(term.effect.coefficients[k].name for k in term.subset),
+                    "shape": " ".join(f"{v:.6g}" for v in term.shape),
+                    "cv_gain": e.share,
+                    "p_value": e.p_value,
+                    "agreement": e.agreement,
+                    "isolability": e.sine,
+                    "taken": is_taken,
+                    "reason": "taken" if is_taken else (e.refusal.value or "another candidate gained more"),
+                }
+            )
+        self._step += 1
+
+
+def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
+    """Joints that a model couples to those where a candidate is felt, these included."""
+    reach = set(candidate.joints)
+    grown = True
+    while grown:
+        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
+        grown = not more <= reach
+        reach |= more
+    return reach
+
+
+def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
+    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
+
+    Those of a body are held by a prior.
+    """
+    if not by_run and not effect.per_robot:
+        return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
+    names = [p.name for p in effect.coefficients]
+    richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
+    return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
+
+
+def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:
+    return {(f.effect.name, f.joint, f.chosen.subset) for f in found}

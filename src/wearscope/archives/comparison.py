@@ -1,0 +1,160 @@
+"""How two studies differ: settings, versions, tables, and which conclusions."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import pandas as pd
+
+from wearscope import tables
+from wearscope.archives.manifest import MADE, MANIFEST, Manifest, parse_manifest
+from wearscope.archives.members import read_member, walk_archive
+from wearscope.compare import compare_tables
+from wearscope.errors import InputError
+from wearscope.files import digest_file
+
+#: Table, what names a conclusion, what it says.
+_CONCLUSIONS = (
+    ("findings.parquet", ["question", "paper"], ["verdict"]),
+    ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"]),
+    ("audit_verdicts.parquet", ["robot", "cycle", "axis", "fda", "factor"], ["passes_direct", "agrees"]),
+)
+
+
+def list_results(folder: str | Path) -> list[Path]:
+    """Files of a study's folder that are results: no hidden ones, none that packing makes."""
+    folder = Path(folder)
+    found = []
+    for file in sorted(folder.rglob("*")):
+        parts = file.relative_to(folder).parts
+        hidden = any(part.startswith(".") for part in parts)
+        if not hidden and parts[0] not in MADE and file.is_file():
+            found.append(file)
+    return found
+
+
+def compare_archives(a: str | Path, b: str | Path) -> pd.DataFrame:
+    """Compare two studies; each may be an archive or a folder of results.
+
+    Returns
+    -------
+    DataFrame
+        One row a setting, package, code version, conclusion or file that differs, and one a table that is the
+        same: ``item``, ``what`` (``setting``, ``version``, ``conclusion``, ``table``, ``file``), ``outcome``
+        (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and
+        timings are left out.
+    """
+    left, right = Content(a), Content(b)
+    rows = []
+    for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
+        rows += _compare_mappings(left.describe(key), right.describe(key), what, "")
+    rows += _compare_conclusions(left, right)
+    for name in sorted(set(left.digests) | set(right.digests)):
+        if name.startswith(("logs/", "benchmarks/")) or name in MADE:
+            continue
+        what = "table" if name.endswith(".parquet") else "file"
+        detail = ""
+        if name not in right.digests or name not in left.digests:
+            outcome = "only in a" if name in left.digests else "only in b"
+        elif left.digests[name] == right.digests[name]:
+            if what == "file":
+                continue
+            outcome = "same bytes"
+        elif what == "file":
+            outcome = "differs"
+        else:
+            detail = compare_tables(left.table(name), right.table(name))
+            outcome = "differs" if detail else "same values"
+        rows.append({"item": name, "what": what, "outcome": outcome, "detail": detail})
+    return pd.DataFrame(rows, columns=["item", "what", "outcome", "detail"])
+
+
+class Content:
+    """An archive or a folder of results, read one file at a time.
+
+    Attributes
+    ----------
+    digests : dict
+        SHA-256 by name.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.manifest: Manifest | None = None
+        if self.path.is_dir():
+            files = list_results(self.path)
+            self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
+            if (self.path / MANIFEST).is_file():
+                self.manifest = parse_manifest((self.path / MANIFEST).read_bytes(), str(self.path))
+        else:
+            self.manifest = walk_archive(self.path)
+            self.digests = {name: entry.sha256 for name, entry in self.manifest.files.items()}
+
+    def describe(self, key: str) -> dict[str, Any]:
+        """A section of the manifest; empty where there is none."""
+        return {} if self.manifest is None else self.manifest.model_dump(mode="json")[key]
+
+    def read(self, name: str) -> bytes:
+        """Content of a file."""
+        return (self.path / name).read_bytes() if self.path.is_dir() else read_member(self.path, name)
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table."""
+        return tables.read_arrow(self.read(name), name=f"{self.path}: {name}").to_pandas()
+
+
+def _conclude(content: Content) -> Iterator[tuple[str, str]]:
+    """Conclusions of a study: what each is about, and what it says."""
+    for name, keys, says in _CONCLUSIONS:
+        if name not in content.digests:
+            continue
+        table = content.table(name)
+        missing = sorted({*keys, *says} - set(table.columns))
+        if missing:
+            raise InputError(
+                f"{content.path}: {name}: has no column {missing[0]}; compare studies, not parts."
+            )
+        stem = PurePosixPath(name).stem
+        for row in table[[*keys, *says]].astype(str).to_dict("records"):
+            yield f"{stem}: {', '.join(row[key] for key in keys)}", ", ".join(row[key] for key in says)
+    for name in sorted(content.digests):
+        if PurePosixPath(name).name == "verdict.json":
+            yield from _conclude_loop(content, name)
+
+
+def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
+    try:
+        verdict = json.loads(content.read(name))
+        named: dict[str, list[str]] = {joint: [] for joint in verdict["joints"]}
+        for entry in verdict["verdict"]:
+            named.setdefault(entry["joint"], []).append(entry["effect"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{content.path}: {name}: is no verdict ({type(error).__name__}); make it again."
+        ) from None
+    for joint, effects in named.items():
+        yield f"{PurePosixPath(name).parent}: {joint}", ", ".join(sorted(effects)) or "nothing named"
+
+
+def _compare_conclusions(left: Content, right: Content) -> list[dict[str, str]]:
+    a, b = dict(_conclude(left)), dict(_conclude(right))
+    rows = []
+    for item in [*a, *(one for one in b if one not in a)]:
+        if a.get(item) != b.get(item):
+            outcome = "only in a" if item not in b else "only in b" if item not in a else "differs"
+            detail = f"{a.get(item, 'none')} against {b.get(item, 'none')}"
+            rows.append({"item": item, "what": "conclusion", "outcome": outcome, "detail": detail})
+    return rows
+
+
+def _compare_mappings(a: Mapping[str, Any], b: Mapping[str, Any], what: str, prefix: str) -> list[dict]:
+    rows: list[dict] = []
+    for key in sorted(set(a) | set(b)):
+        one, other = a.get(key), b.get(key)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            rows += _compare_mappings(one, other, what, f"{prefix}{key}.")
+        elif one != other:
+            detail = f"{one} against {other}"
+            rows.append({"item": f"{prefix}{key}", "what": what, "outcome": "differs", "detail": detail})
+    return rows

@@ -1,0 +1,78 @@
+"""Checksums of what a study's jobs write, kept in its folder.
+
+The checksum of ``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.json.sha256``, as
+`sha256sum` writes it.
+"""
+
+import json
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from wearscope.files import DamagedFile, digest_file, set_aside, write_text
+
+CHECKSUMS = ".checksums"
+RECORDING = "recording.parquet"
+
+
+def record_checksums(folder: str | Path, files: Iterable[str | Path]) -> None:
+    """Keep the checksums of files in a study's folder."""
+    for file in map(Path, files):
+        name = file.relative_to(folder).as_posix()
+        write_text(_kept(folder, name), f"{digest_file(file)}  {name}\n")
+
+
+def check_file(folder: str | Path, file: str | Path) -> None:
+    """Check a file in a study's folder; one without a kept checksum passes.
+
+    Raises
+    ------
+    DamagedFile
+        Where it is missing, or is not what was written.
+    """
+    name = Path(file).relative_to(folder).as_posix()
+    kept = _kept(folder, name)
+    try:
+        wanted = kept.read_text(encoding="ascii").split()[:1]
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError):
+        wanted = []
+    if not Path(file).is_file():
+        raise DamagedFile(file, f"{file}: no such file, though it was written; make it again.")
+    if [digest_file(Path(file))] != wanted:
+        raise DamagedFile(
+            file, f"{file}: is not what was written (its checksum differs); delete it and make it again."
+        )
+
+
+def withdraw(path: str | Path) -> list[Path]:
+    """Set a damaged file aside, so that the next run makes it again.
+
+    A recording's chunk is withdrawn too: its marker says that the recording is there.
+
+    Returns
+    -------
+    list of Path
+        The files that a run must make: what was withdrawn and is an output of a rule.
+    """
+    path = Path(path)
+    withdrawn = [path]
+    if path.name == RECORDING:
+        withdrawn = [marker for marker in path.parents[1].glob("_chunk-*.json") if _lists(marker, path)]
+    for file in {path, *withdrawn}:
+        with suppress(FileNotFoundError):
+            file.replace(set_aside(file))
+    return withdrawn
+
+
+def _lists(marker: Path, recording: Path) -> bool:
+    point = recording.parent.name.removeprefix("point=")
+    try:
+        return point in json.loads(marker.read_text(encoding="utf-8"))["fingerprints"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return True  # a marker that cannot be read vouches for nothing
+
+
+def _kept(folder: str | Path, name: str) -> Path:
+    return Path(folder) / CHECKSUMS / f"{name}.sha256"

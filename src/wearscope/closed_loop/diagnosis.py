@@ -1,0 +1,274 @@
+"""The one door: `diagnose(dataset)` reads, searches, fits and marks, and returns a `Diagnosis`."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
+from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
+from wearscope.closed_loop.model.correction import make_corrected_model, write_models
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.estimation import Estimate, estimate
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
+from wearscope.closed_loop.selection.naming import name_terms
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.closed_loop.selection.status import Marked, mark_terms
+from wearscope.closed_loop.verdict import make_verdict, residual_table
+from wearscope.effects.base import Effect, load_effect
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.robots.urdf_file import parse_urdf
+
+RESIDUAL_UNITS = {"t": "s"}
+#: p-value above which a term's coefficients may all be zero.
+_ZERO = 0.05
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """A named term with what is known of it.
+
+    Attributes
+    ----------
+    term : ModelTerm
+    evidence : Evidence
+        On training runs held out in turn, beside all other terms.
+    equivalent : list of str
+        Other names in its confidence set.
+    marked : Marked
+        What the test runs say.
+    """
+
+    term: ModelTerm
+    evidence: Evidence
+    equivalent: list[str]
+    marked: Marked
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Outcome of closing the loop on a data set.
+
+    Attributes
+    ----------
+    prepared : Prepared
+    policy : Policy
+        Numbers of the rule.
+    attributions : list of Attribution
+    before, after : Regression
+        The declared model refitted; the same with the named terms.
+    states : list of JointState
+        What is left at each joint.
+    candidates : DataFrame
+        Every candidate of every step.
+    full : list of str
+        Joints that reached the most terms asked for.
+    problem : Problem
+    """
+
+    prepared: Prepared
+    policy: Policy
+    attributions: list[Attribution]
+    before: Regression
+    after: Regression
+    states: list[JointState]
+    candidates: pd.DataFrame
+    full: list[str]
+    problem: Problem = field(repr=False)
+
+    @cached_property
+    def predicted(self) -> list[Predicted]:
+        """Torque of both models along every run."""
+        return predict_runs(self.prepared, self.before, self.after)
+
+    @cached_property
+    def estimates(self) -> dict[str, list[Estimate]]:
+        """Parameters with intervals of the models ``before`` and ``after``."""
+        return {"before": estimate(self.before), "after": estimate(self.after)}
+
+    @cached_property
+    def models(self) -> dict[str, RobotModel]:
+        """Models ``before`` and ``after`` as the simulator loads them."""
+        regressions = {"before": self.before, "after": self.after}
+        return {
+            stage: make_corrected_model(self.prepared, model, self.estimates[stage], stage)
+            for stage, model in regressions.items()
+        }
+
+    @cached_property
+    def verdict(self) -> dict[str, Any]:
+        """The content of ``verdict.json``."""
+        return make_verdict(self)
+
+    def summary(self) -> pd.DataFrame:
+        """One row a named term: joint, effect, status, equivalents, share of the error it removes."""
+        rows = [
+            {
+                "joint": entry["joint"],
+                "effect": entry["effect"],
+                "status": entry["status"],
+                "equivalent": ", ".join(entry["equivalent"]),
+                "error_reduction": entry["error_reduction"],
+            }
+            for entry in self.verdict["verdict"]
+        ]
+        return pd.DataFrame(rows, columns=["joint", "effect", "status", "equivalent", "error_reduction"])
+
+    def write(self, folder: str | Path, extra: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Write the files of the contract; ``verdict.json`` last.
+
+        Parameters
+        ----------
+        folder : path-like
+        extra : dict, optional
+            Further entries of ``verdict.json``.
+        """
+        out = Path(folder)
+        unit = self.prepared.dataset.torque_unit
+        columns = ("measured", "predicted_before", "predicted_after", "residual_before", "residual_after")
+        units = dict.fromkeys(columns, unit[0] if len(set(unit)) == 1 else "N m or N, by joint")
+        write_models(out, self.models)
+        table = residual_table(self.prepared, self.predicted)
+        tables.write_table(out / "residual.parquet", table, RESIDUAL_UNITS | units)
+        tables.write_table(out / "candidates.parquet", self.candidates)
+        verdict = self.verdict | (extra or {})
+        tables.write_text(out / "verdict.json", json.dumps(verdict, indent=2) + "\n")
+        return verdict
+
+
+def find_prismatic(urdf: Path, joints: list[str]) -> list[bool]:
+    """Whether each named joint of a URDF is prismatic.
+
+    Raises
+    ------
+    InputError
+        Where the URDF has no such joint.
+    """
+    kinds = {joint.name: joint.kind for joint in parse_urdf(urdf).joints}
+    for name in joints:
+        if name not in kinds:
+            raise InputError(f"{urdf}: there is no joint '{name}'; robot.joints may name {', '.join(kinds)}.")
+    return [kinds[name] == "prismatic" for name in joints]
+
+
+def diagnose(
+    dataset: str | Path | Dataset,
+    policy: Policy | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    effects: Sequence[str | Path] = (),
+    allow_code: bool = False,
+) -> Diagnosis:
+    """Name what the declared model of a measured machine lacks, correct it, and say how sure that is.
+
+    Parameters
+    ----------
+    dataset : path-like or Dataset
+        The data set's folder, its ``dataset.yaml``, or what `read_dataset` gave.
+    policy : Policy, optional
+        Numbers of the rule.
+    progress : callable
+        Called with a line of text at each step.
+    effects : sequence of path-like
+        Files of own effects, candidates beside the vocabulary.
+    allow_code : bool
+        Whether effect files that the data set itself names may run.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        Where the data set breaks the format or cannot be what it says.
+    """
+    policy = policy or Policy()
+    if not isinstance(dataset, Dataset):
+        path = Path(dataset)
+        dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+    declared, own = load_named_effects(dataset, effects, allow_code)
+    prepared = prepare(dataset)
+    check_plausibility(prepared)
+    progress("; ".join(prepared.notes))
+    problem = Problem(prepared, declared, own)
+    search = Search(problem, policy, progress)
+    found = search.run()
+    terms = GenericTerms(prepared, problem.joined)
+    found, left = explain_rest(search, terms, found)
+    found, equivalent = name_terms(search, found)
+    before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    after, kept = drop_undetermined(before, found, search.sigma)
+    equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]
+    found = kept
+    marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
+    named = [
+        Attribution(term, f.evidence, names, mark)
+        for term, f, names, mark in zip(
+            after.entries[len(before.entries) :], found, equivalent, marked, strict=True
+        )
+    ]
+    states = judge_joints(prepared, after, named, left)
+    full = [dataset.joints[j] for j in sorted(search.full)]
+    return Diagnosis(prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem)
+
+
+def drop_undetermined(
+    before: Regression, found: list[Found], sigma: np.ndarray
+) -> tuple[Regression, list[Found]]:
+    """The declared model with the terms found, without names whose coefficients may all be zero.
+
+    Held-out runs speak of a prediction; a name is of a parameter, and one that its own interval does not tell
+    from zero is none.
+
+    Parameters
+    ----------
+    before : Regression
+    found : list of Found
+    sigma : ndarray (n,)
+        Residual scale with the terms found: that of the declared model would weigh the runs too little
+        against the prior of the inertial parameters.
+    """
+    found = list(found)
+    base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
+    while True:
+        after = refit(base, [*base.entries, *(f.evidence.term for f in found)])
+        estimates = estimate(after)[len(before.entries) :]
+        doubtful = [
+            (e.p_value, k)
+            for k, (e, f) in enumerate(zip(estimates, found, strict=True))
+            if not (f.effect.empirical or f.effect.per_robot) and not e.p_value <= _ZERO
+        ]
+        if not doubtful:
+            return after, found
+        del found[max(doubtful)[1]]
+
+
+def load_named_effects(
+    dataset: Dataset, effects: Sequence[str | Path], allow_code: bool
+) -> tuple[list[Effect], list[Effect]]:
+    """Declared effects and own candidates; files that the data set names only where that is allowed."""
+
+    def load(name: str) -> Effect:
+        if name.endswith(".py"):
+            return load_effect(str(dataset.folder / name), allow_code=allow_code)
+        return load_effect(name)
+
+    declared = [load(name) for name in dataset.fields.declared_effects]
+    own = [load_effect(str(path), allow_code=True) for path in effects]
+    own += [load(name) for name in dataset.fields.effects]
+    return declared, own

@@ -1,0 +1,272 @@
+"""What is left at each joint: noise, or structure that no name and no generic term holds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy import ndimage, signal, stats
+from sklearn.ensemble import HistGradientBoostingRegressor
+
+from wearscope.closed_loop.diagnostics.dependence import thin_signals
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.model.prediction import find_repeats, predict_full
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.significance import find_memory, join_blocks
+from wearscope.effects.unknown import name_signals
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.diagnosis import Attribution
+    from wearscope.closed_loop.selection.evidence import Evidence
+
+State = Literal["explained", "corrected", "unexplained"]
+#: Least share of a residual's variance that counts as structure.
+_SHARE = 0.2
+#: Standard errors by which it must stand out.
+_ERRORS = 3.0
+#: Rows that trees are grown on, folds, seed.
+_MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
+#: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
+_LINE, _NEIGHBOURS = 40.0, 41
+#: Highest peaks that are compared with what lies below them.
+_PEAKS = 20
+#: Test error over training error from which the model does not carry over to other motions, and the level at
+#: which it must lie outside what errors of the training runs differ by.
+_WORSE, _LEVEL = 1.5, 0.01
+
+
+@dataclass(frozen=True)
+class JointState:
+    """What is left at a joint.
+
+    Attributes
+    ----------
+    joint : int
+    state : str
+    unexplained_rms : float or None
+        RMS of the structure [torque unit of the joint].
+    depends_on : list of str
+        Signals that it depends on, as far as that is known.
+    reason : str
+        How it was seen.
+    """
+
+    joint: int
+    state: State
+    unexplained_rms: float | None = None
+    depends_on: list[str] = field(default_factory=list)
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class _Seen:
+    share: float
+    depends_on: list[str]
+    reason: str
+
+
+def judge_joints(
+    prepared: Prepared,
+    after: Regression,
+    named: "Sequence[Attribution]",
+    left: "Mapping[int, Evidence]",
+) -> list[JointState]:
+    """State of every joint, from what the corrected model leaves of the training runs.
+
+    Autocorrelated noise is noise; what repeats with the motion, depends on a signal or on time, or makes the
+    test runs' error larger than the training runs', is not.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    after : Regression
+        The corrected model.
+    named : sequence of Attribution
+    left : mapping of int to Evidence
+        Generic structure by joint that could not be added.
+    """
+    theta = after.solve()
+    train = prepared.runs_for("train")
+    full = [run.tau - predict_full(after, theta, run) for run in train]
+    residuals = [run.measured - run.reduce(run.tau - x) for run, x in zip(train, full, strict=True)]
+    tested = [
+        (run.measured - run.reduce(predict_full(after, theta, run)), run.keep)
+        for run in prepared.runs_for("test")
+    ]
+    features = [_features(run) for run in train]
+    states = []
+    for j in range(prepared.n):
+        corrected = any(a.term.joint == j for a in named)
+        if not prepared.moving[j]:
+            states.append(JointState(j, "explained"))
+            continue
+        own = [r[:, j] for r in residuals]
+        keep = [run.keep[:, j] for run in train]
+        rms = _rms(own, keep)
+        seen = [
+            *_from_generic(prepared, left, j),
+            *_from_trees(features, own, keep, prepared, j),
+            *_from_repeats(prepared, own, keep),
+            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms),
+            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
+        ]
+        if not seen or not rms > 0.0:
+            states.append(JointState(j, "corrected" if corrected else "explained"))
+            continue
+        most = max(seen, key=lambda s: s.share)
+        known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
+        states.append(
+            JointState(j, "unexplained", float(np.sqrt(min(most.share, 1.0)) * rms), known, most.reason)
+        )
+    return states
+
+
+def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
+    square = sum(float((x[k] ** 2).sum()) for x, k in zip(parts, keep, strict=True))
+    return float(np.sqrt(square / max(sum(int(k.sum()) for k in keep), 1)))
+
+
+def _features(run: PreparedRun) -> np.ndarray:
+    thin = thin_signals(run)
+    return np.concatenate([x for x in thin.values()], axis=1)
+
+
+def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[_Seen]:
+    if joint not in left:
+        return []
+    e = left[joint]
+    depends = name_signals(e.term.shape, prepared.dataset.joints, joint)
+    return [_Seen(e.share, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+
+
+def _from_trees(
+    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared, joint: int
+) -> list[_Seen]:
+    """Boosted trees on all signals that predict rows that they were not grown on."""
+    x = np.concatenate([f[k] for f, k in zip(features, keep, strict=True)])
+    y = np.concatenate([r[k] for r, k in zip(own, keep, strict=True)])
+    if len(y) < 200:
+        return []
+    run = np.concatenate([np.full(int(k.sum()), i) for i, k in enumerate(keep)])
+    useful = np.isfinite(x).all(axis=0) & (np.ptp(x, axis=0) > 0.0)
+    several = len(own) > 1
+    if not several:
+        useful[-1] = False
+    fold = run * _FOLDS // (run.max() + 1) if several else np.arange(len(y)) * 2 * _FOLDS // len(y) % _FOLDS
+    gain = np.zeros(len(y))
+    for k in np.unique(fold):
+        test = np.flatnonzero(fold == k)
+        train = np.flatnonzero(fold != k)
+        train = train[:: max(1, len(train) // _MOST_ROWS)]
+        if len(train) < 100:
+            return []
+        trees = HistGradientBoostingRegressor(
+            max_iter=40, learning_rate=0.1, max_leaf_nodes=15, min_samples_leaf=30, l2_regularization=1.0,
+            early_stopping=False, random_state=_SEED,
+        ).fit(x[train][:, useful], y[train])  # fmt: skip
+        gain[test] = y[test] ** 2 - (y[test] - trees.predict(x[test][:, useful])) ** 2
+    sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
+    error = np.sqrt(len(sums) * sums.var(ddof=1))
+    share = float(sums.sum() / max((y**2).sum(), 1e-300))
+    if share < _SHARE or sums.sum() < _ERRORS * error:
+        return []
+    return [_Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
+
+
+def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: int) -> np.ndarray:
+    """Sums of a gain over groups of rows beyond which a residual is not autocorrelated, two at least.
+
+    Parameters
+    ----------
+    gain, y : ndarray (M,)
+    run : ndarray (M,)
+        Run of each row, in order.
+    length : int
+        Rows of the shortest group.
+    """
+    block = np.concatenate([np.arange(size) // length for size in np.bincount(run)])
+    first = np.concatenate([[True], (np.diff(block) != 0) | (np.diff(run) != 0)])
+    number = np.cumsum(first) - 1
+    own = run[first]
+    group = join_blocks(own, find_memory(np.bincount(number, y), own))
+    sums = np.bincount(np.unique(group, return_inverse=True)[1][number], gain)
+    return sums if len(sums) > 1 else np.array([part.sum() for part in np.array_split(gain, 2)])
+
+
+def _from_repeats(prepared: Prepared, own: list[np.ndarray], keep: list[np.ndarray]) -> list[_Seen]:
+    """What repeats when the motion does."""
+    train = [i for i, run in enumerate(prepared.runs) if run.use == "train"]
+    place = {i: k for k, i in enumerate(train)}
+    seen = []
+    for a, b in find_repeats(prepared):
+        if a not in place or b not in place:
+            continue
+        x, y = own[place[a]], own[place[b]]
+        short = min(len(x), len(y))
+        both = keep[place[a]][:short] & keep[place[b]][:short]
+        if both.sum() < 100:
+            continue
+        x, y = x[:short][both], y[:short][both]
+        size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
+        share = float(np.mean(x * y)) / size
+        # What autocorrelated noise gives by chance: the same runs, shifted against each other.
+        shifts = np.linspace(0.2, 0.8, 60) * len(x)
+        chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
+        highest = max((_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max()))
+        if share > max(_SHARE, highest):
+            seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
+    return seen
+
+
+def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
+    """A spectral line: a torque that is periodic in time.
+
+    Parameters
+    ----------
+    full : list of ndarray (N,)
+        Residual of each run before the common filter.
+    rate : float
+    rms : float
+        Of the residual after it, whose share is told.
+    """
+    shares, frequencies, sizes = [], [], []
+    for x in full:
+        if len(x) < 512:
+            continue
+        window = signal.windows.hann(len(x))
+        power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
+        around = ndimage.median_filter(power, _NEIGHBOURS, mode="nearest")
+        first = max(3, int(0.3 * len(x) / rate))
+        ratio = power[first:] / np.maximum(around[first:], 1e-300)
+        for k in first + np.argsort(-ratio)[:_PEAKS]:
+            # Noise with a memory has more power below than the median of both sides says.
+            below = float(np.median(power[k // 2 : k - 2])) if k > 4 else float(power[1])
+            ratio[k - first] = power[k] / max(around[k], below, 1e-300)
+        k = first + int(np.argmax(ratio))
+        near = slice(max(k - 2, 0), k + 3)
+        share = float((power[near] - around[near]).clip(0.0).sum() / max(power[1:].sum(), 1e-300))
+        shares.append(share if ratio.max() > _LINE else 0.0)
+        frequencies.append(k * rate / len(x))
+        sizes.append(share * float(np.var(x)) / max(rms**2, 1e-300))
+    if not shares or np.median(shares) < _SHARE:
+        return []
+    middle = float(np.median(frequencies))
+    return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]
+
+
+def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float) -> list[_Seen]:
+    """A test error beyond the training runs' own, and beyond what those differ by (a drift's do)."""
+    train = _rms(own, keep)
+    if not np.isfinite(test) or not train > 0.0 or test < _WORSE * train:
+        return []
+    sizes = [_rms([x], [k]) for x, k in zip(own, keep, strict=True) if k.any()]
+    logs = np.log(np.maximum(sizes, 1e-300))
+    if len(logs) > 1:
+        width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
+        if np.log(test) < logs.mean() + stats.t.isf(_LEVEL, len(logs) - 1) * width:
+            return []
+    # The test error's excess, in units of the training error, as the other shares are.
+    share = (test / train) ** 2 - 1.0
+    return [
+        _Seen(min(share, 1.0), [], f"the test runs' error is {test / train:.1f} times the training runs'")
+    ]

@@ -1,0 +1,149 @@
+"""The clock of a recording: its rate, lost samples, gaps that split it, and a uniform grid."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
+from wearscope.errors import InputError
+
+#: The mean or the median step may differ from the stated one by this share.
+_OFF = 0.02
+#: A step is a loss of samples from this multiple of the longer of median and stated step, and a gap that
+#: splits the run where more samples than this are lost.
+_LOSS, _MOST_LOST = 1.6, 5
+#: Units of time that recorders write, over a second.
+_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+
+
+def check_clock(where: str, t: np.ndarray, rate: float) -> None:
+    """Refuse a clock that is none, or another one than `sample_rate` says.
+
+    Parameters
+    ----------
+    where : str
+        File.
+    t : ndarray (N,)
+        Time as recorded, from any origin.
+    rate : float
+        Stated rate [Hz].
+
+    Raises
+    ------
+    InputError
+        Where there are too few rows, time does not increase, or neither the mean nor the median of the steps
+        that lose no sample is the stated one.
+    """
+    if len(t) < LEAST_ROWS:
+        raise InputError(
+            f"{where}: holds {len(t)} rows; a run needs at least {LEAST_ROWS} rows and one second."
+        )
+    steps = np.diff(t)
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        raise InputError(
+            f"{where}: column 't' does not increase at row {back[0] + 1} "
+            f"({t[back[0]]:.10g} s, then {t[back[0] + 1]:.10g} s); sort the rows and drop repeated ones."
+        )
+    median = float(np.median(steps))
+    mean = float(np.mean(steps[steps < _LOSS * median]))
+    if min(abs(median * rate - 1.0), abs(mean * rate - 1.0)) > _OFF:
+        for unit, factor in _UNITS.items():
+            if abs(median * rate / factor - 1.0) < _OFF:
+                raise InputError(
+                    f"{where}: column 't' steps by {median:.6g}, as in {unit}; divide it by {factor:.0f} to "
+                    "have seconds."
+                )
+        other = "" if abs(mean / median - 1.0) < 1e-3 else f" ({1 / mean:.6g} Hz on average)"
+        raise InputError(
+            f"{where}: column 't' steps by {median:.6g} s, which is {1 / median:.6g} Hz{other}, "
+            f"where sample_rate says {rate:g} Hz; correct one of them."
+        )
+    if t[-1] - t[0] < LEAST_TIME:
+        raise InputError(f"{where}: lasts {t[-1] - t[0]:.3g} s; a run needs at least one second.")
+
+
+def _find_losses(t: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows before which samples are lost, and how many (float)."""
+    steps = np.diff(t)
+    usual = max(float(np.median(steps)), 1.0 / rate)
+    before = np.flatnonzero(steps > _LOSS * usual)
+    return before, steps[before] / usual - 1.0
+
+
+def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[str]]:
+    """Pieces of a run between its gaps, with notes.
+
+    A few lost samples are left to interpolation and kept in `Run.losses`; what is too short between two gaps
+    is dropped.
+
+    Raises
+    ------
+    InputError
+        Where nothing long enough is left.
+    """
+    before, lost = _find_losses(run.t, rate)
+    few = before[lost <= _MOST_LOST + 0.5]
+    notes = []
+    losses = np.column_stack([run.t[few], run.t[few + 1]])
+    if len(few):
+        notes.append(
+            f"{run.file}: {int(np.round(lost[lost <= _MOST_LOST + 0.5]).sum())} samples lost at {len(few)} "
+            "places are interpolated and do not count."
+        )
+    gaps = before[lost > _MOST_LOST + 0.5]
+    if not len(gaps):
+        return [replace(run, losses=losses)], notes
+    edges = [0, *(gaps + 1).tolist(), len(run.t)]
+    pieces = []
+    for start, stop in pairwise(edges):
+        t = run.t[start:stop]
+        if len(t) < LEAST_ROWS or t[-1] - t[0] < LEAST_TIME:
+            notes.append(
+                f"{run.file}: {len(t)} rows from t = {t[0] + run.start:.10g} s on, between two gaps, are too "
+                "short to use and are left out."
+            )
+            continue
+        inside = losses[(losses[:, 0] >= t[0]) & (losses[:, 1] <= t[-1])]
+        pieces.append(replace(run.cut(start, stop), losses=inside))
+    if not pieces:
+        raise InputError(
+            f"{where}: column 't' jumps so often that no second of it is whole; record the run again."
+        )
+    first = int(gaps[0])
+    jump = run.t[first + 1] - run.t[first]
+    notes.append(
+        f"{run.file}: column 't' jumps at {len(gaps)} place(s), first by {jump:.6g} s "
+        f"at row {first + 1}; the run is used in {len(pieces)} piece(s)."
+    )
+    if len(pieces) > 1:
+        pieces = [replace(piece, piece=k + 1) for k, piece in enumerate(pieces)]
+    return pieces, notes
+
+
+def resample(run: Run, rate: float) -> Run:
+    """Run on a uniform time grid; runs that already are uniform come back as they are."""
+    uniform = run.t[0] + np.arange(round((run.t[-1] - run.t[0]) * rate) + 1) / rate
+    uniform = uniform[uniform <= run.t[-1] + 1e-3 / rate]
+    if len(uniform) == len(run.t) and np.abs(uniform - run.t).max() < 1e-3 / rate:
+        return run
+
+    def take(x: np.ndarray | None) -> np.ndarray | None:
+        return None if x is None else np.column_stack([np.interp(uniform, run.t, c) for c in x.T])
+
+    q, tau = take(run.q), take(run.tau)
+    assert q is not None and tau is not None
+    channels = {name: np.interp(uniform, run.t, x) for name, x in run.channels.items()}
+    return replace(
+        run, t=uniform, q=q, tau=tau, qd=take(run.qd), temperature=take(run.temperature), channels=channels
+    )
+
+
+def mark_losses(run: Run) -> np.ndarray:
+    """Samples (N,) of a uniform run that lie within a loss."""
+    marked = np.zeros(len(run.t), dtype=bool)
+    for start, stop in run.losses:
+        marked |= (run.t > start + 1e-9) & (run.t < stop - 1e-9)
+    return marked

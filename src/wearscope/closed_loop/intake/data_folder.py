@@ -1,0 +1,81 @@
+"""Paths of a data set: inside its folder, and ordinary files only."""
+
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from wearscope.errors import InputError
+
+#: Largest dataset.yaml that is read [bytes].
+_LARGEST_TEXT = 10_000_000
+
+
+def find_inside(folder: Path, name: str, where: str) -> Path:
+    """Path of a file that a data set names.
+
+    Parameters
+    ----------
+    folder : Path
+        The data set's folder.
+    name : str
+        As `dataset.yaml` has it.
+    where : str
+        File and field, for the sentence.
+
+    Raises
+    ------
+    InputError
+        Where the path is absolute, leads out of the folder (also by a link), or is empty.
+    """
+    plain = PurePosixPath(name)
+    parts = [*plain.parts, *PureWindowsPath(name).parts]
+    odd = not name.strip() or "\0" in name or not name.isprintable() or len(name) > 1000
+    if odd or plain.is_absolute() or PureWindowsPath(name).anchor or ".." in parts:
+        raise InputError(
+            f"{where}: '{name[:100] if name.isprintable() else ascii(name[:100])}' does not lie in the data "
+            "set's folder; put the file there and give its path from there."
+        )
+    path = folder / name
+    try:
+        leaves = not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{where}: '{name[:100]}' cannot be followed ({type(error).__name__}).") from error
+    if leaves:
+        raise InputError(
+            f"{where}: '{name}' is a link that leads out of the data set's folder; put the file itself there."
+        )
+    return path
+
+
+def check_file(path: Path, remedy: str) -> None:
+    """Refuse what is no ordinary file: a pipe or a device would hang or never end.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        there, ordinary = path.exists(), path.is_file()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be looked at ({type(error).__name__}); {remedy}.") from error
+    if not there:
+        raise InputError(f"{path}: no such file, or not readable; {remedy}.")
+    if not ordinary:
+        raise InputError(f"{path}: is no ordinary file; {remedy}.")
+
+
+def read_text(path: Path, remedy: str) -> str:
+    """Text of a file.
+
+    Raises
+    ------
+    InputError
+        Where it is missing, no ordinary file, too large, or not UTF-8.
+    """
+    check_file(path, remedy)
+    try:
+        if path.stat().st_size > _LARGEST_TEXT:
+            raise InputError(f"{path}: holds more than {_LARGEST_TEXT} bytes; {remedy}.")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: no such file, or not readable; {remedy}.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not readable as YAML (it is not UTF-8 text); save it as UTF-8.") from error

@@ -1,0 +1,185 @@
+"""Over which speed a joint's friction changes its sign.
+
+A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
+friction at low speed. The width is sought on the training runs with the rough model, friction under load and
+drag of second order beside it; friction that grows towards rest, or lags the reversal by a distance, only
+where the torque clearly asks for it. The narrowest width that does as well as the best within the noise is
+taken.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.filtering import Band, low_pass, rows
+from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded
+from wearscope.closed_loop.intake.saturation import spread_out
+
+#: Widths that are tried, over the joint's largest speed in the training runs.
+WIDTHS = (0.0, *np.geomspace(5e-4, 0.06, 15).tolist())
+#: Speeds over which friction that grows towards rest falls off, over the largest one.
+_STRIBECK = (0.02, 0.1)
+#: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
+#: travels at its largest speed in a second.
+_PRESLIDING = (0.002, 0.01, 0.05)
+#: Length of a block of residuals in periods of the common filter; most samples that are looked at.
+_BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
+#: Share of what is left by which friction towards rest must lower the loss to be fitted beside the width.
+_CLEAR = 0.1
+
+
+def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
+    return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
+
+
+def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """`soften_direction` (N,) averaged over each sample's interval, with the speed linear between samples.
+
+    For speeds that were thinned from a higher rate: the reversal stays where it is between samples.
+    """
+    middle = 0.5 * (v[1:] + v[:-1])
+    low, high = np.append(v[:1], middle), np.append(middle, v[-1:])
+    change = high - low
+    flat = np.abs(change) < 1e-9 * max(float(np.abs(v).max()), 1e-300)
+    if width > 0:
+        # ln cosh without overflow; a constant cancels.
+        risen = width * (np.logaddexp(high / width, -high / width) - np.logaddexp(low / width, -low / width))
+    else:
+        risen = np.abs(high) - np.abs(low)
+    average = risen / np.where(flat, 1.0, change)
+    return np.where(sign == 0.0, 0.0, np.where(flat, soften_direction(v, width, sign), average))
+
+
+def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:
+    """Direction (N,) that follows a reversal over a distance: dz = (sign - z) d(travelled) / distance."""
+    lagged, state = np.empty(len(sign)), 0.0
+    edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), len(sign)]
+    for start, stop in pairwise(edges):
+        since = travelled[start:stop] - travelled[max(start - 1, 0)]
+        lagged[start:stop] = sign[start] + (state - sign[start]) * np.exp(-since / distance)
+        state = lagged[stop - 1]
+    return lagged
+
+
+@dataclass(frozen=True)
+class _JointRows:
+    """One joint of one run: what does not depend on the width, reduced, and what does, at the full rate."""
+
+    tau: np.ndarray
+    fixed: np.ndarray
+    v: np.ndarray
+    load: np.ndarray
+    sign: np.ndarray
+    keep: np.ndarray
+    top: float
+    band: Band
+    averaged: bool
+
+    def design(self, width: float, beside: bool) -> np.ndarray:
+        """Regressors (M, P): direction; friction towards rest and what lags, where asked for; the rest."""
+        take = average_direction if self.averaged else soften_direction
+        sign = take(self.v, width, self.sign)
+        rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK] if beside else []
+        moving = np.column_stack([sign, *rest, sign * np.abs(self.load)])
+        reduced = low_pass(moving, self.band.torque, self.band.rate)
+        fixed = self.fixed if beside else self.fixed[:, len(_PRESLIDING) :]
+        return np.hstack([reduced[rows(self.band, len(sign))], fixed])[self.keep]
+
+
+def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -> _JointRows:
+    v, sign = run.v[:, j], run.sign[:, j]
+    travelled = np.cumsum(np.abs(v)) / band.rate
+    lagging = [_lag_direction(np.sign(v), travelled, share * top) - np.sign(v) for share in _PRESLIDING]
+    columns = np.column_stack(
+        [run.tau[:, j], *lagging, run.known[:, j], run.a[:, j], v, np.abs(v) * v, np.ones(len(v))]
+    )
+    at = rows(band, len(v))
+    reduced = low_pass(columns, band.torque, band.rate)[at]
+    bad = spread_out(run.faulty[:, [j]], int(band.rate / band.torque))[at, 0]
+    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, run.known[:, j], sign, ~bad, top, band, averaged)
+
+
+def _losses(parts: list[_JointRows], width: float, length: int, beside: bool) -> np.ndarray:
+    """Squared residual of each block (B,) where the direction changes over `width`."""
+    x = np.vstack([part.design(width, beside) for part in parts])
+    y = np.concatenate([part.tau for part in parts])
+    lower = np.full(x.shape[1], -np.inf)
+    # Friction takes power, what is added towards rest does too, and what lags comes late.
+    lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if beside else 0)] = 0.0
+    theta = fit_bounded(x, y, lower, np.full(x.shape[1], np.inf))[1]
+    left = (y - x @ theta) ** 2
+    edges = np.cumsum([0, *(len(part.tau) for part in parts)])
+    blocks = [
+        left[start:stop][k : k + length].sum()
+        for start, stop in pairwise(edges.tolist())
+        for k in range(0, stop - start, length)
+    ]
+    return np.array(blocks)
+
+
+def _choose_width(parts: list[_JointRows], length: int) -> float:
+    """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or beside that.
+
+    A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
+    torque clearly asks for such friction is it fitted beside.
+    """
+    width, plain = _choose_width_beside(parts, length, False)
+    other, rich = _choose_width_beside(parts, length, True)
+    gain = plain - rich
+    clear = gain.sum() > max(2.0 * np.sqrt(len(gain)) * gain.std(), _CLEAR * rich.sum())
+    return other if clear else width
+
+
+def _choose_width_beside(parts: list[_JointRows], length: int, beside: bool) -> tuple[float, np.ndarray]:
+    """Narrowest width that does as well as the best within a standard error, and its losses by block."""
+    top = parts[0].top
+    losses = {width: _losses(parts, width * top, length, beside) for width in WIDTHS}
+    best = min(losses, key=lambda width: losses[width].sum())
+    k = WIDTHS.index(best)
+    if k > 0:
+        low, high = WIDTHS[k - 1] or 0.3 * WIDTHS[1], WIDTHS[min(k + 1, len(WIDTHS) - 1)]
+        found = optimize.minimize_scalar(
+            lambda log: float(_losses(parts, np.exp(log) * top, length, beside).sum()),
+            bounds=(np.log(low), np.log(high)),
+            method="bounded",
+            options={"xatol": 0.02, "maxiter": 12},
+        )
+        refined = float(np.exp(found.x))
+        losses[refined] = _losses(parts, refined * top, length, beside)
+        best = min(losses, key=lambda width: losses[width].sum())
+    for width in sorted(losses):
+        worse = losses[width] - losses[best]
+        if worse.sum() <= np.sqrt(len(worse)) * worse.std():
+            return width, losses[width]
+    return best, losses[best]
+
+
+def choose_reversal_widths(
+    runs: list[RoughRun], moving: np.ndarray, band: Band, averaged: bool = False
+) -> np.ndarray:
+    """Speed (n,) over which each joint's friction changes its sign; 0 is at once.
+
+    Parameters
+    ----------
+    runs : list of RoughRun
+        Training runs, at `band.rate`.
+    moving : ndarray (n,) of bool
+        Joints that move in them; the others get 0.
+    band : Band
+    averaged : bool
+        The runs are thinned from a higher rate, at which the direction will be taken.
+    """
+    every = max(1, -(-sum(len(run.t) for run in runs) // _MOST_SAMPLES))
+    runs = runs[::every]
+    length = max(2, int(_BLOCK_PERIODS * band.rate / band.torque / band.stride))
+    widths = np.zeros(len(moving))
+    for j in np.flatnonzero(moving):
+        top = max(float(np.abs(run.v[:, j]).max()) for run in runs)
+        parts = [_take_joint(run, int(j), band, top, averaged) for run in runs]
+        parts = [part for part in parts if len(part.tau) > length]
+        if parts and top > 0.0:
+            widths[j] = _choose_width(parts, length) * top
+    return widths

@@ -1,0 +1,112 @@
+"""The rough joint model: what one joint's torque would be, from the rigid body and the plainest of drives.
+
+One least-squares fit a joint of [rigid body, a, sign, v, 1]. It names nothing; it serves to find what a
+torque must have been (clipping, gaps), up to which frequency the torque follows the motion, how wide the
+friction's reversal is, and whether the columns can be what they are said to be.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+#: What the coefficients stand for.
+ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
+
+
+def rough_columns(known: np.ndarray, a: np.ndarray, sign: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Regressors (N, 5) of one joint from its rigid-body torque, acceleration, direction and speed (N,)."""
+    return np.column_stack([known, a, sign, v, np.ones(len(known))])
+
+
+def fit_rough(columns: list[np.ndarray], torques: list[np.ndarray]) -> np.ndarray:
+    """Coefficients (P,) by least squares over runs of columns (N, P) and torques (N,)."""
+    return np.linalg.lstsq(np.vstack(columns), np.concatenate(torques), rcond=None)[0]
+
+
+def fit_bounded(
+    x: np.ndarray, y: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Least squares within bounds.
+
+    Parameters
+    ----------
+    x : ndarray (N, P)
+    y : ndarray (N,)
+    lower, upper : ndarray (P,)
+
+    Returns
+    -------
+    float
+        Sum of the squares that are left.
+    ndarray (P,)
+        Coefficients.
+    """
+    scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
+    r = np.linalg.qr(np.column_stack([x / scale, y]))[1]
+    # The interior-reflective method may never end where the torque is far smaller than the columns.
+    with np.errstate(invalid="ignore"):
+        found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower * scale, upper * scale), method="bvls").x
+    left = float(np.sum((r[:-1, :-1] @ found - r[:-1, -1]) ** 2) + r[-1, -1] ** 2)
+    return left, found / scale
+
+
+@dataclass(frozen=True)
+class RoughRun:
+    """One run as the rough model sees it; arrays are (N, n).
+
+    Attributes
+    ----------
+    use : str
+    t : ndarray (N,)
+    known, a, sign, v, tau : ndarray
+    faulty : ndarray of bool
+        Samples that are no measurements.
+    slow : ndarray of bool
+        Samples at which the direction of motion is not known.
+    """
+
+    use: str
+    t: np.ndarray
+    known: np.ndarray
+    a: np.ndarray
+    sign: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+    faulty: np.ndarray
+    slow: np.ndarray
+
+    def columns(self, j: int) -> np.ndarray:
+        """Regressors (N, 5) of joint j."""
+        return rough_columns(self.known[:, j], self.a[:, j], self.sign[:, j], self.v[:, j])
+
+
+def _is_inner(tau: np.ndarray) -> np.ndarray:
+    """Samples (N,) in the middle 80 % of a torque's range, where it cannot be clipped."""
+    low, high = tau.min(), tau.max()
+    return (tau > low + 0.1 * (high - low)) & (tau < high - 0.1 * (high - low))
+
+
+def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
+    """Torque (N, n) of every run by the rough model of each joint, fitted on the train runs.
+
+    Parameters
+    ----------
+    runs : list of RoughRun
+    inner : bool
+        Fit on the middle 80 % of each torque's range only, and leave out what is faulty.
+    """
+    predicted = [np.zeros_like(run.tau) for run in runs]
+    for j in range(runs[0].tau.shape[1]):
+        x, y = [], []
+        for run in runs:
+            if run.use == "train":
+                at = (
+                    _is_inner(run.tau[:, j]) & ~run.faulty[:, j] if inner else np.ones(len(run.t), dtype=bool)
+                )
+                x.append(run.columns(j)[at])
+                y.append(run.tau[at, j])
+        theta = fit_rough(x, y)
+        for out, run in zip(predicted, runs, strict=True):
+            out[:, j] = run.columns(j) @ theta
+    return predicted

@@ -1,0 +1,127 @@
+"""Cleaned recordings, and which joints and runs of them move."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope.closed_loop.intake.cleaning import clean_run
+from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
+from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.recording import Run
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import Payload, RigidBody
+
+#: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
+_MOVES, _RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
+
+
+@dataclass(frozen=True)
+class Source:
+    """A cleaned recording, or piece of one, at the recording's rate.
+
+    Attributes
+    ----------
+    run : Run
+    faulty : ndarray (N, n) of bool
+        Torques that are no measurements.
+    lost : ndarray (N,) of bool
+        Samples that were interpolated where the recorder lost some.
+    body : RigidBody
+    """
+
+    run: Run
+    faulty: np.ndarray
+    lost: np.ndarray
+    body: RigidBody
+
+
+@dataclass(frozen=True)
+class MovingJoints:
+    """Which joints move in the training runs, and how fast.
+
+    Attributes
+    ----------
+    moving : ndarray (n,) of bool
+    top_speed : ndarray (n,)
+    """
+
+    moving: np.ndarray
+    top_speed: np.ndarray
+
+
+def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
+    """Rigid body with the payload that a run declares."""
+    payload = None
+    if run.payload is not None:
+        x, y, z = run.payload.com
+        payload = Payload(run.payload.mass, (x, y, z))
+    return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
+
+
+def clean_runs(dataset: Dataset, urdf: str, notes: list[str]) -> list[Source]:
+    """Read every recording, split it at its gaps, bring it to a uniform grid and clean it."""
+    slides = [unit == "m" for unit in dataset.position_unit]
+    rate = dataset.fields.sample_rate
+    reach = np.max([record.reach for record in dataset.runs], axis=0)
+    sources = []
+    for record in dataset.runs:
+        where = str(dataset.folder / record.file)
+        pieces, told = split_at_gaps(record.load(), rate, where)
+        notes += told
+        for piece in pieces:
+            uniform = resample(piece, rate)
+            cleaned = clean_run(uniform, dataset.joints, slides, where, reach, dataset.accepted)
+            notes += cleaned.notes
+            lost = mark_losses(cleaned.run)
+            body = rigid_body_of(urdf, dataset, cleaned.run)
+            sources.append(Source(cleaned.run, cleaned.faulty, lost, body))
+    return sources
+
+
+def leave_out_rest(
+    dataset: Dataset, sources: list[Source], notes: list[str]
+) -> tuple[list[Source], MovingJoints]:
+    """Sources in which the robot moves, and the joints that move in the training runs.
+
+    Raises
+    ------
+    InputError
+        Where nothing moves in any run of one use.
+    """
+    reach = [np.ptp(s.run.q, axis=0) for s in sources]
+    largest = np.max([r for r, s in zip(reach, sources, strict=True) if s.run.use == "train"], axis=0)
+    if largest.max() < _LEAST_MOTION:
+        raise InputError(
+            f"{dataset.folder}: no joint moves in any train run; give at least one train run with motion."
+        )
+    furthest = np.array([r.max() for r in reach])
+    usual = float(np.quantile(furthest[furthest >= _LEAST_MOTION], 0.75))
+    kept = []
+    for source, far in zip(sources, furthest, strict=True):
+        if far < _RESTS * usual:
+            notes.append(f"{source.run.label}: the robot stands still; the run is left out.")
+        else:
+            kept.append(source)
+    for use in ("train", "test"):
+        if not any(source.run.use == use for source in kept):
+            raise InputError(
+                f"{dataset.folder}: the robot stands still in every {use} run; give a {use} run with motion."
+            )
+    moving = largest > max(_LEAST_MOTION, _MOVES * largest.max())
+    for joint, moves in zip(dataset.joints, moving, strict=True):
+        if not moves:
+            notes.append(f"joint {joint} does not move in the train runs; its friction stays undetermined.")
+    return kept, MovingJoints(moving, _find_top_speeds(kept, dataset.fields.sample_rate))
+
+
+def _find_top_speeds(sources: list[Source], rate: float) -> np.ndarray:
+    """Largest speed (n,) of each joint in the training runs, from positions a tenth of a second apart."""
+    step = max(1, int(0.1 * rate))
+    return np.max(
+        [
+            np.abs(s.run.q[step:] - s.run.q[:-step]).max(axis=0) * rate / step
+            for s in sources
+            if s.run.use == "train"
+        ],
+        axis=0,
+    )

@@ -1,0 +1,139 @@
+"""Columns of a recording, from Parquet or CSV, as finite numbers."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from wearscope.closed_loop.intake.data_folder import check_file
+from wearscope.errors import InputError
+
+#: Fewest rows, and shortest time [s], of a run.
+LEAST_ROWS, LEAST_TIME = 50, 1.0
+#: No signal of a machine, and no clock in nanoseconds, is as large as this; its square is still finite.
+_LARGEST = 1e30
+#: Separators of a CSV file that are tried where the header holds them.
+_SEPARATORS = (",", ";", "\t")
+
+
+def _read_csv(path: Path) -> pa.Table:
+    """CSV with commas, semicolons or tabs, as UTF-8 or Latin-1."""
+    with path.open("rb") as file:
+        header = file.readline(100_000)
+    separator = max(_SEPARATORS, key=lambda one: header.count(one.encode()))
+    point = "," if separator == ";" and _has_comma(path) else "."
+
+    def read(encoding: str) -> pa.Table:
+        return pyarrow.csv.read_csv(
+            path,
+            read_options=pyarrow.csv.ReadOptions(encoding=encoding),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
+            convert_options=pyarrow.csv.ConvertOptions(decimal_point=point),
+        )
+
+    try:
+        header.decode("utf-8")
+        table = read("utf8")
+        is_text = [pa.types.is_binary(column.type) for column in table.schema]
+    except UnicodeDecodeError:
+        return read("latin1")
+    return read("latin1") if any(is_text) else table
+
+
+def _has_comma(path: Path) -> bool:
+    """Whether the first rows of a file with semicolons write 1,5 for 1.5."""
+    with path.open("rb") as file:
+        lines = [file.readline(100_000) for _ in range(10)][1:]
+    return any(b"," in line for line in lines) and not any(b"." in line for line in lines)
+
+
+def read_columns(path: Path) -> pd.DataFrame:
+    """Table of a recording.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, no ordinary file, of another kind, damaged, or names a column twice.
+    """
+    check_file(path, "correct runs[].file in dataset.yaml or add the file")
+    kind = path.suffix.lower()
+    if kind not in (".csv", ".parquet"):
+        raise InputError(f"{path}: is neither .parquet nor .csv; convert it to one of them.")
+    try:
+        if kind == ".csv":
+            table = _read_csv(path)
+        else:
+            table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
+        names = table.column_names
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{path}: column '{name}' stands twice; keep one of them.")
+        return table.to_pandas(ignore_metadata=True)
+    except (pa.ArrowException, OSError, UnicodeError, ValueError, OverflowError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        told = " ".join(str(error).replace(str(path), "it").split())[:200].rstrip(".")
+        raise InputError(f"{path}: cannot be read whole ({told}); copy the file again.") from error
+
+
+def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
+    """One column (N,) as finite numbers.
+
+    Raises
+    ------
+    InputError
+        Where it is missing, holds text, or a value that is no finite number, with its row.
+    """
+    if name not in frame.columns:
+        near = [c for c in map(str, frame.columns) if c.strip().lower() == name.lower()]
+        hint = f"rename '{near[0]}'" if near else "add it, or correct robot.joints"
+        if not near and len(frame.columns) == 1 and path.suffix.lower() == ".csv":
+            hint = "the file has a single column, so separate its columns by ',', ';' or a tab"
+        raise InputError(f"{path}: column '{name}' is missing; {hint}.")
+    series = frame[name]
+    if not len(series):
+        raise InputError(f"{path}: holds 0 rows; a run needs at least {LEAST_ROWS} rows and one second.")
+    if not pd.api.types.is_numeric_dtype(series) or pd.api.types.is_bool_dtype(series):
+        row, shown = _first_text(series)
+        raise InputError(
+            f"{path}: column '{name}' holds text or dates, not numbers (row {row}: {shown}); convert it."
+        )
+    try:
+        values = np.array(series.to_numpy(dtype=float, na_value=np.nan))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: column '{name}' holds no plain numbers; convert it.") from error
+    bad = np.flatnonzero(~(np.abs(values) < _LARGEST))
+    if len(bad):
+        raise InputError(
+            f"{path}: column '{name}' is no finite number at row {bad[0]} "
+            f"({len(bad)} in all); cut or correct these rows."
+        )
+    return values
+
+
+def _first_text(series: pd.Series) -> tuple[int, str]:
+    """Row and content of the first value that is no number."""
+    try:
+        row = int(np.argmax(pd.to_numeric(series, errors="coerce").isna().to_numpy()))
+    except (TypeError, ValueError):
+        row = 0
+    return row, ascii(str(series.iloc[row])[:30])
+
+
+def take_joints(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray:
+    """Columns (N, n) of one kind, all of which must be there."""
+    return np.column_stack([take_column(path, frame, f"{kind}_{joint}") for joint in joints])
+
+
+def take_given(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray | None:
+    """Columns (N, n) of one kind, NaN for the joints that have none; None where no joint has."""
+    given = [joint for joint in joints if f"{kind}_{joint}" in frame.columns]
+    if not given:
+        return None
+    taken = np.full((len(frame), len(joints)), np.nan)
+    for joint in given:
+        taken[:, joints.index(joint)] = take_column(path, frame, f"{kind}_{joint}")
+    return taken

@@ -1,0 +1,232 @@
+"""The generic term, `unknown`: what no name explains, as a spline of one or two signals at a joint."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
+from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.effects.base import Signals
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
+from wearscope.effects.vocabulary import empirical_effect
+
+#: Most generic terms of a joint.
+_MOST = 2
+#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must
+#: gain so many times as much as the second.
+_DOUBTED, _CLEARLY = 0.7, 1.5
+#: Share of the gain asked for that signals at the rows alone, without the filter, must show.
+_ROUGHLY = 0.6
+
+
+def thin_signals(run: PreparedRun) -> Signals:
+    """Signals of a run at its rows, the direction of motion after the common filter."""
+    s = run.signals
+    at = rows(run.band, len(s.t))
+    return replace(
+        s,
+        t=s.t[at],
+        q=s.q[at],
+        v=s.v[at],
+        a=s.a[at],
+        sign=run.reduce(s.sign),
+        load=s.load[at],
+        temperature=s.temperature[at],
+        wear=s.wear[at],
+        transmitted=None,
+        torque=None,
+    )
+
+
+def join(parts: Iterable[Signals]) -> Signals:
+    """Signals end to end."""
+    every = list(parts)
+
+    def end_to_end(name: str) -> np.ndarray:
+        return np.concatenate([getattr(s, name) for s in every])
+
+    return replace(
+        every[0],
+        t=end_to_end("t"),
+        q=end_to_end("q"),
+        v=end_to_end("v"),
+        a=end_to_end("a"),
+        sign=end_to_end("sign"),
+        load=end_to_end("load"),
+        temperature=end_to_end("temperature"),
+        wear=end_to_end("wear"),
+    )
+
+
+class GenericTerms:
+    """Candidates of the generic term, made once a joint.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    joined : Signals
+        Of all training runs.
+    """
+
+    def __init__(self, prepared: Prepared, joined: Signals) -> None:
+        self.prepared, self.joined = prepared, joined
+        self.effect = empirical_effect()
+        self.runs = prepared.runs_for("train")
+        # The generic term has no memory, so that all runs can be one.
+        self.thinned = join(thin_signals(run) for run in self.runs)
+        self._rough: dict[int, list[Candidate]] = {}
+        self._exact: dict[Candidate, Candidate] = {}
+
+    def roughly(self, joint: int) -> list[Candidate]:
+        """Candidates at a joint, from the signals at the rows: every signal and product, at every level."""
+        if joint not in self._rough:
+            self._rough[joint] = list(self._make(joint))
+        return self._rough[joint]
+
+    def exactly(self, rough: Candidate) -> Candidate:
+        """The same from the full-rate signals, through the common filter."""
+        if rough not in self._exact:
+            shape = np.array(rough.shapes)
+            parts = [reduce_columns(self.effect, rough.joint, shape, run) for run in self.runs]
+            self._exact[rough] = self._wrap(rough.joint, shape[0], np.concatenate(parts)[:, : rough.count])
+        return self._exact[rough]
+
+    def _make(self, joint: int) -> Iterator[Candidate]:
+        for shape in self.effect.shapes(self.joined, joint):
+            knots = int(shape[-1])
+            x = self.effect.columns(self.thinned, joint, shape)[:, :knots]
+            for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
+                named = shape.copy()
+                named[-1] = level
+                yield self._wrap(joint, named, x if level == knots else x @ coarsen(knots, level))
+
+    def _wrap(self, joint: int, shape: np.ndarray, columns: np.ndarray) -> Candidate:
+        weight = float(np.mean((columns**2).sum(axis=0)))
+        penalty = weight * regularise(columns.shape[1])
+        return Candidate(self.effect, joint, (tuple(float(v) for v in shape),), (joint,), (columns,), penalty)
+
+
+def weigh_generic(
+    search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
+) -> list[Evidence]:
+    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
+
+    A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to
+    others. Those that remove too little even of the rows that they are fitted on are counted and not
+    weighed.
+    """
+    policy, by_run = search.policy, assembly.layout.folds.by_run
+    weighed: list[Evidence] = []
+    count = 0
+    for joint in joints:
+        sigma = assembly.sigma[joint]
+        least = policy.unknown_share * assembly.sample_losses[joint]
+        for rough in terms.roughly(joint):
+            count += 1
+            if not by_run and rough.count > COARSE:
+                continue
+            if _gain(assembly, _scale(rough, sigma)) < _ROUGHLY * least:
+                continue
+            candidate = _scale(terms.exactly(rough), sigma)
+            if _gain(assembly, candidate) >= least:
+                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
+    tried = max(1.0, count / max(len(weighed), 1))
+    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
+    wide = [(-np.inf, np.inf)] * LEVELS[-1]
+    return [
+        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
+        for e in weighed
+    ]
+
+
+def _scale(candidate: Candidate, sigma: float) -> Candidate:
+    """The candidate with its penalty in residual variances, as the rows are."""
+    assert candidate.penalty is not None
+    return replace(candidate, penalty=candidate.penalty / sigma**2)
+
+
+def _gain(assembly: Assembly, candidate: Candidate) -> float:
+    """Loss that it removes on the rows that it is fitted on."""
+    return float(assembly.add(assembly.sum_products(candidate)).gain[0])
+
+
+def choose_plainest(able: list[Evidence]) -> Evidence:
+    """The generic term that gains most, with as few hat functions as do as well."""
+    best = max(able, key=lambda e: e.gain)
+    like = [e for e in able if e.term.shape[:3] == best.term.shape[:3] and e.joint == best.joint]
+    return min((e for e in like if not rule.separates(best, e)), key=lambda e: len(e.beta))
+
+
+def explain_rest(
+    search: Search, terms: GenericTerms, found: list[Found]
+) -> tuple[list[Found], dict[int, Evidence]]:
+    """Add generic terms where no name explains what is left; drop names that they make superfluous.
+
+    Returns
+    -------
+    found : list of Found
+    left : dict of int to Evidence
+        By joint, the best generic structure that was found and could not be added.
+    """
+    found = doubt(search, terms, found)
+    joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
+    left: dict[int, Evidence] = {}
+    while joints:
+        search.sigma = search.scale(found)
+        assembly = search.assemble(found)
+        weighed = weigh_generic(search, terms, assembly, joints)
+        able = [e for e in weighed if e.refusal is Refusal.NONE and not search.drifts(assembly, e)]
+        taken = []
+        for joint in list(joints):
+            here = [e for e in able if e.joint == joint]
+            if here and sum(f.joint == joint and f.effect.empirical for f in found) < _MOST:
+                taken.append(choose_plainest(here))
+            else:
+                joints.remove(joint)
+                rest = [e for e in weighed if e.joint == joint and is_structure(search, e)]
+                if rest:
+                    left[joint] = max(rest, key=lambda e: e.gain)
+        search.record(weighed, taken)
+        for e in taken:
+            search.progress(
+                f"unknown structure at joint {e.joint}: {100 * e.share:.0f} % of its held-out loss"
+            )
+            found = [*found, Found(e.chosen, e)]
+        if taken:
+            new = {id(e.chosen) for e in taken}
+            found = search.drop_superfluous(found, {e.joint for e in taken}, new)
+    return found, left
+
+
+def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
+    """Replace names that leave much of their joint's loss where a generic term leaves clearly less."""
+    for f in list(found):
+        if f.effect.standard or f.evidence.share >= _DOUBTED:
+            continue
+        beside = search.assemble([k for k in found if k is not f])
+        able = [
+            e for e in weigh_generic(search, terms, beside, [f.evidence.joint]) if e.refusal is Refusal.NONE
+        ]
+        if not able:
+            continue
+        e = choose_plainest(able)
+        own = search.weigh_again(beside, f)
+        if e.gain > _CLEARLY * own.gain and rule.separates(e, own):
+            search.progress(f"{f.evidence.term.label} is replaced by unknown structure")
+            found = [Found(e.chosen, e) if k is f else k for k in found]
+    return found
+
+
+def is_structure(search: Search, e: Evidence) -> bool:
+    """Whether a generic term shows structure, though it cannot be added."""
+    return (
+        e.share >= search.policy.unknown_share
+        and e.p_value <= search.policy.unknown_level
+        and e.refusal is not Refusal.NONE
+    )

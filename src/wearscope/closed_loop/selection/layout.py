@@ -1,0 +1,62 @@
+"""Rows of all training runs arranged by block, so that every sum over a block is one product of arrays."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.blocks import Block, Folds, make_blocks, make_folds
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Blocks, folds and rows of the training runs.
+
+    Attributes
+    ----------
+    prepared : Prepared
+    blocks : list of Block
+    folds : Folds
+    """
+
+    prepared: Prepared
+    blocks: list[Block]
+    folds: Folds
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> "Layout":
+        """Layout of a prepared data set."""
+        blocks = make_blocks(prepared)
+        return cls(prepared, blocks, make_folds(blocks, [run.file for run in prepared.runs_for("train")]))
+
+    @cached_property
+    def index(self) -> np.ndarray:
+        """Row of each place (B, L); the number of rows, which holds zeros, where a block has fewer."""
+        lengths = [len(run.t) for run in self.prepared.runs_for("train")]
+        first = np.concatenate([[0], np.cumsum(lengths)])
+        longest = max(block.stop - block.start for block in self.blocks)
+        index = np.full((len(self.blocks), longest), int(first[-1]))
+        for b, block in enumerate(self.blocks):
+            index[b, : block.stop - block.start] = first[block.run] + np.arange(block.start, block.stop)
+        return index
+
+    @cached_property
+    def run_of(self) -> np.ndarray:
+        """Run of each block, (B,)."""
+        return np.array([block.run for block in self.blocks])
+
+    @cached_property
+    def keep(self) -> np.ndarray:
+        """Rows that count by joint, (M, n)."""
+        return np.concatenate([run.keep for run in self.prepared.runs_for("train")])
+
+    def pack(self, x: np.ndarray) -> np.ndarray:
+        """Rows (M, ...) as (B, L, ...), zero beyond a block's end."""
+        padded = np.concatenate([x, np.zeros((1, *x.shape[1:]))])
+        return padded[self.index]
+
+    def unpack(self, x: np.ndarray) -> list[np.ndarray]:
+        """Rows (M, ...) as one array a run."""
+        lengths = [len(run.t) for run in self.prepared.runs_for("train")]
+        return np.split(x, np.cumsum(lengths)[:-1])

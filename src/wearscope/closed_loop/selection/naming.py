@@ -1,0 +1,94 @@
+"""The set of names of a term: what held-out runs cannot tell apart from it, with a stated coverage."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from arch.bootstrap import MCS
+
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Found, Search
+
+#: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
+_DRAWS, _LENGTH, _MOST = 500, 2, 12
+#: Difference of losses, of the largest, below which two alternatives are the same.
+_SAME = 1e-9
+#: Share of the best alternative's gain below which one is not compared.
+_NEAR = 0.7
+#: What may stand beside a name although it may not give it.
+_OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
+
+
+def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Evidence]:
+    """Those terms that are in the model confidence set of their held-out losses by block.
+
+    Hansen, Lunde and Nason 2011, Econometrica 79(2), by `arch`'s stationary bootstrap.
+    """
+    if len(evidence) < 2:
+        return list(evidence)
+    losses = np.column_stack([e.change for e in evidence])
+    losses = losses[np.isfinite(losses).all(axis=1)]
+    # Alternatives that predict the same are one to the bootstrap, which divides by what differs.
+    scale = max(float(np.abs(losses).max()), 1e-300)
+    like = [
+        next(i for i in range(k + 1) if np.abs(losses[:, k] - losses[:, i]).max() <= _SAME * scale)
+        for k in range(len(evidence))
+    ]
+    apart = sorted(set(like))
+    inside = set(apart)
+    if len(apart) > 1:
+        test = MCS(
+            losses[:, apart], policy.set_level, reps=_DRAWS, block_size=_LENGTH, method="R",
+            bootstrap="stationary", seed=np.random.default_rng(policy.seed),
+        )  # fmt: skip
+        test.compute()
+        inside = {apart[k] for k in map(int, np.asarray(test.included))}
+    # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
+    best = max(evidence, key=lambda e: e.gain)
+    return [e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e)]
+
+
+def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:
+    """Give each term the simplest name of its set; return the other names beside it.
+
+    A standard term keeps its name: a plain joint is expected to have it.
+    """
+    equivalent: list[list[str]] = [[] for _ in found]
+    for i in range(len(found)):
+        f = found[i]
+        if f.effect.empirical:
+            continue
+        others = [k for k in found if k is not f]
+        beside = search.assemble(others)
+        joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
+        last = search.problem.prepared.n - 1
+        offered = [
+            c
+            for c in search.candidates(beside, others, sorted({*joints, last}))
+            if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
+        ]
+        weighed = sorted(search.weigh_all(beside, offered), key=lambda e: -e.gain)
+        own = search.refine(beside, search.weigh_again(beside, f))
+        best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
+        near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)][
+            :_MOST
+        ]
+        near = [search.refine(beside, e) for e in near]
+        inside = find_confidence_set([own, *near], search.policy)
+        able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
+        opposing = [e for e in able if search.opposes_gravity(e)]
+        name = rule.simplest(able, opposing) if able and not f.effect.standard else own
+        found = [Found(name.chosen, name) if k is f else k for k in found]
+        most = max((e.complexity for e in able), default=own.complexity)
+        if f.effect.standard:
+            most = own.complexity
+        named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
+        equivalent[i] = [x for x in named if x != name.term.effect.name]
+    return found, equivalent
+
+
+def _is_same(a: Evidence, b: Evidence) -> bool:
+    return (
+        a.term.effect is b.term.effect and a.term.joint == b.term.joint and a.chosen.subset == b.chosen.subset
+    )

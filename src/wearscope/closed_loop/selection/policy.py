@@ -1,0 +1,56 @@
+"""The numbers of the rule that accepts, ties and names: all of them, each with its unit and its reason.
+
+How much the board's figures change when each is halved and doubled stands in ``docs/closed-loop.md``.
+"""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Policy(BaseModel):
+    """Numbers of the rule; written to ``verdict.json`` with the version."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    family_level: float = Field(0.005, gt=0, lt=1)
+    """p-value of a term, over all candidates, shapes and joints tried beside the same model, by sign flips
+    of blocks, or by residual and regressors made white where the residual is autocorrelated beyond a block: a
+    machine whose search ends after ten terms then has a chance of 5 % at most of a false one, before held-out
+    runs are asked."""
+
+    material_share: float = Field(0.06, ge=0, lt=1)
+    """Least share of its joint's held-out loss (variance, current model) that a term must remove: less
+    changes the joint's RMS error by less than 3 %, which nobody would act on."""
+
+    material_torque: float = Field(0.002, ge=0, lt=1)
+    """Least RMS of a term's torque over that of the joint's torque: the accuracy of filters, derivatives and
+    of an encoder's clock lies below it."""
+
+    material_whole: float = Field(0.01, ge=0, lt=1)
+    """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
+    times its size, a further one is more often the first one's form, which no machine follows exactly."""
+
+    standard_share: float = Field(0.01, ge=0, lt=1)
+    """The same as `material_share` for rotor inertia, Coulomb, viscous and offset, which every joint may be
+    expected to have."""
+
+    agreeing: float = Field(0.8, ge=0, le=1)
+    """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
+    predicts better when they are held out: of up to four, all."""
+
+    set_level: float = Field(0.1, gt=0, lt=1)
+    """One minus the coverage of the set of names (model confidence set)."""
+
+    unknown_level: float = Field(0.001, gt=0, lt=1)
+    """As `family_level`, for the generic term, which can be anything."""
+
+    unknown_share: float = Field(0.1, ge=0, lt=1)
+    """As `material_share`, for the generic term."""
+
+    most_terms: int = Field(8, ge=1)
+    """Most named terms of a joint, standard ones not counted; reaching it is said in the verdict."""
+
+    flips: int = Field(999, ge=99)
+    """Random sign patterns; the least p-value is one over them."""
+
+    seed: int = Field(20260, ge=0)
+    """Of the sign patterns and of the bootstrap of the set of names."""

@@ -1,0 +1,216 @@
+"""What is asked of a prepared data set: the torque to explain, the declared terms, and all candidates."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy import fft, interpolate
+
+from wearscope.closed_loop.intake.filtering import low_pass
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.model.candidates import Candidate, join_signals, make_candidate
+from wearscope.closed_loop.model.declared import declared_terms
+from wearscope.closed_loop.model.inertials import inertial_penalty
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.layout import Layout
+from wearscope.effects.base import Effect, MeasurementEffect
+from wearscope.effects.vocabulary import candidate_effects, given_effects
+
+#: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
+#: are sought; passes of the solution for the gear's torque.
+_SWINGS, _PASSES = (4.0, 2.0, 1.3, 0.9), 4
+#: Delays about which others are sought, times the common cut-off.
+_LAGS = (0.0, 0.08, 0.2, 0.4)
+#: Ripples that a joint's residual is searched for, and rows that it is searched on.
+_PEAKS, _MOST_ROWS = 8, 4000
+
+
+class Problem:
+    """A prepared data set with its candidates.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    declared : sequence of Effect
+    own : sequence of Effect
+        The user's own, candidates beside the vocabulary.
+    """
+
+    def __init__(self, prepared: Prepared, declared: Sequence[Effect], own: Sequence[Effect] = ()) -> None:
+        self.prepared = prepared
+        self.layout = Layout.of(prepared)
+        self.train = prepared.runs_for("train")
+        self.known = np.concatenate([run.reduce(run.known) for run in self.train])
+        self.target = np.concatenate([run.measured for run in self.train]) - self.known
+        self.joined = join_signals(self.train)
+        fields = prepared.dataset.fields
+        self.declared = list(declared)
+        self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
+        stated = {name for name, value in fields.robot if value is not None}
+        self.given = given_effects(self.declared, stated)
+        fixed = {effect.name for effect in self.given}
+        if fields.robot.inertials == "trusted":
+            fixed.add("rigid_body")
+        self.effects = candidate_effects(self.declared, own, fixed, prepared.n)
+        self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
+        self._made: dict[tuple[str, int], Candidate | None] = {}
+
+    @cached_property
+    def base(self) -> tuple[Chosen, ...]:
+        """The declared model's terms, inertial deviations first."""
+        chosen = []
+        if self.inertial:
+            columns = [
+                run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
+                for run in self.train
+                for s in [run.signals]
+            ]
+            rows = np.concatenate(columns)
+            joints = tuple(range(self.prepared.n))
+            penalty = inertial_penalty(self.prepared)
+            effect = next(e for e in self.declared if e.name == "rigid_body")
+            candidate = Candidate(
+                effect, self.prepared.n - 1, ((),), joints, tuple(rows[:, j] for j in joints), penalty
+            )
+            chosen.append(Chosen(candidate, tuple(range(len(penalty)))))
+        for term in self.declared_terms:
+            candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
+            chosen.append(Chosen(candidate, term.subset))
+        return tuple(chosen)
+
+    def candidate(self, effect: Effect, joint: int) -> Candidate | None:
+        """Candidate of an effect at a joint along the motion; None where it cannot be asked for."""
+        key = (effect.name, joint)
+        if key not in self._made:
+            self._made[key] = self._make(effect, joint)
+        return self._made[key]
+
+    def _make(self, effect: Effect, joint: int) -> Candidate | None:
+        p = self.prepared
+        if not p.moving[joint] or (effect.per_robot and joint != p.n - 1):
+            return None
+        if not effect.is_usable(self.joined, joint):
+            return None
+        if len({run.file for run in self.train}) < effect.runs_needed:
+            return None
+        if ModelTerm(effect, joint, (), ()).is_deflection and not effect.shape:
+            return self._bend(effect, joint)
+        made = make_candidate(effect, joint, p, effect.shapes(self.joined, joint))
+        return made if made.joints and any(np.any(x) for x in made.rows) else None
+
+    def _bend(self, effect: Effect, joint: int) -> Candidate | None:
+        """Compliance about several values: each with the gear's torque solved from the motion alone."""
+        s, p, band = self.joined, self.prepared, self.prepared.band
+        inertia = float(
+            np.mean(np.concatenate([r.signals.load_slopes(joint)[2][:, joint] for r in self.train]))
+        )
+        if inertia <= 0.0:
+            return None
+        upper = effect.coefficients[0].bounds(p.dataset.position_unit[joint])[1]
+        values = [1.0 / (inertia * (2 * np.pi * f * band.torque) ** 2) for f in _SWINGS]
+        values = [c for c in values if c <= upper] or [upper]
+        parts: list[list[np.ndarray]] = []
+        for run in self.train:
+            columns = [_solve_bent(effect, joint, run, c, inertia) for c in values]
+            parts.append([run.reduce(x) for x in columns])
+        stacked = np.concatenate([np.concatenate(own, axis=-1) for own in parts])
+        felt = tuple(j for j in range(s.q.shape[1]) if self.prepared.moving[j] and np.any(stacked[:, j]))
+        rows = tuple(np.ascontiguousarray(stacked[:, j]) for j in felt)
+        return Candidate(effect, joint, ((),) * len(values), felt, rows)
+
+    def measurement_candidate(self, effect: MeasurementEffect, joint: int, assembly: Assembly) -> Candidate:
+        """Candidate of an error of the recorded torque beside a model, which predicts that torque."""
+        motor = self.known[:, joint] + assembly.predicted[:, joint]
+        for chosen, span in zip(assembly.chosen, assembly.spans, strict=True):
+            if isinstance(chosen.candidate.effect, MeasurementEffect) and chosen.candidate.joint == joint:
+                motor = motor - chosen.rows[0] @ assembly.theta[span]
+        if effect.kind == "gain":
+            return Candidate(effect, joint, ((),), (joint,), (motor[:, None],))
+        lags = [lag / self.prepared.band.torque for lag in _LAGS]
+        lags += [-lag for lag in lags[1:]]
+        columns = []
+        for run, own in zip(self.train, self.layout.unpack(motor), strict=True):
+            spline = interpolate.CubicSpline(run.t, own)
+            slope = -spline(run.t, 1)
+            late = [spline(np.clip(run.t - lag, run.t[0], run.t[-1])) for lag in lags]
+            columns.append(
+                np.column_stack(
+                    [slope if lag == 0 else (x - own) / lag for x, lag in zip(late, lags, strict=True)]
+                )
+            )
+        return Candidate(effect, joint, ((),) * len(lags), (joint,), (np.concatenate(columns),))
+
+    def periodic_candidate(self, effect: Effect, joint: int, residual: np.ndarray) -> Candidate | None:
+        """Candidate of an effect that is periodic in position, at the periods that a residual shows.
+
+        Parameters
+        ----------
+        effect : Effect
+            Its first shape parameter is the wavenumber.
+        joint : int
+        residual : ndarray (M,)
+        """
+        p = self.prepared
+        if not p.moving[joint] or len({run.file for run in self.train}) < effect.runs_needed:
+            return None
+        shapes = effect.shapes(self.joined, joint)
+        keep = self.layout.keep[:, joint]
+        q, v = self.at_rows("q")[:, joint], self.at_rows("v")[:, joint]
+        pick = np.flatnonzero(keep)
+        pick = pick[:: max(1, len(pick) // _MOST_ROWS)]
+        if len(pick) < 30:
+            return None
+        power = np.empty(len(shapes))
+        for start in range(0, len(shapes), 64):
+            k = shapes[start : start + 64, 0]
+            seen = np.abs(v[pick])[:, None] * k < 2 * np.pi * p.band.torque
+            wave = np.exp(1j * q[pick][:, None] * k) * seen
+            power[start : start + 64] = np.abs(residual[pick] @ wave) ** 2 / np.maximum(seen.sum(axis=0), 10)
+        rises = np.concatenate([[True], power[1:] >= power[:-1]])
+        falls = np.concatenate([power[:-1] >= power[1:], [True]])
+        peaks = np.flatnonzero(rises & falls)
+        peaks = peaks[np.argsort(-power[peaks])][:_PEAKS]
+        made = make_candidate(effect, joint, p, shapes[np.sort(peaks)])
+        return replace(made, tried=max(1.0, len(shapes) / len(peaks)))
+
+    def at_rows(self, name: str) -> np.ndarray:
+        """A signal (M, n) at the rows of the training runs."""
+        return np.concatenate(
+            [getattr(run.signals, name)[rows(run.band, len(run.signals.t))] for run in self.train]
+        )
+
+    def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
+        """Believable bounds of a term's coefficients at its joint."""
+        unit = self.prepared.dataset.position_unit[term.joint]
+        return [term.effect.coefficients[k].bounds(unit) for k in term.subset]
+
+    def least(self, term: ModelTerm) -> float:
+        """Smallest believable size of a term's first coefficient."""
+        return term.effect.least_size(self.joined)
+
+
+def _solve_bent(
+    effect: Effect, joint: int, run: PreparedRun, compliance: float, inertia: float
+) -> np.ndarray:
+    """Regressors (N, n, 1) of a compliance, linear about a value, with the gear's torque that it gives.
+
+    The link's torque solves tau = rigid(motor) + compliance * regressor(tau): a fixed point in the frequency
+    domain with the swing of the mean inertia taken out, damped where the link would ring.
+    """
+    s, band = run.signals, run.band
+    rigid = low_pass(s.load, band.gear, band.rate)
+    size = fft.next_fast_len(2 * len(s.t))
+    square = (2 * np.pi * fft.rfftfreq(size, 1.0 / band.rate)) ** 2
+    stiff = 1.0 - square * compliance * inertia
+    gain = stiff / (stiff**2 + (stiff < 0.5))
+    through = rigid.copy()
+    column = np.empty(0)
+    for _ in range(_PASSES):
+        column = effect.columns(replace(s, transmitted=through), joint, np.zeros(0))
+        bent = low_pass(compliance * column[:, joint, 0], band.gear, band.rate)
+        left = rigid[:, joint] + bent - through[:, joint]
+        through = through.copy()
+        through[:, joint] += fft.irfft(fft.rfft(left, size) * gain, size)[: len(left)]
+    return effect.columns(replace(s, transmitted=through), joint, np.zeros(0))

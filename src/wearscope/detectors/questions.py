@@ -1,0 +1,221 @@
+"""Every detector fitted and asked for every batch, one question at a time."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wearscope import plugins
+from wearscope.detectors.base import Batch, Detector, make_detector
+from wearscope.errors import InputError
+from wearscope.supervision import ProcessLost, run_supervised
+
+if TYPE_CHECKING:
+    from wearscope.robots.model import RobotModel
+
+OK = "ok"
+#: Set and number of a design point.
+Key = tuple[str, int]
+#: Test quantity and status.
+Answer = tuple[float, str]
+#: Which detector, counted over axes and detectors, is asked for which point.
+Question = tuple[Key, int]
+
+
+@dataclass(frozen=True)
+class DetectorSpec:
+    """A detector of the study.
+
+    Attributes
+    ----------
+    name : str
+        The name in the column `fda`.
+    reference : str
+        Module of `wearscope.detectors` or path of a ``.py`` file.
+    options : mapping
+        Keyword arguments of the detector.
+    """
+
+    name: str
+    reference: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Questions:
+    """What `collect_answers` asks; see `wearscope.detectors.run.compute_test_quantities`.
+
+    Attributes
+    ----------
+    batches, detectors, axes, model, nominal
+        As there.
+    where : str
+        Robot and test-cycle, for messages.
+    wanted : set of (set, point)
+        The design points.
+    failed : set of (set, point)
+        Those simulated in vain.
+    """
+
+    batches: Iterable[tuple[str, int, Batch]]
+    detectors: Sequence[DetectorSpec]
+    axes: Sequence[int]
+    model: "RobotModel"
+    nominal: Sequence[Batch]
+    where: str
+    wanted: AbstractSet[Key]
+    failed: AbstractSet[Key]
+
+    def name_cell(self, column: int) -> str:
+        """Detector, robot, test-cycle and axis of a column."""
+        axis, spec = divmod(column, len(self.detectors))
+        return f"fda '{self.detectors[spec].name}', {self.where}, axis {self.axes[axis]}"
+
+
+def collect_answers(
+    questions: Questions,
+    allowed: Mapping[str, float],
+    time_limit: float | None = None,
+    report: Callable[[int], None] | None = None,
+) -> tuple[dict[Question, Answer], list[Key]]:
+    """Fit all detectors, and ask each for each batch.
+
+    Parameters
+    ----------
+    questions : Questions
+    allowed : mapping of str to float
+        Number of points by set that a detector may fail at.
+    time_limit : float, optional
+        Longest time for a fit or an answer [s], in a process of its own; without it all runs in this one.
+    report : callable, optional
+        Called with the number of batches done, after each.
+
+    Returns
+    -------
+    answers : dict
+        By point and column.
+    complete : list of (set, point)
+        The batches, in their order.
+
+    Raises
+    ------
+    InputError
+        Where a detector cannot be fitted, returns no number, or is lost at more points than allowed; where a
+        batch is not wanted or comes twice.
+    """
+    answers: dict[Question, Answer] = {}
+    complete: dict[Key, None] = {}
+    lost: dict[tuple[str, int], int] = {}
+    while True:
+        work = partial(_ask_all, questions, frozenset(answers))
+        asked: Question | None = None
+        at = questions.where
+        try:
+            for message in work() if time_limit is None else run_supervised(work, time_limit):
+                match message:
+                    case ("fit", column):
+                        at = f"{questions.name_cell(column)}: fit"
+                    case ("ask", question):
+                        asked = question
+                    case ("answer", answer):
+                        assert asked is not None
+                        answers[asked], asked = answer, None
+                    case ("batch", key):
+                        complete[key] = None
+                        if report is not None:
+                            report(len(complete))
+            return answers, list(complete)
+        except ProcessLost as error:
+            if asked is None:
+                raise InputError(f"{at} {error}; correct it, or raise time_limit.") from None
+            answers[asked] = (math.nan, str(error))
+            (set_name, point), column = asked
+            lost[set_name, column] = lost.get((set_name, column), 0) + 1
+            if lost[set_name, column] > allowed[set_name]:
+                raise InputError(
+                    f"{questions.name_cell(column)}: {error} at {lost[set_name, column]} {set_name} points, "
+                    f"the last is {point}, more than the share allowed; correct the detector, or raise "
+                    "time_limit or max_failed_share."
+                ) from None
+
+
+def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[tuple]:
+    """Say what is asked, then its answer; what is answered already is not asked again."""
+    fitted = []
+    for column, detector in enumerate(_make_all(questions)):
+        yield "fit", column
+        _fit(detector, questions, column)
+        fitted.append(detector)
+    seen: set[Key] = set()
+    for set_name, number, batch in questions.batches:
+        key = (set_name, int(number))
+        _check_key(key, seen, questions)
+        seen.add(key)
+        for column, detector in enumerate(fitted):
+            if (key, column) not in answered:
+                yield "ask", (key, column)
+                yield (
+                    "answer",
+                    _ask(detector, batch, f"{questions.name_cell(column)}, {set_name} point {key[1]}"),
+                )
+        yield "batch", key
+
+
+def _check_key(key: Key, seen: AbstractSet[Key], questions: Questions) -> None:
+    set_name, point = key
+    if key in questions.failed:
+        raise InputError(
+            f"{questions.where}: the simulation of set '{set_name}', point {point} failed, yet it has a "
+            "batch; delete the trace."
+        )
+    if key in seen:
+        raise InputError(f"{questions.where}: point {point} of set '{set_name}' has two batches; keep one.")
+    if key not in questions.wanted:
+        raise InputError(
+            f"{questions.where}: the batch of set '{set_name}', point {point} is in no design; "
+            "delete the trace or give its design."
+        )
+
+
+def _make_all(questions: Questions) -> Iterator[Detector]:
+    # A user's file is imported once, not once an axis.
+    factories = [plugins.load(spec.reference, "detectors", "DETECTOR") for spec in questions.detectors]
+    for _ in questions.axes:
+        for spec, factory in zip(questions.detectors, factories, strict=True):
+            yield make_detector(factory, spec.reference, spec.options)
+
+
+def _fit(detector: Detector, questions: Questions, column: int) -> None:
+    model = questions.model
+    axis = questions.axes[column // len(questions.detectors)]
+    try:
+        detector.fit(questions.nominal, model.joints.index(model.wear_joints[axis - 1]), model)
+    except (Exception, SystemExit) as error:
+        raise InputError(
+            f"{questions.name_cell(column)}: cannot be fitted to the nominal batch, {_one_line(error)}; "
+            "correct the detector or its data, or leave it out of the study."
+        ) from error
+
+
+def _ask(detector: Detector, batch: Batch, where: str) -> Answer:
+    """Test quantity and status of one batch."""
+    try:
+        value = detector.test_quantity(batch)
+    except (Exception, SystemExit) as error:
+        return math.nan, _one_line(error)
+    number = np.asarray(value)
+    if number.ndim or number.dtype.kind not in "iuf":
+        kind = f"an array of shape {number.shape}" if number.ndim else f"{type(value).__name__}"
+        raise InputError(
+            f"{where}: test_quantity returned {kind}, not a number; make it return one float a batch."
+        )
+    y = float(number)
+    return (y, OK) if math.isfinite(y) else (math.nan, f"returned {y}")
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -1,0 +1,26 @@
+"""Error of the links' masses, first moments and inertias in the URDF.
+
+The last link's columns are those of a payload: only a payload that changes between runs tells the two apart.
+Not all coefficients can be told apart along a motion, some along none (Gautier and Khalil 1990: base
+parameters).
+"""
+
+from wearscope.effects.base import InertialEffect
+from wearscope.effects.motions import PAYLOAD, QUICK
+from wearscope.effects.payload_error import EFFECT as PAYLOAD_ERROR
+
+EFFECT = InertialEffect(
+    name="inertial_error",
+    form="inverse dynamics of additional mass, first moments and inertia of each link",
+    coefficients=(),
+    source="Gautier and Khalil 1990, IEEE T. Robotics and Automation 6(3)",
+    depends_on=("load_{joint}",),
+    spread=True,
+    link=PAYLOAD_ERROR.coefficients,
+    corrects="rigid_body",
+    contains=("payload_error",),
+    per_robot=True,
+    excitation=QUICK,
+    excitation_alone=PAYLOAD,
+    separated_by={"payload_error": PAYLOAD},
+)

@@ -1,0 +1,75 @@
+"""The signals along which effects are evaluated."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class Signals:
+    """Signals along which effects are evaluated.
+
+    Attributes
+    ----------
+    t : ndarray (N,)
+        Time since the start of the run [s].
+    q, v, a : ndarray (N, n)
+        Joint position, speed and acceleration.
+    sign : ndarray (N, n)
+        Direction of motion, -1 to 1; 0 at rest.
+    load : ndarray (N, n)
+        Rigid-body torque.
+    temperature : ndarray (N, n)
+        Joint temperature [deg C]; NaN where unknown.
+    wear : ndarray (N, n)
+        Wear level f of eq. (17) [-].
+    rigid_body : wearscope.robots.dynamics.RigidBody or None
+        The dynamics that gave `load`, for effects that perturb it.
+    torque : ndarray (N, n) or None
+        Torque predicted by the model without the effect, for errors of the measurement itself.
+    bandwidth : float
+        Frequency [Hz] above which the signals are not used.
+    transmitted : ndarray (N, n) or None
+        Torque through each gear, where more is known of it than `load`.
+    lag : ndarray (n,) or None
+        Delay [s] of each torque channel about which one is sought; about none where None.
+    channels : mapping of str to ndarray (N,)
+        Further measured channels by column name, in the unit that the data set gives them.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    sign: np.ndarray
+    load: np.ndarray
+    temperature: np.ndarray
+    wear: np.ndarray
+    rigid_body: Any = None
+    torque: np.ndarray | None = None
+    bandwidth: float = np.inf
+    transmitted: np.ndarray | None = None
+    lag: np.ndarray | None = None
+    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint."""
+        if joint not in self._slopes:
+            move = np.zeros(self.q.shape[1])
+            move[joint] = 1e-5
+            along = self.rigid_body.inverse_dynamics
+            self._slopes[joint] = (
+                (along(self.q + move, self.v, self.a) - self.load) / 1e-5,
+                (along(self.q, self.v + move, self.a) - self.load) / 1e-5,
+                (along(self.q, self.v, self.a + move) - self.load) / 1e-5,
+            )
+        return self._slopes[joint]
+
+    @cached_property
+    def dt(self) -> float:
+        """Sampling interval [s]."""
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0

@@ -1,0 +1,95 @@
+"""The vocabulary as a whole: which effects there are, which a model may lack, and what tells them apart."""
+
+from collections.abc import Collection, Iterable, Sequence
+from functools import cache
+
+from wearscope import plugins
+from wearscope.effects.effect import Effect
+from wearscope.errors import InputError
+
+
+@cache
+def _builtin() -> tuple[Effect, ...]:
+    return tuple(plugins.load(name, "effects", "EFFECT") for name in plugins.list_names("effects", "EFFECT"))
+
+
+def list_effects() -> list[Effect]:
+    """Effects of the vocabulary, by name."""
+    return list(_builtin())
+
+
+def standard_effects() -> list[Effect]:
+    """Effects of a plain joint."""
+    return [effect for effect in _builtin() if effect.standard]
+
+
+def empirical_effect() -> Effect:
+    """The generic term for structure outside the vocabulary."""
+    (effect,) = (effect for effect in _builtin() if effect.empirical)
+    return effect
+
+
+def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
+    """Declared effects whose value a field gives, so that there is nothing to fit.
+
+    Parameters
+    ----------
+    declared : iterable of Effect
+    stated : collection of str
+        Fields that are filled in, e.g. of a data set's `robot`.
+    """
+    return [effect for effect in declared if effect.given_by and effect.given_by in stated]
+
+
+def candidate_effects(
+    declared: Sequence[Effect], extra: Sequence[Effect], given: Collection[str], n: int
+) -> list[Effect]:
+    """Effects that a model may lack.
+
+    Parameters
+    ----------
+    declared : sequence of Effect
+        What the model has.
+    extra : sequence of Effect
+        A user's own effects.
+    given : collection of str
+        Names of the declared effects whose value is given and stands: what is given can be wrong, what is
+        fitted cannot. Those of `given_effects`, and the rigid body where its inertials are trusted.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    list of Effect
+        Of the vocabulary, then of `extra`, sized for the robot; none that is declared or that a declared one
+        contains, and no error of a value that is fitted.
+
+    Raises
+    ------
+    InputError
+        Where two own effects have the same name.
+    """
+    names = {effect.name for effect in declared}
+    gone = names.union(*(effect.contains for effect in declared))
+    known = names.intersection(given)
+    found: dict[str, Effect] = {}
+    for effect in [*_builtin(), *extra]:
+        same = found.setdefault(effect.name, effect)
+        if same is not effect:
+            raise InputError(
+                f"two own effects are called '{effect.name}' ({same.reference} and {effect.reference}); "
+                "rename one."
+            )
+    return [
+        effect.for_robot(n)
+        for effect in found.values()
+        if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in known)
+    ]
+
+
+def separating_motions(a: Effect, b: Effect, n: int) -> list[str]:
+    """Motions that separate two effects on a robot of `n` joints, in words, most telling first."""
+    for one, other in ((a, b), (b, a)):
+        if other.name in one.separated_by:
+            return [one.separated_by[other.name]]
+    return list(dict.fromkeys(effect.motion_for(n) for effect in sorted((a, b), key=lambda e: e.name)))

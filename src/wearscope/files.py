@@ -1,0 +1,123 @@
+"""Files written whole or not at all; what a killed writer left is cleared by the next one."""
+
+import fcntl
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from wearscope.errors import InputError
+
+#: What a file being written, or one set aside as damaged, is called.
+OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
+
+
+class DamagedFile(InputError):
+    """A file of a study that is missing or is not what was written.
+
+    Attributes
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path: str | Path, message: str) -> None:
+        super().__init__(message)
+        self.path = Path(path)
+
+    def __reduce__(self) -> tuple[type, tuple[Path, str]]:
+        return type(self), (self.path, str(self))
+
+
+def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
+    """Write a file under a temporary name in the same folder, then rename it.
+
+    Temporary files that killed writers left in the folder are removed. A writer holds a lock on its own,
+    which the kernel releases when it dies.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to write; its folder is made.
+    write : callable
+        Called with the temporary name; writes the content.
+
+    Raises
+    ------
+    InputError
+        Where the disk refuses the file; nothing is left behind.
+    """
+    path = Path(path)
+    handle, temporary = -1, ""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        clear_stale(path.parent)
+        handle, temporary = _open_locked(path)
+        write(temporary)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+        set_aside(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}); free disk space or choose another place."
+        ) from error
+    finally:
+        if temporary and os.path.exists(temporary):
+            os.unlink(temporary)
+        if handle >= 0:
+            os.close(handle)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+
+
+def clear_stale(folder: str | Path) -> list[Path]:
+    """Remove the temporary files of writers that are no more; return what was removed.
+
+    Only files of the pattern that `write_whole` uses, and only where no process holds their lock.
+    """
+    removed = []
+    with os.scandir(folder) as entries:
+        names = [
+            entry.name for entry in entries if entry.name.endswith(".part") and OWN.fullmatch(entry.name)
+        ]
+    for name in names:
+        path = Path(folder) / name
+        with suppress(OSError):  # gone in the meantime, or its writer lives
+            handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+                removed.append(path)
+            finally:
+                os.close(handle)
+    return removed
+
+
+def digest_file(path: Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def set_aside(path: str | Path) -> Path:
+    """Name under which a damaged file is kept until it is written again."""
+    path = Path(path)
+    return path.with_name(f".{path.name}.damaged")
+
+
+def _open_locked(path: Path) -> tuple[int, str]:
+    while True:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return handle, temporary
+        os.close(handle)  # removed as stale before it was locked

@@ -1,0 +1,86 @@
+"""Checks all that a study's jobs have written.
+
+    python -m wearscope.integrity results/NAME              name what is missing or damaged
+    python -m wearscope.integrity results/NAME --set-aside  and have it made again
+
+Files are checked by their kept checksums (`wearscope.checksums`), recordings by those within them, and by the
+markers of the simulated chunks, which list them.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from wearscope.checksums import CHECKSUMS, check_file, withdraw
+from wearscope.files import DamagedFile, clear_stale
+from wearscope.simulation.failures import read_markers
+from wearscope.simulation.recording import read_fingerprint
+from wearscope.simulation.traces import point_path
+
+
+def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
+    """What is missing or damaged of all that a study's jobs have written.
+
+    Parameters
+    ----------
+    folder : path-like
+        Of the study, e.g. ``results/paper``.
+    """
+    folder = Path(folder)
+    kept = folder / CHECKSUMS
+    for file in sorted(kept.rglob("*.sha256")):
+        try:
+            check_file(folder, folder / file.relative_to(kept).with_suffix(""))
+        except DamagedFile as error:
+            yield error
+    for marker in sorted(folder.glob("traces/*/*/*/_chunk-*.json")):
+        yield from _check_recordings(marker)
+
+
+def _check_recordings(marker: Path) -> Iterator[DamagedFile]:
+    try:
+        fingerprints, failed = read_markers([marker])
+    except DamagedFile as error:
+        yield error
+        return
+    for (name, point), wanted in fingerprints.items():
+        path = point_path(marker.parents[1], name, point)
+        if (name, point) not in failed and read_fingerprint(path) != wanted:
+            what = "is not what was written" if path.exists() else "no such file, though it was written"
+            yield DamagedFile(path, f"{path}: {what}; simulate its point again.")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; 1 where something is missing or damaged."""
+    parser = argparse.ArgumentParser(
+        prog="python -m wearscope.integrity", description="Check all that a study's jobs have written."
+    )
+    parser.add_argument("folder", help="the study's results, e.g. results/paper")
+    parser.add_argument("--set-aside", action="store_true", help="set what is damaged aside")
+    given = parser.parse_args(arguments)
+    folder = Path(given.folder)
+    if not folder.is_dir():
+        print(f"{folder}: no such folder; name a study's results, e.g. results/paper.", file=sys.stderr)
+        return 1
+    for place in [folder, *(one for one in sorted(folder.rglob("*")) if one.is_dir())]:
+        for removed in clear_stale(place):
+            print(f"{removed}: removed, a killed job had left it")
+    damaged = list(find_damage(folder))
+    for error in damaged:
+        print(error, file=sys.stderr)
+    if not damaged:
+        print(f"{folder}: every checksum holds")
+        return 0
+    if given.set_aside:
+        again = sorted({str(file) for error in damaged for file in withdraw(error.path)})
+        print(
+            f"set aside; make it again with the study's own command and: {' '.join(again)}", file=sys.stderr
+        )
+    else:
+        print(f"have it made again: python -m wearscope.integrity {folder} --set-aside", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,233 @@
+"""First section of a closed loop's page: what was named, what the test runs say of it, what is left."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.closed_loop import ClosedLoop, gap_closed, number
+from wearscope.reporting.closed_loop_details import MOST_SHOWN, list_items, write_value
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words, unit_text
+from wearscope.reporting.loop import STATUSES, say_share, tell_status
+from wearscope.reporting.page import badge, render_table, unbreak
+
+#: Colour of a status and of a joint's state.
+_KINDS = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
+_STATES = {"explained": "good", "corrected": "good", "unexplained": "bad"}
+#: Growth of the error on the test runs from which a joint is said to have become worse.
+_WORSE = 1.03
+
+
+def describe_outcome(loop: ClosedLoop) -> Markup:
+    """What is refuted, alarms, the other effects by status, states of the joints, parameters, the rule."""
+    effects = {status: _effects(loop, status) for status in STATUSES}
+    parts = [effects.pop("refuted"), _alarms(loop), *effects.values(), _explain_statuses(loop)]
+    return Markup("").join([*parts, _joints(loop), _parameters(loop), _rule(loop)])
+
+
+def _alarms(loop: ClosedLoop) -> Markup:
+    """Simulations that failed, searches that stopped, and an empty verdict."""
+    said = []
+    for stage in ("before", "after"):
+        outcomes = {one[stage]["outcome"] for one in loop.verdict.get("forward", {}).values()} - {"ok"}
+        said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
+    said += [("notice", f"Stopped. {text}.") for text in loop.verdict["stopped"]]
+    if not loop.verdict["verdict"]:
+        left = [j for j in loop.joints if loop.verdict["joints"][j]["state"] == "unexplained"]
+        if left:
+            text = (
+                f"Nothing was named, and the declared model does not suffice: {join_words(left)} "
+                f"{'is' if len(left) == 1 else 'are'} left unexplained."
+            )
+        else:
+            text = (
+                "None: the declared model suffices. No candidate beat it outside the noise, and no further "
+                "structure was found; the model after is the model before."
+            )
+        said.append(("alarm" if left else "notice", text))
+    return Markup("").join(
+        Markup('<div class="{}">{}</div>').format(kind, unbreak(text)) for kind, text in said
+    )
+
+
+def _effects(loop: ClosedLoop, status: str) -> Markup:
+    """Cards of the effects of a status, under its heading; nothing where there is none."""
+    own = [entry for joint in loop.joints for entry in loop.entries_at(joint) if entry["status"] == status]
+    own.sort(key=lambda entry: entry["effect"] == UNKNOWN)
+    if not own:
+        return Markup("")
+    cards = Markup("").join(_card(entry) for entry in own)
+    return Markup('<h3>{} ({})</h3><div class="cards">{}</div>').format(
+        STATUSES[status].heading, len(own), cards
+    )
+
+
+def _explain_statuses(loop: ClosedLoop) -> Markup:
+    if not loop.verdict["verdict"]:
+        return Markup("")
+    text = (
+        "Names and parameters come from the training runs alone; the test runs mark them afterwards and "
+        "change nothing. Each share is what leaving out this effect alone would cost on the test runs, all "
+        "others refitted: shares do not add up, and where two effects explain much the same, either may be "
+        "refuted although the error as a whole falls. Confirmed: the whole 95 % interval (resampled blocks "
+        "of the test runs) lies above zero; refuted: below it."
+    )
+    return Markup('<p class="note">{}</p>').format(unbreak(text))
+
+
+def _card(entry: Mapping[str, Any]) -> Markup:
+    kind = _KINDS[entry["status"]]
+    where = "all joints together" if entry["effect"] in _shared() else entry["joint"]
+    lines: list[Any] = [f"{tell_status(entry)}: {say_share(entry)} at {where}."]
+    if entry["effect"] == UNKNOWN:
+        lines.append("Structure that no named effect explains.")
+    if entry["depends_on"]:
+        lines.append(f"Depends on {join_words(entry['depends_on'])}.")
+    if entry["equivalent"]:
+        lines.append(
+            Markup("{} {} on these runs.").format(
+                badge("cannot be told from", "unsure"), join_words(entry["equivalent"], "or")
+            )
+        )
+    body = Markup("").join(
+        Markup("<p>{}</p>").format(line if isinstance(line, Markup) else unbreak(line)) for line in lines
+    )
+    return Markup('<div class="card {}"><h3>{}: {}</h3>{}</div>').format(
+        kind, entry["joint"], badge(entry["effect"], kind), body
+    )
+
+
+def _shared() -> set[str]:
+    """Effects that the robot has once and every joint feels."""
+    return {effect.name for effect in list_effects() if effect.per_robot}
+
+
+def _joints(loop: ClosedLoop) -> Markup:
+    text = (
+        "Explained: what is left is noise, with or without a memory. Corrected: the same, with what was "
+        "added. Unexplained: what is left repeats with the motion, depends on a signal or on time, or is "
+        "larger on the test runs than on those for training. All but the last is judged on the training runs."
+    )
+    return Markup('<h3>State of the joints</h3>{}<p class="note">{}</p>').format(
+        list_items(_tell_joint(loop, joint) for joint in loop.joints), text
+    )
+
+
+def _tell_joint(loop: ClosedLoop, joint: str) -> Markup:
+    one = loop.verdict["joints"][joint]
+    before = number(one.get("rms_before"))
+    if not np.isfinite(before):
+        return Markup("<strong>{}</strong>: {} it does not move on the test runs.").format(
+            joint, badge("not judged")
+        )
+    said = Markup("<strong>{}</strong>: {}").format(joint, badge(one["state"], _STATES[one["state"]]))
+    entries = [entry["effect"] for entry in loop.entries_at(joint)]
+    felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in _shared() - set(entries)]
+    if entries:
+        said += f" with {join_words(entries)}."
+    elif felt:
+        said += f" nothing added here, but {join_words(felt)} acts on it too."
+    else:
+        said += " nothing added."
+    return said + _tell_error(one) + _tell_rest(one)
+
+
+def _tell_error(one: Mapping[str, Any]) -> Markup:
+    before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
+    if abs(after - before) <= 1e-6 * before:
+        told = f", noise floor {write_value(floor)}" if np.isfinite(floor) else ""
+        return Markup(" RMS error {} {}{}.").format(write_value(before), one["unit"], told)
+    gap = gap_closed(one)[1]
+    told = f", {gap} of the gap to the noise floor closed" if gap.endswith("%") else ""
+    grown = Markup("")
+    if after > _WORSE * before:
+        grown = Markup(" {}").format(badge(unbreak(f"larger by {100 * (after / before - 1):.0f} %"), "bad"))
+    return Markup(" RMS error {} → {} {}{}.{}").format(
+        write_value(before), write_value(after), one["unit"], unbreak(told), grown
+    )
+
+
+def _tell_rest(one: Mapping[str, Any]) -> str:
+    """What is left unexplained: how much, on what it depends, how it was seen."""
+    if one["state"] != "unexplained":
+        return ""
+    size = number(one["unexplained_rms"])
+    on = one["unexplained_depends_on"]
+    depends = f", depending on {join_words(on)}" if on else ", on what it depends is not known"
+    seen = f" ({one['unexplained_reason']})" if one["unexplained_reason"] else ""
+    return f" Left unexplained: {write_value(size)} {one['unit']} RMS{depends}{seen}."
+
+
+def _parameters(loop: ClosedLoop) -> Markup:
+    records = [record for entry in loop.verdict["verdict"] for record in _tell_parameters(entry)]
+    if not records:
+        return Markup("")
+    text = (
+        "Parameters of what was added; the models hold them all. The interval of one parameter may hold zero "
+        "where those of its effect together do not."
+    )
+    return Markup("<details{}><summary>{}</summary>{}</details>").format(
+        Markup(" open") if len(records) <= MOST_SHOWN else "",
+        f"{count_text(len(records), 'parameter')} with 95 % intervals",
+        render_table(pd.DataFrame(records), text),
+    )
+
+
+def _tell_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Rows of the table: fitted parameters, a spline's heights as one, fixed ones."""
+    where = {"joint": entry["joint"], "effect": entry["effect"]}
+    parameters = entry["parameters"]
+    heights = [one["value"] for name, one in parameters.items() if name.startswith("height")]
+    if entry["effect"] == UNKNOWN and heights:
+        told = f"{write_value(min(heights))} to {write_value(max(heights))}"
+        row = {"parameter": f"{len(heights)} heights of a spline", "value": told, "95 % interval": "n/a"}
+        return [where | row | {"unit": unit_text(next(iter(parameters.values()))["unit"])}]
+    rows = []
+    for name, one in parameters.items():
+        low, high = (write_value(number(v)) for v in one["ci95"])
+        row = {
+            "parameter": name,
+            "value": write_value(number(one["value"])),
+            "95 % interval": f"{low} to {high}",
+        }
+        rows.append(where | row | {"unit": unit_text(one["unit"])})
+    for name, value in entry["fixed"].items():
+        row = {"parameter": name, "value": write_value(number(value)), "95 % interval": "fixed", "unit": ""}
+        rows.append(where | row)
+    return rows
+
+
+def _rule(loop: ClosedLoop) -> Markup:
+    """Numbers of the rule, folded, with what each means and whether it is the usual one."""
+    known = Policy.model_fields
+    records = []
+    for name, value in loop.verdict["rule"].items():
+        meaning, usual = "n/a", "n/a"
+        if name in known:
+            meaning = " ".join((known[name].description or "").replace("`", "").split())
+            usual = "yes" if known[name].default == value else f"no, {write_value(known[name].default)}"
+        # As text: a number of the rule is written as it is, not rounded.
+        records.append({"name": name, "value": f"{value:g}", "default": usual, "meaning": meaning})
+    table = render_table(pd.DataFrame(records), "The setting closed_loop.policy of the configuration.")
+    return Markup(
+        "<details><summary>Numbers of the rule that accepts, ties and names</summary>{}</details>"
+    ).format(table)
+
+
+def tell_version(loop: ClosedLoop) -> str:
+    """Line for the page's end."""
+    return f"Made from the tables of a loop closed by wearscope {loop.verdict['version']}."
+
+
+def tell_size(loop: ClosedLoop) -> str:
+    """Line under the page's title."""
+    runs = loop.residual.groupby("use")["run"].nunique()
+    return (
+        f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
+        f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
+        "runs, errors from the test runs."
+    )

@@ -1,0 +1,122 @@
+"""Model files read without a look at the robot: where they are, what they name."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from wearscope.errors import InputError
+
+DEFAULT_ROBOTS_DIR = Path("config/robots")
+#: A model file or URDF that is larger is not read [bytes].
+LARGEST = 20_000_000
+
+#: Whether effects may be .py files: all, none, or those listed.
+Allowed = bool | list[str] | tuple[str, ...]
+
+
+def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> Path:
+    """Path of a model file, given as `wearscope.robots.model.load_model` takes it.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    folder = DEFAULT_ROBOTS_DIR if robots_dir is None else Path(robots_dir)
+    path = Path(reference)
+    for candidate in (path, path / "model.yaml", folder / path / "model.yaml"):
+        try:
+            if candidate.is_file():
+                return candidate
+        except ValueError:  # a path that no system has
+            break
+    known = ", ".join(sorted(file.parent.name for file in folder.glob("*/model.yaml"))) or "none"
+    raise InputError(
+        f"robot {str(reference)!r}: no such model file, nor folder with a model.yaml, nor robot in {folder} "
+        f"(there: {known}); correct the name."
+    )
+
+
+def read_text(path: str | Path, what: str) -> str:
+    """Text of a file that may come from someone else.
+
+    Raises
+    ------
+    InputError
+        Where it is no plain file, too large, or not text.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():  # a pipe or device is never opened: it may have no end
+            reason = "is no plain file" if path.exists() else "cannot be read (No such file or directory)"
+            raise InputError(f"{path}: {reason}; name {what}.")
+        if path.stat().st_size > LARGEST:
+            raise InputError(f"{path}: is larger than {LARGEST / 1e6:g} MB; name {what}.")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); name {what}.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not a text file; name {what}.") from error
+    except ValueError as error:
+        raise InputError(f"{str(path)!r}: is no path ({error}); name {what}.") from error
+
+
+def read_model_file(path: Path) -> dict[str, Any]:
+    """Content of a model file.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, is no mapping, names no URDF, or lists its effects in another form.
+    """
+    try:
+        fields = yaml.safe_load(read_text(path, "the robot's model file"))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: is not readable YAML ({reason}); correct it.") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
+    if not all(isinstance(key, str) for key in fields):
+        raise InputError(f"{path}: a key is no text; write the model's fields as 'key: value'.")
+    if not isinstance(fields.get("urdf"), str):
+        raise InputError(f"{path}: urdf: is missing or no text; name the URDF beside the model file.")
+    list_effects(fields, str(path))
+    return fields
+
+
+def list_effects(fields: Mapping[str, Any], where: str) -> list[str]:
+    """Names of the effects of a model file's content, each once, sorted.
+
+    Raises
+    ------
+    InputError
+        Where they are no list of mappings with a joint and an effect.
+    """
+    entries = fields.get("effects", [])
+    if not isinstance(entries, list):
+        raise InputError(f"{where}: effects: is no list; write an entry '- joint: ...' for each effect.")
+    for k, entry in enumerate(entries):
+        for key in ("joint", "effect"):
+            if not isinstance(entry, dict) or not isinstance(entry.get(key), str):
+                raise InputError(f"{where}: effects[{k}].{key}: is missing or no text; add it.")
+    return sorted({entry["effect"] for entry in entries})
+
+
+def check_code(effects: list[str], allowed: Allowed, where: str) -> None:
+    """Refuse effects that are files of code which the user has not allowed.
+
+    Raises
+    ------
+    InputError
+    """
+    for effect in effects:
+        named = allowed is True or (not isinstance(allowed, bool) and effect in allowed)
+        if effect.endswith(".py") and not named:
+            raise InputError(
+                f"{where}: the effect {effect!r} is code that would run; read it, and allow it in the "
+                f"study's configuration with allow_code: [{effect}], or take the effect out of the model."
+            )

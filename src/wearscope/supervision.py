@@ -1,0 +1,121 @@
+"""Work in a process of its own, which is ended where it does not go on within a time limit.
+
+What runs in one process cannot be ended from within: an own detector, test-cycle or effect may loop in
+compiled code, call ``sys.exit`` or crash the interpreter.
+"""
+
+import multiprocessing
+import os
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from wearscope.errors import InputError
+from wearscope.processes import end_with, identify_process
+
+T = TypeVar("T")
+
+
+class ProcessLost(Exception):
+    """A process went on no longer; the message says why, as what follows the name of what it did."""
+
+
+def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:
+    """Run a generator in a child process.
+
+    Parameters
+    ----------
+    work : callable
+        Makes the generator, in the child; what it yields must be picklable.
+    limit : float
+        Longest time to each next item, and to the end [s].
+
+    Yields
+    ------
+    item
+        As the generator yields it.
+
+    Raises
+    ------
+    ProcessLost
+        Where the next item takes longer, or the child ends without one.
+    Exception
+        What the generator raises.
+    """
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+    child = context.Process(target=_serve, args=(work, sender, identify_process(os.getpid())), daemon=False)
+    child.start()
+    sender.close()
+    try:
+        while True:
+            if not receiver.poll(limit):
+                raise ProcessLost(f"took longer than {limit:g} s")
+            try:
+                kind, content = receiver.recv()
+            except EOFError:
+                child.join()
+                raise ProcessLost(_describe_end(child.exitcode)) from None
+            if kind == "end":
+                return
+            if kind == "error":
+                raise content
+            yield content
+    finally:
+        child.kill()
+        child.join()
+        receiver.close()
+
+
+def call_supervised(function: Callable[[], T], limit: float, what: str) -> T:
+    """Call a function in a child process.
+
+    Parameters
+    ----------
+    function : callable
+        Its result must be picklable.
+    limit : float
+        Longest time [s].
+    what : str
+        What messages call it.
+
+    Raises
+    ------
+    InputError
+        Where it takes longer or ends the process.
+    Exception
+        What the function raises.
+    """
+
+    def once() -> Iterator[T]:
+        yield function()
+
+    try:
+        return next(run_supervised(once, limit))
+    except ProcessLost as error:
+        raise InputError(f"{what} {error}; correct it, or raise time_limit of the configuration.") from None
+
+
+def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -> None:
+    end_with(parent)
+    try:
+        for item in work():
+            sender.send(("item", item))
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        try:
+            sender.send(("error", error))
+        except Exception:  # what is raised cannot be sent
+            with suppress(OSError):
+                sender.send(("error", RuntimeError(traceback.format_exc())))
+    else:
+        sender.send(("end", None))
+
+
+def _describe_end(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"crashed its process ({signal.Signals(-code).name})"
+    return f"ended its process (exit code {code})"

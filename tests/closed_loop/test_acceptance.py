@@ -1,0 +1,179 @@
+"""Each refusal by inference says the line that overrules it, and that line does."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.attribution_board.recipe import Recipe, RunPlan
+from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake.acceptance import Acceptance, list_codes
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.errors import InputError
+
+PLANS = (
+    RunPlan("train", "fourier", 0, 24.0),
+    RunPlan("train", "points", 1, 31.0),
+    RunPlan("test", "sweep", 2, 40.0),
+)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm") / "d"
+    generate_dataset(folder, "arm3", [], 3, Recipe(duration=8.0, plans=PLANS))
+    return folder
+
+
+def check(folder):
+    prepared = prepare(read_dataset(folder, find_prismatic))
+    check_plausibility(prepared)
+    return prepared
+
+
+def edit(folder, change=None, **fields):
+    path = folder / "dataset.yaml"
+    document = yaml.safe_load(path.read_text())
+    if change:
+        for run in document["runs"]:
+            file = folder / run["file"]
+            change(pd.read_parquet(file)).to_parquet(file, index=False)
+    path.write_text(yaml.safe_dump(document | fields))
+
+
+def scale(column, factor):
+    return lambda table: table.assign(**{column: table[column] * factor})
+
+
+def exchange(a, b):
+    return lambda table: table.rename(columns={a: b, b: a})
+
+
+def step(table):
+    moved = np.where(np.arange(len(table)) > len(table) // 2, 0.3, 0.0)
+    return table.assign(q_elbow=table["q_elbow"] + moved)
+
+
+def spike(table):
+    jumps = np.where(np.arange(len(table)) % 250 < 3, 0.5, 0.0)
+    return table.assign(q_elbow=table["q_elbow"] + jumps)
+
+
+def clip(table):
+    limit = 0.5 * table["tau_elbow"].abs().max()
+    return table.assign(tau_elbow=table["tau_elbow"].clip(-limit, limit))
+
+
+def given_in_degrees(table):
+    return table.assign(qd_elbow=np.gradient(table["q_elbow"], table["t"]) * 180 / np.pi)
+
+
+FAULTS = {
+    "sign tau_shoulder": scale("tau_shoulder", -1.0),
+    "sign q_shoulder": scale("q_shoulder", -1.0),
+    "exchanged tau_waist tau_elbow": exchange("tau_waist", "tau_elbow"),
+    "gain tau_elbow": scale("tau_elbow", 1 / 80),
+    "speed qd_elbow": given_in_degrees,
+    "step q_elbow": step,
+    "spikes q_elbow": spike,
+    "clipped tau_elbow": clip,
+}
+
+
+def take_line(text):
+    """The field that the refusal says to write."""
+    return yaml.safe_load(text.split('"')[1])
+
+
+@pytest.mark.parametrize("code", FAULTS)
+def test_the_line_that_a_refusal_says_is_enough(arm, tmp_path, code):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    edit(folder, FAULTS[code])
+    said = []
+    for _ in range(6):
+        try:
+            prepared = check(folder)
+            break
+        except InputError as error:
+            line = take_line(str(error))
+            assert str(error).startswith(str(folder)) and str(error).endswith("dataset.yaml.")
+            said.append(line["accept"])
+            edit(folder, **line)
+    else:
+        pytest.fail(f"still refused with {said}")
+    assert code in said[0]
+    assert any("since 'accept' says so" in note for note in prepared.notes)
+    assert not any("overrules nothing" in note for note in prepared.notes)
+
+
+def test_accepted_data_are_taken_as_they_are(arm, tmp_path):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    edit(folder, scale("tau_shoulder", -1.0), accept=["sign tau_shoulder"])
+    as_it_is, turned = check(arm), check(folder)
+    for run, other in zip(as_it_is.runs, turned.runs, strict=True):
+        np.testing.assert_allclose(other.measured[:, 1], -run.measured[:, 1])
+        np.testing.assert_array_equal(other.measured[:, [0, 2]], run.measured[:, [0, 2]])
+
+
+def test_what_is_accepted_in_vain_is_noted_and_what_is_no_refusal_is_refused(arm, tmp_path):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    edit(folder, accept=["degrees q_waist"])
+    assert any("'degrees q_waist' overrules nothing" in note for note in check(folder).notes)
+    edit(folder, accept=["degres q_waist"])
+    with pytest.raises(InputError, match=r"did you mean 'degrees q_waist'\? .*they are .*gain tau_<joint>"):
+        check(folder)
+
+
+def test_what_cannot_be_right_is_refused_whatever_is_accepted(arm, tmp_path):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    edit(folder, accept=list(list_codes(["waist", "shoulder", "elbow"], [])))
+
+    def break_row(table):
+        table.loc[100, "tau_elbow"] = np.nan
+        return table
+
+    edit(folder, break_row)
+    with pytest.raises(InputError, match="no finite number at row 100"):
+        check(folder)
+
+
+def test_copy_may_be_accepted(arm, tmp_path):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    runs = yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]
+    shutil.copyfile(folder / runs[0]["file"], folder / runs[2]["file"])
+    with pytest.raises(InputError) as caught:
+        check(folder)
+    edit(folder, **take_line(str(caught.value)))
+    assert any("repeats the train run" in note for note in check(folder).notes)
+
+
+def test_the_line_keeps_what_was_accepted_before_and_any_name():
+    accepted = Acceptance.read("d", ["sign tau_a"], ["a", "b, c"], [])
+    with pytest.raises(InputError) as caught:
+        accepted.refuse("f", "it looks odd.", "gain tau_b, c")
+    assert take_line(str(caught.value)) == {"accept": ["sign tau_a", "gain tau_b, c"]}
+    assert "f: it looks odd; if it is right as it is, write " in str(caught.value)
+
+
+@pytest.mark.parametrize("reach", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.3, 1.0])
+def test_joints_full_of_friction_under_an_overstated_body_are_believed(arm, tmp_path, reach, size):
+    """Any smaller rigid body explains such a joint, not just that of positions in degrees or turned axes."""
+    folder = shutil.copytree(arm, tmp_path / "d")
+
+    def rub(table):
+        for joint in ("waist", "shoulder", "elbow"):
+            v = np.gradient(table[f"q_{joint}"], table["t"])
+            noise = np.random.default_rng(0).normal(size=len(v))
+            friction = np.sign(v) + 0.5 * v / v.std() + 0.02 * noise
+            table[f"tau_{joint}"] = size * table[f"tau_{joint}"].std() * friction
+            table[f"q_{joint}"] = reach * table[f"q_{joint}"]
+        return table
+
+    edit(folder, rub)
+    check(folder)

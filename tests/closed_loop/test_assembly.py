@@ -1,0 +1,253 @@
+"""What the block sums answer is what dense least squares on the rows gives, refitted fold by fold."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.model.blocks import Block, make_folds
+from wearscope.closed_loop.selection import assembly as assembly_module
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.evidence import weigh
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Search, find_reach
+from wearscope.effects.base import load_effect
+
+STRIBECK = [(0, "stribeck", {"level": 6.0, "speed": 0.3})]
+
+
+@pytest.fixture(scope="module", params=["trusted", "approximate"])
+def assembly(request, record_at, pose, tmp_path_factory):
+    """Declared model of the small arm; with approximate inertials all joints are coupled, by a prior."""
+    folder = tmp_path_factory.mktemp(request.param) / "duo"
+    robot = {"inertials": request.param}
+    problem = pose(record_at(folder, STRIBECK, seed=1, runs=4, duration=6.0, robot=robot))
+    search = Search(problem, Policy(flips=99))
+    made = search.assemble(())
+    made.problem = problem
+    return made
+
+
+def dense(assembly, *more):
+    """Weighted rows (M n, P), target (M n,), precision (P, P) and block of each row of a model."""
+    layout = assembly.layout
+    n = assembly.target.shape[1]
+    chosen = [*assembly.chosen, *more]
+    count = sum(len(c.subset) for c in chosen)
+    x, precision = np.zeros((len(assembly.target), n, count)), np.zeros((count, count))
+    start = 0
+    for c in chosen:
+        span = slice(start, start + len(c.subset))
+        for j, rows in zip(c.candidate.joints, c.rows, strict=True):
+            x[:, j, span] = rows
+        if c.candidate.penalty is not None:
+            precision[span, span] = c.candidate.penalty[np.ix_(c.subset, c.subset)]
+        start += len(c.subset)
+    w = layout.keep / assembly.sigma
+    block = np.zeros(len(x), dtype=int)
+    first = np.cumsum([0, *(len(run.t) for run in layout.prepared.runs_for("train"))])
+    for b, own in enumerate(layout.blocks):
+        block[first[own.run] + own.start : first[own.run] + own.stop] = b
+    return (
+        (x * w[:, :, None]).reshape(-1, count),
+        (assembly.target * w).ravel(),
+        precision,
+        np.repeat(block, n),
+    )
+
+
+def fit(x, y, precision):
+    """Penalised least squares by an orthogonal factorisation of the rows."""
+    root = np.sqrt(np.diag(precision))
+    assert np.allclose(precision, np.diag(root**2))
+    a = np.concatenate([x, np.diag(root)])
+    scale = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+    return np.linalg.lstsq(a / scale, np.concatenate([y, np.zeros(len(root))]), rcond=1e-13)[0] / scale
+
+
+def losses_by_block(left, block):
+    return np.bincount(block, left**2)
+
+
+CANDIDATES = [
+    ("quadratic_viscous", 0, (0,)),
+    ("joint_spring", 1, (0, 1)),
+    ("torque_ripple", 0, (0, 1)),
+    ("payload_error", 1, (0, 1, 2, 3)),
+]
+
+
+def candidate_of(assembly, name, joint):
+    effect = load_effect(name)
+    if effect.periodic:
+        return assembly.problem.periodic_candidate(effect, joint, assembly.residual[:, joint])
+    return assembly.problem.candidate(effect, joint)
+
+
+def test_the_model_is_penalised_least_squares(assembly):
+    x, y, precision, block = dense(assembly)
+    theta = fit(x, y, precision)
+    left = y - x @ theta
+    np.testing.assert_allclose(x @ assembly.theta, x @ theta, atol=2e-4 * np.abs(y).max())
+    np.testing.assert_allclose(losses_by_block(y - x @ assembly.theta, block).sum(), left @ left, rtol=1e-5)
+    np.testing.assert_allclose(assembly.power.sum(), y @ y, rtol=1e-12)
+    kept = assembly.layout.keep
+    own = (assembly.residual / assembly.sigma * kept).ravel()
+    np.testing.assert_allclose(own, y - x @ assembly.theta, atol=1e-8)
+
+
+def test_held_out_losses_are_those_of_refits(assembly):
+    x, y, precision, block = dense(assembly)
+    held = np.zeros_like(assembly.joint_losses)
+    for train, test in zip(assembly.layout.folds.train, assembly.layout.folds.test, strict=True):
+        inside = train[block]
+        left = y - x @ fit(x[inside], y[inside], precision)
+        square = (left**2).reshape(-1, held.shape[1])
+        for j in range(held.shape[1]):
+            held[test, j] = np.bincount(block[:: held.shape[1]], square[:, j])[test]
+    np.testing.assert_allclose(assembly.joint_losses.sum(axis=0), held.sum(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(assembly.joint_losses, held, rtol=2e-2, atol=1e-3 * held.mean())
+
+
+@pytest.mark.parametrize(("name", "joint", "subset"), CANDIDATES)
+def test_a_candidate_beside_the_model_is_the_joint_fit(assembly, name, joint, subset):
+    candidate = candidate_of(assembly, name, joint)
+    sums = assembly.sum_products(candidate).select(subset)
+    added = assembly.add(sums)
+    base = dense(assembly)
+    theta = fit(*base[:3])
+    before = np.sum((base[1] - base[0] @ theta) ** 2) + theta @ base[2] @ theta
+    for s in range(len(candidate.shapes)):
+        x, y, precision, _ = dense(assembly, Chosen(candidate.at(s), subset))
+        together = fit(x, y, precision)
+        after = np.sum((y - x @ together) ** 2) + together @ precision @ together
+        assert added.gain[s] == pytest.approx(before - after, rel=1e-3, abs=1e-6 * before)
+        torque = x[:, -len(subset) :] @ together[-len(subset) :]
+        np.testing.assert_allclose(
+            x[:, -len(subset) :] @ added.beta[s], torque, atol=1e-3 * np.abs(torque).max()
+        )
+
+
+@pytest.mark.parametrize(("name", "joint", "subset"), CANDIDATES)
+def test_hold_out_is_an_explicit_refit_of_every_fold(assembly, name, joint, subset):
+    candidate = candidate_of(assembly, name, joint)
+    sums = assembly.sum_products(candidate).select(subset)
+    change = assembly.hold_out(sums)
+    expected = np.full(len(change), np.nan)
+    base = dense(assembly)
+    for f, (train, test) in enumerate(
+        zip(assembly.layout.folds.train, assembly.layout.folds.test, strict=True)
+    ):
+        best = int(np.argmax(assembly.add(sums, f).gain))
+        x, y, precision, block = dense(assembly, Chosen(candidate.at(best), subset))
+        inside = train[block]
+        losses = [
+            losses_by_block(y - a @ fit(a[inside], y[inside], p), block)
+            for a, p in ((x, precision), (base[0], base[2]))
+        ]
+        expected[test] = (losses[0] - losses[1])[test]
+    size = np.abs(expected).sum()
+    np.testing.assert_allclose(change.sum(), expected.sum(), atol=1e-3 * size)
+    np.testing.assert_allclose(change, expected, atol=1e-2 * np.abs(expected).max())
+
+
+def test_scores_are_those_of_columns_with_the_model_projected_out(assembly):
+    candidate = candidate_of(assembly, "quadratic_viscous", 0)
+    sums = assembly.sum_products(candidate)
+    scores = assembly.block_scores(sums)
+    added = assembly.add(sums)
+    # With all signs as they are, their sum is what the gain is made of.
+    total = scores.sum(axis=0)
+    np.testing.assert_allclose(total, np.einsum("smn,sn->sm", added.inner, added.beta), rtol=1e-3)
+    x, y, precision, block = dense(assembly, Chosen(candidate.at(0), (0,)))
+    own, model = x[:, -1], x[:, :-1]
+    normal = model.T @ model + precision[:-1, :-1]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    turned = np.linalg.solve(
+        normal * np.outer(scale, scale) + 1e-10 * np.eye(len(scale)), scale * (model.T @ own)
+    )
+    clean = own - model @ (scale * turned)
+    left = y - model @ fit(model, y, precision[:-1, :-1])
+    np.testing.assert_allclose(
+        scores[:, 0, 0], np.bincount(block, clean * left), atol=1e-2 * np.abs(scores).max()
+    )
+
+
+def test_a_part_of_the_machine_gives_the_same_evidence_where_it_is_not_coupled(record, pose):
+    problem = pose(record(STRIBECK, seed=1, runs=4, duration=6.0))
+    search = Search(problem, Policy(flips=99))
+    whole = search.assemble(())
+    candidate = problem.candidate(load_effect("quadratic_viscous"), 0)
+    assert find_reach(problem.base, candidate) == {0}
+    part = Assembly(problem.layout, problem.target, problem.base, search.sigma, {0})
+    assert part.p < whole.p
+    one, other = (weigh(a, candidate, (0,), search.flips) for a in (whole, part))
+    for name in ("gain", "share", "statistic", "sine", "agreement", "blocks"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9), name
+    np.testing.assert_allclose(one.change, other.change, rtol=1e-7, atol=1e-10)
+
+
+def test_coupled_joints_are_reached():
+    class Term:
+        def __init__(self, *joints):
+            self.candidate = self
+            self.joints = joints
+
+    chain = [
+        Term(0, 1),
+        Term(1, 2),
+        Term(
+            4,
+        ),
+        Term(4, 5),
+    ]
+    assert find_reach(chain, Term(0)) == {0, 1, 2}
+    assert find_reach(chain, Term(3)) == {3}
+    assert find_reach(chain, Term(5, 3)) == {3, 4, 5}
+
+
+def test_blocks_and_folds_do_not_grow_with_the_square_of_the_runs():
+    """Each block is held out once, by at most ten folds, however many runs there are."""
+    for runs in (3, 10, 11, 50):
+        blocks = [Block(r, 100 * k, 100 * k + 100) for r in range(runs) for k in range(4)]
+        folds = make_folds(blocks, [f"{r}.csv" for r in range(runs)])
+        assert len(folds.test) == min(runs, 10)
+        np.testing.assert_array_equal(folds.test.sum(axis=0), 1)
+        np.testing.assert_array_equal(folds.train, ~folds.test)
+        # Whole runs are held out, about as many in each fold.
+        assert all(len(set(row[4 * r : 4 * r + 4])) == 1 for row in folds.test for r in range(runs))
+        held = folds.test.sum(axis=1)
+        assert held.max() - held.min() <= 4
+
+
+def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(
+    record_at, pose, tmp_path, monkeypatch
+):
+    """Calls are counted, not time: with eight times the runs, folds and not runs multiply."""
+    counted = {}
+    for runs in (4, 25):
+        problem = pose(record_at(tmp_path / str(runs) / "duo", runs=runs, duration=4.0))
+        search = Search(problem, Policy(flips=99))
+        assembly = search.assemble(())
+        calls = Counter()
+
+        def count(name, own, calls=calls):
+            def counting(self, *args):
+                calls[name] += 1
+                return own(self, *args)
+
+            return counting
+
+        with monkeypatch.context() as patch:
+            for name in ("_solve", "add", "sum_products", "hold_out"):
+                patch.setattr(Assembly, name, count(name, getattr(assembly_module.Assembly, name)))
+            for name in ("quadratic_viscous", "stribeck"):
+                weigh(assembly, problem.candidate(load_effect(name), 0), (0,), search.flips)
+        counted[runs] = calls
+        folds = len(problem.layout.folds.test)
+        assert folds == min(runs - 1, 10)
+        assert calls["sum_products"] == calls["hold_out"] == 2
+        # All blocks once, and each fold once for the model; the same for each candidate.
+        assert calls["_solve"] == 1 + folds
+        assert calls["add"] == 2 * (1 + folds)
+    assert counted[25]["add"] < 3 * counted[4]["add"]

@@ -1,0 +1,116 @@
+"""Clocks of real recorders: any origin, uneven steps, lost samples, gaps."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake.clock import check_clock, mark_losses, resample, split_at_gaps
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.intake.recording import Run
+from wearscope.errors import InputError
+
+RATE = 100.0
+T = np.arange(2000) / RATE
+
+
+def make_run(t):
+    x = np.sin(2 * np.pi * 0.5 * t)[:, None]
+    return Run("r.parquet", "train", t - t[0], x, 3 * x, None, None, None, start=float(t[0]))
+
+
+@pytest.mark.parametrize("rate", [100.0, 93.75, 93.6])
+def test_a_clock_of_two_steps_has_either_rate(rate):
+    """The log of a published arm's controller: 10, 10, 12 ms."""
+    t = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
+    check_clock("f", t, rate)
+    uniform = resample(make_run(t), rate)
+    np.testing.assert_allclose(np.diff(uniform.t), 1 / rate)
+    assert np.abs(uniform.q[:, 0] - np.sin(2 * np.pi * 0.5 * (uniform.t + t[0]))).max() < 5e-4
+
+
+@pytest.mark.parametrize("rate", [97.0, 90.0, 50.0])
+def test_a_clock_of_another_rate_is_refused(rate):
+    t = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
+    with pytest.raises(
+        InputError, match=r"which is 100 Hz \(93\.75\d* Hz on average\), where sample_rate says"
+    ):
+        check_clock("f", t, rate)
+
+
+def test_a_few_lost_samples_are_interpolated_and_marked():
+    kept = np.ones(2000, dtype=bool)
+    kept[[500, 900, 901, 902]] = False
+    (run,), notes = split_at_gaps(make_run(T[kept]), RATE, "f")
+    assert "4 samples lost at 2 places" in notes[0]
+    uniform = resample(run, RATE)
+    assert np.flatnonzero(mark_losses(uniform)).tolist() == [500, 900, 901, 902]
+    assert np.abs(uniform.q[:, 0] - np.sin(np.pi * T)).max() < 3e-3
+
+
+def test_a_gap_splits_a_run_and_short_pieces_are_left_out():
+    t = T + np.where(np.arange(2000) >= 800, 2.0, 0.0) + np.where(np.arange(2000) >= 830, 3.0, 0.0)
+    pieces, notes = split_at_gaps(make_run(t + 1.7e9), RATE, "f")
+    assert [len(piece.t) for piece in pieces] == [800, 1170]
+    assert [piece.piece for piece in pieces] == [1, 2]
+    assert [piece.label for piece in pieces] == ["r.parquet#1", "r.parquet#2"]
+    assert pieces[1].t[0] == pytest.approx(13.3, abs=1e-5) and pieces[1].start == 1.7e9
+    assert any("30 rows from t = 1700000010 s on" in note for note in notes)
+    assert any("'t' jumps at 2 place(s), first by 2.01 s at row 800" in note for note in notes)
+
+
+def edit(folder, change):
+    for run in yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]:
+        file = folder / run["file"]
+        change(pd.read_parquet(file)).to_parquet(file, index=False)
+
+
+def check(folder):
+    prepared = prepare(read_dataset(folder, find_prismatic))
+    check_plausibility(prepared)
+    return prepared
+
+
+def test_time_since_the_epoch_is_as_good_as_time_since_start(record):
+    folder = record(runs=3)
+    one = check(folder)
+    edit(folder, lambda table: table.assign(t=table["t"] + 1.7e9))
+    other = check(folder)
+    for a, b in zip(one.runs, other.runs, strict=True):
+        assert b.start == 1.7e9 and b.t[0] < 2.0
+        np.testing.assert_allclose(b.t, a.t, atol=1e-6)
+        np.testing.assert_allclose(b.measured, a.measured, atol=1e-3 * a.measured.std())
+        np.testing.assert_allclose(b.signals.t, a.signals.t, atol=1e-6)
+
+
+def test_pieces_are_runs_of_one_file_with_the_same_rows(record):
+    """What lies away from the gap is what the whole run gives."""
+    folder = record(runs=3)
+    whole = check(folder)
+    edit(folder, lambda table: table.drop(index=range(1000, 1060)))
+    split = check(folder)
+    assert [run.label for run in split.runs[:2]] == ["runs/r0.parquet#1", "runs/r0.parquet#2"]
+    assert len({run.label for run in split.runs}) == len(split.runs) == 6
+    assert len(split.runs_for("test")) == 2 and split.runs[1].file == split.runs[0].file
+    assert split.runs[1].signals.t[0] == pytest.approx(1060 / 200)
+    one, piece = whole.runs[0].signals, split.runs[1].signals
+    inner = slice(200, len(piece.t) - 200)
+    at = np.searchsorted(one.t, piece.t[inner] - 1e-6)
+    np.testing.assert_allclose(piece.q[inner], one.q[at], atol=1e-4)
+    np.testing.assert_allclose(piece.load[inner], one.load[at], atol=0.02 * one.load.std())
+
+
+def test_lost_samples_do_not_count(record):
+    folder = record(runs=3)
+    whole = check(folder)
+    rng = np.random.default_rng(0)
+    edit(folder, lambda table: table.drop(index=np.sort(rng.choice(np.arange(50, 2300), 40, replace=False))))
+    thinned = check(folder)
+    assert any("samples lost" in note for note in thinned.notes)
+    for a, b in zip(whole.runs, thinned.runs, strict=True):
+        assert b.keep.mean() > a.keep.mean() - 0.1
+        both = (a.keep & b.keep).all(axis=1)
+        assert np.abs(a.measured - b.measured)[both].std() < 0.02 * a.measured.std()

@@ -1,0 +1,88 @@
+"""Whatever is declared, from nothing to the paper's friction: plain friction is named, and nothing else."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+
+#: What the small arm has at every joint.
+TRUTH = {
+    "rotor_inertia": ("inertia", [1.5, 0.6]),
+    "coulomb": ("level", [6.0, 3.0]),
+    "viscous": ("slope", [4.0, 2.0]),
+}
+UNSTATED = {"rotor_inertia": None}
+
+
+@pytest.fixture(scope="module")
+def declared_whole(record_at, tmp_path_factory):
+    """What declaring the standard effects gives on the same runs."""
+    folder = record_at(tmp_path_factory.mktemp("whole") / "duo", seed=7, runs=4, duration=8.0)
+    return diagnose(folder).verdict
+
+
+@pytest.mark.parametrize(
+    "declared", [[], ["rigid_body"], ["rigid_body", "coulomb"], ["rigid_body", "rotor_inertia"]]
+)
+def test_plain_friction_is_named_and_nothing_else(record, declared_whole, declared):
+    verdict = diagnose(record(declared=declared, robot=UNSTATED, seed=7, runs=4, duration=8.0)).verdict
+    wanted = {(joint, name) for joint in "ab" for name in TRUTH if name not in declared}
+    assert {(e["joint"], e["effect"]) for e in verdict["verdict"]} == wanted
+    for e in verdict["verdict"]:
+        parameter, values = TRUTH[e["effect"]]
+        found = e["parameters"][parameter]
+        low, high = found["ci95"]
+        assert found["value"] == pytest.approx(values["ab".index(e["joint"])], rel=0.05)
+        assert low < found["value"] < high
+        assert e["status"] == "confirmed"
+    for joint, whole in declared_whole["joints"].items():
+        # Nothing is lost by not declaring it.
+        assert verdict["joints"][joint]["rms_after"] < 1.03 * whole["rms_after"]
+        assert verdict["joints"][joint]["state"] == "corrected"
+
+
+def test_one_run_is_enough_for_plain_friction(record):
+    verdict = diagnose(record(declared=["rigid_body"], robot=UNSTATED, seed=7, runs=2, duration=8.0)).verdict
+    assert {(e["joint"], e["effect"]) for e in verdict["verdict"]} == {(j, n) for j in "ab" for n in TRUTH}
+
+
+def test_beside_approximate_inertials_nothing_is_lost(record, declared_whole):
+    """The first rotor turns with its link about the same axis: the link's inertia takes it over."""
+    robot = UNSTATED | {"inertials": "approximate"}
+    verdict = diagnose(record(declared=["rigid_body"], robot=robot, seed=7, runs=4, duration=8.0)).verdict
+    named = {(e["joint"], e["effect"]) for e in verdict["verdict"]}
+    friction = {(joint, name) for joint in "ab" for name in ("coulomb", "viscous")}
+    assert friction <= named <= friction | {("a", "rotor_inertia"), ("b", "rotor_inertia")}
+    for joint, whole in declared_whole["joints"].items():
+        assert verdict["joints"][joint]["rms_after"] < 1.1 * whole["rms_after"]
+
+
+@pytest.mark.parametrize("warm", [True, False], ids=["temperature", "no_temperature"])
+def test_the_friction_of_the_paper_contains_plain_friction(record, declared_whole, warm):
+    declared = ["rigid_body", "rotor_inertia", "friction_wear_temperature"]
+    verdict = diagnose(record(declared=declared, seed=7, runs=4, duration=8.0, warm=warm)).verdict
+    assert verdict["verdict"] == []
+    for joint, whole in declared_whole["joints"].items():
+        assert verdict["joints"][joint]["rms_after"] < 1.1 * whole["rms_after"]
+
+
+def test_a_joint_without_friction_is_given_none(record):
+    """Its own friction is taken off the first joint: what is not there is not named."""
+
+    def free(t, q, v, a, rng):
+        return np.column_stack([-6.0 * np.sign(v[:, 0]) - 4.0 * v[:, 0], 0.0 * t])
+
+    folder = record(declared=["rigid_body", "rotor_inertia"], extra_torque=free, seed=7, runs=4, duration=8.0)
+    named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
+    assert named == {("b", "coulomb"), ("b", "viscous")}
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="falling Stribeck and rising viscous friction cancel: viscous is dropped by the standard stage",
+)
+def test_richer_friction_comes_after_its_simple_parents(record):
+    planted = [(0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})]
+    folder = record(planted, declared=["rigid_body"], robot=UNSTATED, seed=7, runs=4, duration=8.0)
+    named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
+    assert named == {(j, n) for j in "ab" for n in TRUTH} | {("a", "stribeck")}

@@ -1,0 +1,122 @@
+"""The set of names keeps what is as good and drops what is clearly worse, with the stated coverage."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.closed_loop.selection.naming import find_confidence_set, name_terms
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Search
+from wearscope.effects.base import load_effect
+
+POLICY = Policy()
+BLOCKS = 60
+NAMES = ("quadratic_viscous", "viscous_asymmetry", "joint_spring", "torque_offset")
+
+
+def evidence(name, change):
+    effect = load_effect(name)
+    chosen = Chosen(Candidate(effect, 0, ((),), (0,), (np.ones((4, len(effect.coefficients))),)), (0,))
+    return Evidence(
+        chosen=chosen, joint=0, change=change, gain=float(-np.nansum(change)), share=0.3,
+        gains={0: 1.0}, left=30.0, torque=0.1, statistic=8.0, chance=np.zeros(9), agreement=1.0,
+        informing=4, sine=0.9, blocks=30.0, cancellation=1.0, beta=np.ones(1), tried=1.0,
+    )  # fmt: skip
+
+
+def names_in(evidences, policy=POLICY):
+    return [e.term.effect.name for e in find_confidence_set(evidences, policy)]
+
+
+def draw(rng, means, common=1.0, own=0.3, blocks=BLOCKS):
+    """Losses whose noise is mostly shared, as that of one residual under several models is."""
+    shared = common * rng.standard_normal(blocks)
+    return [
+        evidence(name, mean + shared + own * rng.standard_normal(blocks))
+        for name, mean in zip(NAMES, means, strict=False)
+    ]
+
+
+def test_a_clearly_worse_name_is_dropped_in_either_order():
+    made = draw(np.random.default_rng(0), [-3.0, -3.0, -1.0])
+    assert names_in(made) == list(NAMES[:2])
+    assert names_in(made[::-1]) == [NAMES[1], NAMES[0]]
+
+
+def test_a_name_alone_is_its_own_set():
+    (one,) = draw(np.random.default_rng(1), [-3.0])
+    assert names_in([one]) == [NAMES[0]]
+
+
+def test_terms_that_predict_the_same_stay_together():
+    """Collinear terms have losses equal to rounding, which no bootstrap may divide by."""
+    one, worse = draw(np.random.default_rng(2), [-3.0, -1.0])
+    same = replace(one, chosen=evidence(NAMES[2], one.change).chosen, change=one.change * (1 + 1e-13))
+    assert names_in([one, same]) == [NAMES[0], NAMES[2]]
+    assert names_in([one, same, worse]) == [NAMES[0], NAMES[2]]
+
+
+def test_blocks_that_no_fold_holds_out_do_not_count():
+    made = draw(np.random.default_rng(3), [-3.0, -1.0])
+    gaps = np.arange(BLOCKS) % 5 == 0
+    made = [replace(e, change=np.where(gaps, np.nan, e.change)) for e in made]
+    assert names_in(made) == [NAMES[0]]
+
+
+def test_the_set_is_wider_where_more_coverage_is_asked_for():
+    sizes = {}
+    for level in (0.01, 0.1, 0.5):
+        policy = Policy(set_level=level)
+        made = [draw(np.random.default_rng([4, k]), [-3.0, -2.95, -2.9], own=0.5) for k in range(20)]
+        sizes[level] = sum(len(names_in(m, policy)) for m in made)
+    assert sizes[0.01] >= sizes[0.1] >= sizes[0.5]
+    assert sizes[0.01] > 40
+
+
+@pytest.mark.parametrize(
+    "means", [[-3.0, -3.0, -3.0], [-3.0, -2.95, -2.8]], ids=["all_equal", "one_a_little_better"]
+)
+def test_the_best_name_is_in_its_set_as_often_as_is_said(means):
+    """Coverage on simulated losses: at least 90 %, within what 120 draws can show."""
+    inside = sum(NAMES[0] in names_in(draw(np.random.default_rng([5, k]), means)) for k in range(120))
+    assert inside >= stats.binom.ppf(0.001, 120, 0.9)
+
+
+def test_an_evident_second_name_is_left_out_nearly_always():
+    wide = sum(len(names_in(draw(np.random.default_rng([6, k]), [-3.0, -2.5]))) for k in range(40))
+    assert wide <= 44
+
+
+@pytest.fixture(scope="module")
+def two_effects(record_at, tmp_path_factory):
+    """A Stribeck effect, found first, and a ripple beside which its shape and its scale are others."""
+    planted = [
+        (0, "stribeck", {"level": 10.0, "speed": 0.3, "exponent": 1.0}),
+        (0, "torque_ripple", {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}),
+    ]
+    return record_at(tmp_path_factory.mktemp("two") / "duo", planted, seed=3, runs=4, duration=8.0)
+
+
+def test_names_are_compared_on_one_scale(two_effects, pose):
+    """What a term gained before the others were found says nothing of what a rival gains now."""
+    search = Search(pose(two_effects), Policy(flips=199))
+    found = search.run()
+    named, _ = name_terms(search, found)
+    assert {f.effect.name for f in named} == {"stribeck", "torque_ripple"}
+    base = {round(f.evidence.gain + f.evidence.left, 3) for f in named if f.effect.name == "stribeck"}
+    beside = search.assemble([f for f in named if f.effect.name != "stribeck"])
+    assert base == {round(float(np.nansum(beside.joint_losses[:, 0])), 3)}
+
+
+def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
+    """Rows at rest do not count: an offset and a level that depends on the direction are one."""
+    verdict = diagnose(record([(0, "torque_offset", {"offset": 3.0})], seed=3, runs=4, duration=8.0)).verdict
+    (entry,) = verdict["verdict"]
+    assert "torque_offset" in {entry["effect"], *entry["equivalent"]}
+    assert entry["effect"] not in entry["equivalent"]

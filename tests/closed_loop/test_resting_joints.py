@@ -1,0 +1,96 @@
+"""Runs in which one joint moves at a time, with encoders of a count of 1e-4 rad, are as good as any."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake.cleaning import clean_run
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.intake.recording import Run, estimate_quantum
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.urdf import normalise_urdf
+
+COUNT, RATE, DURATION = 1e-4, 125.0, 16.0
+
+
+def move_one(rng, t, start, stop):
+    """Position, speed and acceleration of a joint that moves from `start` to `stop` only, smoothly."""
+    u = np.clip((t - start) / (stop - start), 0.0, 1.0)
+    window, slope = np.sin(np.pi * u) ** 4, 4 * np.sin(np.pi * u) ** 3 * np.cos(np.pi * u) * np.pi
+    curve = 4 * np.pi**2 * (3 * np.sin(np.pi * u) ** 2 * np.cos(np.pi * u) ** 2 - np.sin(np.pi * u) ** 4)
+    slope, curve = slope / (stop - start), curve / (stop - start) ** 2
+    w, phase = rng.uniform(2.0, 4.0), rng.uniform(0, 6)
+    x, dx, ddx = np.sin(w * t + phase), w * np.cos(w * t + phase), -(w**2) * np.sin(w * t + phase)
+    return window * x, slope * x + window * dx, curve * x + 2 * slope * dx + window * ddx
+
+
+@pytest.fixture
+def one_by_one(record):
+    """The fixture's arm, moved joint by joint; held joints toggle by a count and carry what they like."""
+
+    def make(resampled):
+        folder = record(runs=3, duration=2.0)
+        path = folder / "dataset.yaml"
+        fields = yaml.safe_load(path.read_text())
+        joints = fields["robot"]["joints"]
+        body = RigidBody(
+            normalise_urdf((folder / "robot.urdf").read_text(), joints),
+            joints,
+            payload=Payload(3.0, (0.3, 0, 0)),
+        )
+        for r, run in enumerate(fields["runs"]):
+            rng = np.random.default_rng(r)
+            t = np.arange(int(DURATION * RATE)) / RATE
+            parts = [move_one(rng, t, 8.0 * k + 0.5, 8.0 * k + 7.5) for k in range(2)]
+            q, v, a = (np.column_stack([part[k] for part in parts]) for k in range(3))
+            q = q + rng.uniform(-0.5, 0.5, 2)
+            tau = body.inverse_dynamics(q, v, a) + np.array(fields["robot"]["rotor_inertia"]) * a
+            stuck = np.where(np.abs(v) < 1e-6, 0.5 * np.sin(0.2 * t)[:, None], np.sign(v))
+            tau += np.array([6.0, 3.0]) * stuck + 3.0 * v + 0.3 * rng.normal(size=q.shape)
+            toggling = np.where((rng.random(q.shape) < 0.02) & (v == 0), COUNT, 0.0)
+            q = np.round(q / COUNT) * COUNT + toggling
+            table = {"t": t}
+            for j, joint in enumerate(joints):
+                table |= {f"q_{joint}": q[:, j], f"tau_{joint}": tau[:, j]}
+            if resampled:
+                late = t + 0.37 / RATE
+                table = {name: np.interp(late, t, x) for name, x in table.items()}
+            pd.DataFrame(table).to_parquet(folder / run["file"], index=False)
+        path.write_text(yaml.safe_dump(fields | {"sample_rate": RATE}))
+        return folder
+
+    return make
+
+
+@pytest.mark.parametrize("resampled", [False, True], ids=["counts", "interpolated"])
+def test_joint_by_joint_runs_are_believed(one_by_one, resampled):
+    prepared = prepare(read_dataset(one_by_one(resampled), find_prismatic))
+    check_plausibility(prepared)
+    assert prepared.moving.all() and not any("spikes" in note or "cut off" in note for note in prepared.notes)
+    run = prepared.runs[0]
+    first, second = run.t < 7.0, (run.t > 9.0) & (run.t < 15.0)
+    assert run.keep[second, 0].mean() < 0.2 < 0.5 < run.keep[first, 0].mean()
+    assert run.keep[first, 1].mean() < 0.2 < 0.5 < run.keep[second, 1].mean()
+
+
+def test_quantum_is_the_encoders_count():
+    rng = np.random.default_rng(0)
+    t = np.arange(4000) / 250
+    q = np.column_stack([np.sin(t), np.round(np.sin(t) / 1e-3) * 1e-3, np.full(4000, 0.2)])
+    q[rng.random(4000) < 0.01, 2] += 5e-5
+    np.testing.assert_allclose(estimate_quantum(q), [0.0, 1e-3, 5e-5], rtol=1e-6, atol=1e-12)
+
+
+def test_a_real_step_of_a_resting_joint_is_still_refused():
+    t = np.arange(2000) / 250
+    q = np.column_stack([np.sin(t), np.where(t < 4.0, 0.2, 0.25)])
+    run = Run("r", "train", t, q, np.cos(3 * t)[:, None] * np.ones(2), None, None, None)
+    with pytest.raises(
+        InputError, match=r"'q_b' steps by 0\.05 .* \"accept: \[step q_b\]\" to dataset\.yaml"
+    ):
+        clean_run(run, ["a", "b"], [False, False], "f", reach=np.array([2.0, 1.0]))

@@ -1,0 +1,53 @@
+"""The bounded fit is the plain one where no bound holds, and SciPy's non-negative one where all do."""
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded, fit_rough, predict_rough
+
+
+def draw(seed, scale=1.0):
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(300, 5)) * [1.0, 30.0, 0.1, 5.0, 1.0]
+    return x, scale * (x @ [1.0, 0.3, -2.0, 0.5, -1.0] + 0.1 * rng.normal(size=300))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_without_bounds_it_is_least_squares(seed):
+    x, y = draw(seed)
+    left, theta = fit_bounded(x, y, np.full(5, -np.inf), np.full(5, np.inf))
+    np.testing.assert_allclose(theta, fit_rough([x], [y]), rtol=1e-9)
+    assert left == pytest.approx(float(np.sum((y - x @ theta) ** 2)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+def test_with_all_bounds_at_zero_it_is_the_non_negative_fit(seed, scale):
+    x, y = draw(seed, scale)
+    left, theta = fit_bounded(x, y, np.zeros(5), np.full(5, np.inf))
+    expected, norm = optimize.nnls(x, y)
+    np.testing.assert_allclose(theta, expected, rtol=1e-6, atol=1e-9 * scale)
+    assert left == pytest.approx(norm**2, rel=1e-9)
+
+
+def test_columns_that_are_collinear_or_nil_have_an_end():
+    x, y = draw(0)
+    x = np.column_stack([x, x[:, 0], np.zeros(300)])
+    left, theta = fit_bounded(x, 1e-5 * y, np.zeros(7), np.full(7, np.inf))
+    assert np.isfinite(theta).all() and left >= 0.0
+
+
+def test_prediction_is_fitted_on_train_runs_only():
+    rng = np.random.default_rng(1)
+    none = np.zeros((200, 1), dtype=bool)
+
+    def make(use, gain):
+        known, a, v = rng.normal(size=(3, 200, 1))
+        tau = gain * known + 0.2 * a + 3.0 * np.sign(v) + 0.5 * v + 1.0
+        return RoughRun(use, np.arange(200.0), known, a, np.sign(v), v, tau, none, none)
+
+    runs = [make("train", 1.0), make("train", 1.0), make("test", 7.0)]
+    first, _, test = predict_rough(runs, inner=False)
+    np.testing.assert_allclose(first, runs[0].tau, atol=1e-9)
+    np.testing.assert_allclose(test, runs[2].tau - 6.0 * runs[2].known, atol=1e-9)

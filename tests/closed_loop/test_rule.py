@@ -1,0 +1,180 @@
+"""The rule on evidence made by hand: why a term is refused, which are tied, which gives the name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.effects.base import load_effect
+
+POLICY = Policy()
+FREE = [(-np.inf, np.inf)]
+SPREAD = np.array([1.0, -1.0] * 20)
+
+
+def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=(), subset=(0,), **changed):
+    """Evidence that passes every question, on 40 blocks with an equal gain but for `noise`."""
+    effect = load_effect(name)
+    rows = tuple(np.ones((4, len(effect.coefficients))) for _ in joints)
+    chosen = Chosen(Candidate(effect, joints[0], (shape,), joints, rows), subset)
+    change = -gain / len(SPREAD) + noise * SPREAD
+    made = Evidence(
+        chosen=chosen, joint=joints[0],
+        change=change, gain=gain, share=0.3, gains=dict.fromkeys(joints, gain),
+        left=60.0, torque=0.1, statistic=8.0, chance=np.zeros(9), agreement=1.0, informing=4, sine=0.9,
+        blocks=30.0, cancellation=1.0, beta=np.ones(len(subset)), tried=1.0, whole=0.3, p_value=0.001,
+    )  # fmt: skip
+    return replace(made, **changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({}, Refusal.NONE),
+        ({"refusal": Refusal.FULL}, Refusal.FULL),
+        ({"sine": 0.9e-3}, Refusal.ABSORBED),
+        ({"share": 0.999 * POLICY.material_share}, Refusal.IMMATERIAL),
+        ({"share": 1.001 * POLICY.material_share}, Refusal.NONE),
+        ({"torque": 0.999 * POLICY.material_torque}, Refusal.IMMATERIAL),
+        ({"torque": 1.001 * POLICY.material_torque}, Refusal.NONE),
+        ({"whole": 0.999 * POLICY.material_whole}, Refusal.IMMATERIAL),
+        ({"whole": 1.001 * POLICY.material_whole}, Refusal.NONE),
+        ({"informing": 1}, Refusal.LOCAL),
+        ({"cancellation": 13.0}, Refusal.CANCELS),
+        ({"beta": np.array([-0.1])}, Refusal.BOUNDS),
+        ({"beta": np.array([2.1])}, Refusal.BOUNDS),
+        ({"beta": np.array([0.04])}, Refusal.SMALL),
+        ({"p_value": 1.001 * POLICY.family_level}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.5}, Refusal.NONE),
+        ({"p_value": 1.0, "share": 0.5, "informing": 2}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.5, "agreement": 0.99}, Refusal.CHANCE),
+        ({"agreement": 0.75}, Refusal.DISAGREES),
+        ({"agreement": 0.8}, Refusal.NONE),
+        ({"blocks": 1.0}, Refusal.NONE),
+    ],
+)
+def test_each_refusal_has_its_reason(changed, why):
+    assert rule.judge(evidence(**changed), POLICY, [(0.0, 2.0)], 0.05, by_run=True) is why
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({}, Refusal.NONE),
+        ({"blocks": 3.9}, Refusal.LOCAL),
+        ({"agreement": 0.99}, Refusal.DISAGREES),
+        ({"p_value": 1.0, "share": 0.6}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.7}, Refusal.NONE),
+    ],
+)
+def test_more_is_asked_of_parts_of_a_single_run(changed, why):
+    assert rule.judge(evidence(**changed), POLICY, FREE, 0.0, by_run=False) is why
+
+
+def test_nan_is_not_taken_for_evidence():
+    """A p-value that nobody worked out and a share that is not a number must not pass."""
+    for changed in ({"p_value": np.nan}, {"share": np.nan}, {"torque": np.nan}, {"agreement": np.nan}):
+        e = evidence(**changed)
+        assert rule.judge(e, POLICY, FREE, 0.0, by_run=True) is not Refusal.NONE, changed
+
+
+def test_generic_structure_needs_more_than_a_name():
+    for changed, why in (
+        ({}, Refusal.NONE),
+        ({"share": 0.999 * POLICY.unknown_share}, Refusal.IMMATERIAL),
+        ({"whole": 4.999 * POLICY.material_whole}, Refusal.IMMATERIAL),
+        ({"p_value": 1.001 * POLICY.unknown_level}, Refusal.CHANCE),
+    ):
+        e = evidence("unknown", shape=(0.0,) * 10, **changed)
+        assert rule.judge(e, POLICY, FREE, 0.0, by_run=True, generic=True) is why
+    # Columns of a spline cancel each other as they like; a single run shows nothing of other motions.
+    e = evidence("unknown", shape=(0.0,) * 10, cancellation=1e6)
+    assert rule.judge(e, POLICY, FREE, 0.0, by_run=True, generic=True) is Refusal.NONE
+    assert rule.judge(e, POLICY, FREE, 0.0, by_run=False, generic=True) is Refusal.ALONE
+
+
+def test_a_standard_term_may_be_small_but_not_chance():
+    e = evidence("coulomb", share=0.011, whole=0.0)
+    assert rule.judge(e, POLICY, FREE, 0.0, by_run=True) is Refusal.NONE
+    assert rule.is_needed(e, POLICY, by_run=True)
+    assert not rule.is_needed(replace(e, share=0.009), POLICY, by_run=True)
+    assert not rule.is_needed(replace(e, torque=0.001), POLICY, by_run=True)
+    assert not rule.is_needed(replace(e, agreement=0.75), POLICY, by_run=True)
+    assert not rule.is_needed(replace(e, sine=1e-4), POLICY, by_run=True)
+    noisy = evidence("coulomb", gain=2.0, noise=1.0, share=0.011)
+    assert not rule.is_needed(noisy, POLICY, by_run=True)
+
+
+def test_the_rule_changes_nothing_it_is_given():
+    e = evidence()
+    before = {name: np.copy(getattr(e, name)) for name in ("change", "beta", "chance", "gain", "p_value")}
+    rule.judge(e, POLICY, FREE, 0.0, by_run=True)
+    rule.choose([e, evidence("stribeck", 41.0, shape=(0.3, 1.0))])
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(e, name), value)
+    with pytest.raises(AttributeError):
+        e.gain = 0.0
+
+
+def test_sum_and_error_are_those_of_the_blocks_that_are_held_out():
+    values = np.array([1.0, 3.0, np.nan, 2.0, np.nan])
+    total, error = rule.summed(values)
+    assert total == 6.0
+    assert error == pytest.approx(np.sqrt(3.0) * np.std([1.0, 3.0, 2.0], ddof=1))
+
+
+def test_terms_are_told_apart_materially_and_outside_their_noise():
+    best = evidence(gain=40.0, noise=0.0)
+    # Two in a hundred of what the better one leaves, 60, is 1.2.
+    assert not rule.separates(best, evidence(gain=38.9, noise=0.0))
+    assert rule.separates(best, evidence(gain=38.7, noise=0.0))
+    # A standard error of the difference of 1 x sqrt(40) x 40/39 ...: 10 lies within two of them.
+    assert not rule.separates(best, evidence(gain=30.0, noise=1.0))
+    assert rule.separates(best, evidence(gain=25.0, noise=1.0))
+    assert not rule.separates(evidence(gain=25.0, noise=0.0), best)
+
+
+def test_noise_that_two_terms_share_does_not_tie_them():
+    """Held-out losses are compared block by block: what both leave alike cancels."""
+    best, worse = evidence(gain=40.0, noise=5.0), evidence(gain=35.0, noise=5.0)
+    assert rule.separates(best, worse)
+
+
+def test_the_simplest_of_those_tied_gives_the_name():
+    stribeck = evidence("stribeck", 40.0, shape=(0.3, 1.0))
+    simple = evidence("quadratic_viscous", 39.5)
+    rich = evidence("cross_coupling", 39.9, shape=(1.0,), subset=(0, 1))
+    assert stribeck.complexity > simple.complexity
+    assert rule.choose([stribeck, simple, rich]) is simple
+    # Told apart from the best, it is not asked.
+    assert rule.choose([stribeck, evidence("quadratic_viscous", 30.0, noise=0.1)]) is stribeck
+    # Of equals, what gains most.
+    other = evidence("viscous_asymmetry", 39.7)
+    assert other.complexity == simple.complexity
+    assert rule.choose([simple, other]) is other and rule.choose([other, simple]) is other
+
+
+def test_a_term_felt_elsewhere_is_not_tied():
+    best = evidence("stribeck", 40.0, shape=(0.3, 1.0))
+    elsewhere = evidence("quadratic_viscous", 39.9, joints=(1,))
+    assert rule.choose([best, elsewhere]) is best
+    wide = evidence("payload_error", 39.9, joints=(0, 1), subset=(0,))
+    assert rule.touches(best, wide) and rule.touches(wide, elsewhere)
+    assert not rule.touches(best, elsewhere)
+
+
+def test_nothing_able_is_no_name():
+    assert rule.choose([]) is None
+
+
+def test_what_is_built_against_gravity_is_preferred_only_where_it_works_against_it():
+    spring = evidence("joint_spring", 40.0, subset=(0, 1))
+    balance = evidence("gravity_counterbalance", 39.0, subset=(0, 1))
+    assert spring.complexity == balance.complexity
+    assert rule.simplest([spring, balance]) is spring
+    assert rule.simplest([spring, balance], [balance]) is balance

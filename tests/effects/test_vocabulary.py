@@ -1,0 +1,259 @@
+"""What effects say of themselves is complete, and fits the columns that they give."""
+
+import numpy as np
+import pytest
+
+from wearscope.effects import motions
+from wearscope.effects.base import Effect, Parameter, load_effect
+from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
+from wearscope.effects.vocabulary import (
+    candidate_effects,
+    empirical_effect,
+    given_effects,
+    list_effects,
+    separating_motions,
+    standard_effects,
+)
+from wearscope.errors import InputError
+
+EFFECTS = {effect.name: effect for effect in list_effects()}
+CONTRACT = {
+    "rigid_body", "rotor_inertia", "coulomb", "viscous", "torque_offset", "friction_wear_temperature",
+    "stribeck", "coulomb_asymmetry", "viscous_asymmetry", "quadratic_viscous", "concave_viscous",
+    "load_dependent_friction", "temperature_dependent_friction", "warm_up_drift", "presliding_hysteresis",
+    "backlash", "joint_elasticity", "torque_ripple", "joint_spring", "gravity_counterbalance",
+    "payload_error", "rotor_inertia_error", "torque_constant_error", "time_delay", "cross_coupling", "wear",
+    "inertial_error", "unknown",
+}  # fmt: skip
+
+
+def load(*names: str) -> list[Effect]:
+    return [load_effect(name) for name in names]
+
+
+def names_of(effects) -> set[str]:
+    return {effect.name for effect in effects}
+
+
+def test_the_vocabulary_is_that_of_the_contract():
+    assert set(EFFECTS) == CONTRACT
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_names_that_an_effect_refers_to_exist(effect):
+    known = set(EFFECTS)
+    assert {*effect.parents, *effect.contains, *effect.separated_by} <= known
+    assert not effect.corrects or effect.corrects in known
+    assert effect.name not in {*effect.parents, *effect.contains}
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_every_candidate_says_which_motion_shows_it(effect):
+    sentences = {value for name, value in vars(motions).items() if name.isupper()}
+    assert effect.excitation in sentences
+    if effect.candidate:
+        assert effect.excitation != motions.OTHERS
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_believable_bounds_lie_within_those_of_physics(effect):
+    for p in effect.for_robot(2).parameters:
+        for unit in ("rad", "m"):
+            low, high = p.bounds(unit)
+            assert p.lower <= low < high <= p.upper
+
+
+def test_bounds_depend_on_the_joint_s_unit():
+    (lost_motion,) = EFFECTS["backlash"].coefficients
+    assert lost_motion.bounds("rad") == (0.0, 6e-3)
+    assert lost_motion.bounds("m") == (0.0, 1e-3)
+    (gain,) = EFFECTS["torque_constant_error"].coefficients
+    assert gain.bounds("rad") == gain.bounds("m") == (-0.15, 0.15)
+    (level,) = EFFECTS["coulomb"].coefficients
+    assert level.bounds("m") == (0.0, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("outer", "shape"),
+    [
+        ("friction_wear_temperature", (0.3, 0.0, 0.004, 1.0)),
+        ("joint_spring", ()),
+        ("gravity_counterbalance", ()),
+        ("inertial_error", ()),
+    ],
+)
+def test_what_an_effect_contains_is_in_its_span(outer, shape, signals):
+    """At the contained one's shape that belongs to the outer one's."""
+    effect = EFFECTS[outer].for_robot(3)
+    inner_shapes = {"stribeck": (0.3, 1.0), "temperature_dependent_friction": (33.0,), "wear": (0.004, 1.0)}
+    span = effect.columns(signals, 1, np.array(shape, dtype=float)).reshape(len(signals.t), -1)
+    if effect.spread:
+        span = effect.columns(signals, 1, np.zeros(0)).reshape(-1, len(effect.coefficients))
+    scale = np.maximum(np.linalg.norm(span, axis=0), 1e-12)
+    for name in effect.contains:
+        inner = EFFECTS[name]
+        x = inner.columns(signals, 1, np.array(inner_shapes.get(name, ()), dtype=float))
+        x = x.reshape(len(span), -1)
+        if name == "temperature_dependent_friction":
+            # A law with a temperature dependence of its own is not asked for another one of the level.
+            x = x[:, 1:]
+        left = x - span / scale @ np.linalg.lstsq(span / scale, x, rcond=1e-12)[0]
+        assert np.linalg.norm(left, axis=0).max() < 1e-8 * np.linalg.norm(x, axis=0).max(), name
+
+
+def test_a_joint_spring_is_not_contained_in_a_counterbalance(signals):
+    signals.q[:] *= 4.0
+    span = EFFECTS["gravity_counterbalance"].columns(signals, 1, np.zeros(0))
+    x = signals.q[:, 1]
+    left = x - span @ np.linalg.lstsq(span, x, rcond=None)[0]
+    assert np.linalg.norm(left) > 0.02 * np.linalg.norm(x)
+    assert "joint_spring" not in EFFECTS["gravity_counterbalance"].contains
+
+
+def test_standard_effects_are_those_of_a_plain_joint():
+    assert names_of(standard_effects()) == {"rotor_inertia", "coulomb", "viscous", "torque_offset"}
+    assert all(not effect.parents for effect in standard_effects())
+    assert empirical_effect().name == "unknown"
+
+
+def test_nothing_declared_leaves_everything_that_is_no_error_of_a_declaration():
+    found = names_of(candidate_effects([], [], (), 3))
+    never = {"rigid_body", "friction_wear_temperature", "unknown", "wear"}
+    assert found == CONTRACT - never - {"rotor_inertia_error", "inertial_error"}
+
+
+def test_errors_of_given_values_are_candidates_where_they_are_given():
+    declared = load("rigid_body", "rotor_inertia")
+    names = lambda *given: names_of(candidate_effects(declared, [], given, 3))  # noqa: E731
+    assert not {"rotor_inertia_error", "inertial_error"} & names()
+    assert "rotor_inertia_error" in names("rotor_inertia")
+    assert {"rotor_inertia_error", "inertial_error"} <= names("rotor_inertia", "rigid_body")
+    assert "rotor_inertia" not in names("rotor_inertia")
+    assert names_of(given_effects(declared, {"rotor_inertia", "urdf"})) == {"rotor_inertia"}
+    assert given_effects(declared, {"urdf"}) == []
+
+
+def test_effects_that_a_drive_states_are_installed_from_it():
+    assert {effect.name for effect in EFFECTS.values() if effect.given_by} == names_of(STATED_BY_DRIVE)
+
+
+def test_a_declared_law_leaves_nothing_of_what_it_contains():
+    found = names_of(candidate_effects(load("friction_wear_temperature"), [], (), 3))
+    assert not found & set(EFFECTS["friction_wear_temperature"].contains)
+
+
+def test_a_refinement_waits_for_its_parent():
+    stribeck, drift = EFFECTS["stribeck"], EFFECTS["warm_up_drift"]
+    assert not stribeck.has_parent([]) and not stribeck.has_parent(load("viscous", "torque_offset"))
+    assert stribeck.has_parent(load("coulomb"))
+    assert drift.has_parent(load("viscous"))
+    assert stribeck.has_parent(load("friction_wear_temperature"))
+    assert EFFECTS["time_delay"].has_parent([])
+
+
+def test_complexity_counts_coefficients_and_fitted_shapes():
+    counts = {
+        "coulomb": 1, "stribeck": 2, "concave_viscous": 2, "torque_ripple": 3, "cross_coupling": 1,
+        "temperature_dependent_friction": 1, "warm_up_drift": 2, "backlash": 2, "payload_error": 4,
+    }  # fmt: skip
+    for name, count in counts.items():
+        assert EFFECTS[name].complexity(EFFECTS[name].subsets()[0]) == count, name
+
+
+def test_wrong_links_are_asked_one_by_one_then_together():
+    effect = EFFECTS["inertial_error"].for_robot(3)
+    assert effect is EFFECTS["inertial_error"].for_robot(3)
+    assert [p.name for p in effect.coefficients[20:24]] == [
+        "mass_3",
+        "moment_x_3",
+        "moment_y_3",
+        "moment_z_3",
+    ]
+    assert [list(s) for s in effect.plain_subsets()] == [[10 * k + i for i in range(4)] for k in range(3)]
+    richer = effect.richer_subsets((10, 11, 12, 13))
+    assert [len(s) for s in richer] == [6, 8, 26]
+    assert list(richer[0]) == list(range(14, 20))
+    alone = EFFECTS["inertial_error"].for_robot(1)
+    assert [len(s) for s in alone.richer_subsets((0, 1, 2, 3))] == [6]
+
+
+def test_effects_apply_where_the_signals_hold_what_they_need(signals):
+    warm = EFFECTS["temperature_dependent_friction"]
+    assert warm.is_usable(signals, 1)
+    signals.temperature[:, 1] = 30.0 + 0.4 * np.linspace(0, 1, len(signals.t))
+    assert not warm.is_usable(signals, 1)
+    signals.temperature[:, 1] = np.linspace(0, 9, len(signals.t))
+    signals.temperature[7, 1] = np.nan
+    assert not warm.is_usable(signals, 1)
+    assert warm.is_usable(signals, 2)
+    assert EFFECTS["cross_coupling"].is_usable(signals, 0)
+
+
+def test_a_delay_below_a_tenth_of_a_sample_is_not_believed(signals):
+    assert EFFECTS["time_delay"].least_size(signals) == pytest.approx(0.1 * 2e-3)
+    assert EFFECTS["coulomb"].least_size(signals) == 0.0
+
+
+def test_a_ripple_is_refined_within_half_a_period_over_the_range(signals):
+    ripple = EFFECTS["torque_ripple"]
+    travel = np.ptp(signals.q[:, 1])
+    assert ripple.width(signals, 1, (200.0,)) == pytest.approx(np.pi / travel / 200.0)
+    assert ripple.width(signals, 1, (1.0,)) == 0.3
+    assert EFFECTS["stribeck"].width(signals, 1, (0.1, 1.0)) == 0.8
+
+
+def test_signals_are_named_by_joint():
+    joints = ["one", "two", "three"]
+    assert EFFECTS["stribeck"].name_signals((0.1, 1.0), joints, 1) == ["qd_two", "sign_qd_two"]
+    coupling = EFFECTS["cross_coupling"].name_signals((2.0,), joints, 1)
+    assert coupling == ["qd_three", "sign_qd_three", "qdd_three"]
+    unknown = EFFECTS["unknown"]
+    assert unknown.name_signals((3, 0, 1, 0, 1, -1, 0, 0, 1, 5), joints, 1) == ["load_one", "sign_qd_two"]
+    both = unknown.name_signals((0, 1, 0, 0, 1, 5, 0, 0, 1, 25), joints, 1)
+    assert both == ["q_two", "t"]
+
+
+def test_separating_motion_is_the_pair_s_own_or_each_one_s():
+    payload, balance = load("payload_error", "gravity_counterbalance")
+    assert separating_motions(payload, balance, 3) == separating_motions(balance, payload, 3)
+    assert separating_motions(payload, balance, 3) == [motions.PAYLOAD]
+    coulomb, ripple = load("coulomb", "torque_ripple")
+    assert separating_motions(ripple, coulomb, 3) == [motions.SPEEDS, motions.SESSIONS]
+    # What moves mass is one and the same for a single joint, however it moves.
+    rotor, delay = load("rotor_inertia_error", "time_delay")
+    assert motions.PAYLOAD in separating_motions(rotor, delay, 1)
+    assert motions.PAYLOAD not in separating_motions(rotor, delay, 3)
+
+
+def test_eq_17_holds_where_its_stribeck_speed_is_positive():
+    law = EFFECTS["friction_wear_temperature"]
+    assert law.temperatures({"eta3": -0.2, "eta4": 0.01}) == (pytest.approx(20.0), np.inf)
+    assert law.temperatures({"eta3": 0.5, "eta4": -0.01}) == (-np.inf, pytest.approx(50.0))
+    assert law.temperatures({"eta3": 0.1}) == (-np.inf, np.inf)
+    low, high = law.temperatures({"eta3": 0.0})
+    assert low > high
+    assert EFFECTS["coulomb"].temperatures({}) == (-np.inf, np.inf)
+
+
+def test_a_parameter_without_a_default_must_be_given():
+    law = EFFECTS["friction_wear_temperature"]
+    with pytest.raises(InputError, match="here: effect 'friction_wear_temperature' has no value for 'eta3'"):
+        law.check_values({"eta0": 1.0}, "here")
+    law.check_values({"eta0": 1.0, "eta3": 0.1}, "here")
+
+
+def test_parameters_of_links_are_checked_by_the_robot_s_size():
+    effect = EFFECTS["inertial_error"].for_robot(2)
+    effect.check_values({"mass_2": 1.0}, "here")
+    with pytest.raises(InputError, match="no parameter 'mass_3'"):
+        effect.check_values({"mass_3": 1.0}, "here")
+
+
+def test_own_effects_of_one_name_are_refused():
+    own = [
+        Effect("drag", "k v", (Parameter("k", "1"),), "x", ("qd_{joint}",), reference=f"{place}/drag.py")
+        for place in "ab"
+    ]
+    assert "drag" in names_of(candidate_effects([], own[:1], (), 2))
+    with pytest.raises(InputError, match=r"two own effects are called 'drag' \(a/drag.py and b/drag.py\)"):
+        candidate_effects([], own, (), 2)

@@ -1,0 +1,54 @@
+"""Copies of the tree in which the tests run the smallest study."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TINY = "tests/workflow/tiny"
+
+
+def copy_tree(target: Path) -> Path:
+    """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    compiled = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("src/**/__pycache__/*.nb?")]
+    for name in [*listed.stdout.splitlines(), *compiled]:
+        if (ROOT / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target / name)
+    return target
+
+
+def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
+    return [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores), "--configfile", study]
+
+
+def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
+    return subprocess.run(
+        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+def run_well(folder: Path, *arguments: str, **options) -> str:
+    done = run(folder, *arguments, **options)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
+    return done.stdout + done.stderr
+
+
+def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
+    """Rules with jobs to do, by a dry run."""
+    text = run_well(folder, "-n", *arguments, study=study)
+    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
+
+
+def digests(folder: Path) -> dict[str, bytes]:
+    results = folder / "results" / "tiny"
+    return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}

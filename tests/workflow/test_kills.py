@@ -1,0 +1,140 @@
+"""A study that is killed at any moment is finished by the same command to the same bytes.
+
+A few kills run with the rest of the tests, as many as the review asks for with `make test-kills`.
+"""
+
+import importlib.util
+import os
+import random
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The finished study, and how long it took [s]."""
+    folder = clones.copy_tree(tmp_path_factory.mktemp("undisturbed"))
+    start = time.monotonic()
+    clones.run_well(folder, cores=2)
+    return folder, time.monotonic() - start
+
+
+@pytest.fixture
+def fresh(undisturbed, tmp_path):
+    """The tree without results."""
+    shutil.copytree(
+        undisturbed[0], tmp_path / "study", ignore=shutil.ignore_patterns("results", ".snakemake")
+    )
+    return tmp_path / "study"
+
+
+def start_and_kill(folder, seconds, group):
+    """Start the study, kill it after some time; False where it was done before."""
+    job = subprocess.Popen(
+        clones.command(cores=2),
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        job.wait(seconds)
+        assert job.returncode == 0
+        return False
+    except subprocess.TimeoutExpired:
+        (os.killpg if group else os.kill)(job.pid, signal.SIGKILL)
+        job.wait()
+        return True
+
+
+def list_processes(folder):
+    """Processes that work in a folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            state = (process / "stat").read_text().rpartition(")")[2].split()[0]
+            if state != "Z" and (process / "cwd").readlink().is_relative_to(folder):
+                found.append(int(process.name))
+        except OSError:
+            continue
+    return found
+
+
+def check_interrupted(folder, reference):
+    """No process works on; what stands under a final name is whole."""
+    end = time.monotonic() + 10
+    while list_processes(folder) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert list_processes(folder) == []
+    for name, content in clones.digests(folder).items():
+        assert content == (reference / "results" / "tiny" / name).read_bytes(), f"{name} is partial"
+
+
+def check_finished(folder, reference):
+    clones.run_well(folder, cores=2)
+    assert clones.digests(folder) == clones.digests(reference)
+    left = [path for path in (folder / "results").rglob(".*") if path.name.endswith((".part", ".damaged"))]
+    assert left == []
+
+
+def test_killed_a_few_times_in_a_row(undisturbed, fresh):
+    """The whole group, and the main process alone, at random moments of one study."""
+    reference, seconds = undisturbed
+    draw = random.Random(0)
+    for group in (True, False, True):
+        if not start_and_kill(fresh, draw.uniform(0.1, 0.5) * seconds, group):
+            break
+        check_interrupted(fresh, reference)
+    check_finished(fresh, reference)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", range(20))
+def test_killed_at_a_random_moment(undisturbed, fresh, number):
+    reference, seconds = undisturbed
+    moment = seconds * (number + random.Random(number).random()) / 20
+    start_and_kill(fresh, moment, group=number % 4 != 3)
+    check_interrupted(fresh, reference)
+    check_finished(fresh, reference)
+
+
+@pytest.mark.long
+def test_two_runs_at_once(undisturbed, fresh):
+    reference, _ = undisturbed
+    runs = [
+        subprocess.Popen(clones.command(), cwd=fresh, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        for _ in range(2)
+    ]
+    assert [run.wait() for run in runs] == [0, 0]
+    check_finished(fresh, reference)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("size", ["1m", "3m"])
+def test_full_disk_ends_in_one_sentence_and_the_study_goes_on(undisturbed, fresh, size):
+    place = fresh / "results"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("a small file system cannot be mounted here (that needs root and CAP_SYS_ADMIN)")
+    try:
+        done = clones.run(fresh)
+        assert done.returncode == 1
+        assert "No space left on device" in done.stderr and "free disk space" in done.stderr
+        whole = clones.digests(fresh)
+        assert all(
+            whole[name] == one for name, one in clones.digests(undisturbed[0]).items() if name in whole
+        )
+        subprocess.run(["mount", "-o", "remount,size=200m", str(place)], check=True)
+        check_finished(fresh, undisturbed[0])
+    finally:
+        subprocess.run(["umount", str(place)], check=True)

@@ -1,0 +1,206 @@
+"""What is missing or damaged is found before it is used, named, and made again by the same command."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+RESULTS = Path("results/tiny")
+RECORDING = RESULTS / "traces/medium/short_moves/identification/point=7/recording.parquet"
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = clones.copy_tree(tmp_path_factory.mktemp("undisturbed"))
+    clones.run_well(folder)
+    return folder
+
+
+@pytest.fixture
+def study(finished, tmp_path):
+    """A copy of the finished study, with its results."""
+    shutil.copytree(finished, tmp_path / "study", symlinks=True)
+    return tmp_path / "study"
+
+
+def flip(path, offset=None):
+    """Flip a bit, the time stamp kept."""
+    stat, content = path.stat(), bytearray(path.read_bytes())
+    content[len(content) // 2 if offset is None else offset] ^= 4
+    path.write_bytes(content)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+def fail_naming(study, path, *arguments):
+    done = clones.run(study, *arguments)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr[-3000:]
+    said = next(line for line in done.stderr.splitlines() if "it was set aside" in line)
+    assert str(path) in said and "run the same command again" in said
+    return said
+
+
+def module(study, *arguments):
+    return subprocess.run(
+        [sys.executable, "-m", *arguments],
+        cwd=study,
+        env={**os.environ, "PYTHONPATH": str(study / "src")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_recording_that_is_gone_or_damaged_is_made_again(finished, study):
+    """Nothing is stuck, whether or not the simulations are taken for done."""
+    flipped = study / RECORDING.parent.parent / "point=3" / "recording.parquet"
+    for damage in ("gone", "flipped"):
+        path = study / RECORDING if damage == "gone" else flipped
+        path.unlink() if damage == "gone" else flip(path)
+        for used in study.glob("results/tiny/**/test_quantities*/**/*.parquet"):
+            used.unlink()
+        (study / RESULTS / "test_quantities.parquet").unlink()
+        assert "Nothing to be done" in clones.run_well(study, "simulate")
+        fail_naming(study, path.relative_to(study), "test_quantities")
+        text = clones.run_well(study, "test_quantities")
+        assert "Simulate medium, short_moves, identification" in text
+        assert path.read_bytes() == (finished / path.relative_to(study)).read_bytes()
+    clones.run_well(study)
+    assert clones.digests(study) == clones.digests(finished)
+    assert not [path for path in (study / RESULTS).rglob("*") if path.name.endswith((".damaged", ".part"))]
+
+
+@pytest.mark.parametrize(
+    ("damaged", "consumer"),
+    [
+        ("surrogates.parquet", "snr.parquet"),
+        (
+            "traces/medium/short_moves/validation/_chunk-1.json",
+            "parts/test_quantities/medium/short_moves.parquet",
+        ),
+    ],
+)
+def test_flipped_bit_of_an_intermediate_is_found_before_it_is_used(finished, study, damaged, consumer):
+    flip(study / RESULTS / damaged)
+    (study / RESULTS / consumer).unlink()
+    target = str(RESULTS / consumer)
+    said = fail_naming(study, RESULTS / damaged, target)
+    assert "is not what was written (its checksum differs)" in said
+    clones.run_well(study, target)
+    for name in (damaged, consumer):
+        assert (study / RESULTS / name).read_bytes() == (finished / RESULTS / name).read_bytes()
+
+
+def test_finished_study_is_checked_and_repaired_by_stated_commands(finished, study):
+    done = module(study, "wearscope.integrity", str(RESULTS))
+    assert done.returncode == 0 and "every checksum holds" in done.stdout, done.stderr
+    flip(study / RESULTS / "snr.parquet")
+    flip(study / RESULTS / "figures/snr.svg")
+    (study / RECORDING).unlink()
+    left = study / RESULTS / "figures" / ".snr.svg.4m4pxayd.part"
+    left.write_text("of a killed job")
+    done = clones.run(study, "archive")
+    assert done.returncode == 1 and "it was set aside" in done.stderr
+    shutil.copy2(finished / RESULTS / "snr.parquet", study / RESULTS / "snr.parquet")
+    flip(study / RESULTS / "snr.parquet")
+    done = module(study, "wearscope.integrity", str(RESULTS), "--set-aside")
+    assert done.returncode == 1 and not left.exists()
+    for name in (RESULTS / "snr.parquet", RESULTS / "figures/snr.svg", RECORDING):
+        assert str(name) in done.stderr, done.stderr
+    targets = re.search(r"own command and: (.*)", done.stderr)[1].split()
+    assert str(RESULTS / "snr.parquet") in targets and str(RECORDING) not in targets
+    clones.run_well(study, *targets)
+    clones.run_well(study)
+    assert clones.digests(study) == clones.digests(finished)
+    assert module(study, "wearscope.integrity", str(RESULTS)).returncode == 0
+
+
+def test_restored_archive_runs_a_single_stage_to_the_same_bytes(finished, study, tmp_path):
+    clones.run_well(study, "archive")
+    archive = study / "results" / "archive" / "tiny.tar"
+    clone = tmp_path / "clone"
+    shutil.copytree(finished, clone, ignore=shutil.ignore_patterns("results", ".snakemake"))
+    done = module(clone, "wearscope.archive", "restore", str(archive))
+    assert done.returncode == 0 and "not as they were" not in done.stdout, done.stdout + done.stderr
+    config = str(RESULTS / "config.yaml")
+    assert clones.stale(clone, study=config) == set()
+    wanted = (clone / RESULTS / "snr.parquet").read_bytes()
+    (clone / RESULTS / "snr.parquet").write_bytes(b"")
+    assert clones.stale(clone, "snr", "-R", "compute_snr", study=config) == {"compute_snr", "snr"}
+    clones.run_well(clone, "snr", "-R", "compute_snr", study=config)
+    assert (clone / RESULTS / "snr.parquet").read_bytes() == wanted
+    assert yaml.safe_load((clone / config).read_text())["study"] == "tiny"
+    assert module(clone, "wearscope.integrity", str(RESULTS)).returncode == 0
+    done = module(clone, "wearscope.archive", "compare", str(archive), str(RESULTS))
+    assert "no conclusion differs" in done.stdout
+    inputs = json.loads((clone / RESULTS / "MANIFEST.json").read_text())["inputs"]
+    assert {"config/robots/medium/robot.urdf", "tests/workflow/tiny/torque_change.py"} <= inputs.keys()
+
+
+def test_hanging_detector_is_a_failed_point_of_the_study(study):
+    own = study / clones.TINY / "torque_change.py"
+    text = own.read_text()
+    hang = "        while not hasattr(self, 'never'):\n            pass\n"
+    place = "    def test_quantity(self, batch):\n"
+    own.write_text(text.replace(place, place + hang))
+    config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
+    (study / "limited.yaml").write_text(yaml.safe_dump({**config, "time_limit": 20}))
+    done = clones.run(study, "test_quantities", study="limited.yaml")
+    # It hangs at each question: soon more points are lost than the study allows.
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "fda 'own', robot medium, cycle short_moves, axis 1: took longer than 20 s" in done.stderr
+
+
+def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
+    shutil.copytree(study / "config/robots/medium", study / "theirs")
+    (study / "theirs" / "bait.py").write_text("open('ran', 'w')\nraise SystemExit\n")
+    model = yaml.safe_load((study / "theirs" / "model.yaml").read_text())
+    model["effects"][0]["effect"] = "theirs/bait.py"
+    (study / "theirs" / "model.yaml").write_text(yaml.safe_dump(model))
+    config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
+    (study / "bad.yaml").write_text(yaml.safe_dump({**config, "study": "bad", "robots": ["theirs"]}))
+
+    def check(allowed):
+        return subprocess.run(
+            [*clones.command("check", study="bad.yaml"), "--config", f"allow_code={allowed}"],
+            cwd=study,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    for allowed in ("false", "[theirs/other.py]"):
+        done = check(allowed)
+        assert done.returncode == 1 and "Traceback" not in done.stderr
+        assert "the effect 'theirs/bait.py' is code that would run; read it, and allow it" in done.stderr
+        assert not (study / "ran").exists()
+    done = check("[theirs/bait.py]")
+    assert done.returncode == 1 and (study / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [", "is not readable YAML"),
+        ("urdf: robot.urdf\neffects: [{joint: axis_1}]", r"effects[0].effect: is missing or no text"),
+        ("urdf: robot.urdf\neffects: 3", "effects: is no list"),
+        ("urdf: nowhere.urdf", "'theirs/nowhere.urdf' is no file"),
+        ("- 1", "holds no mapping"),
+    ],
+)
+def test_malformed_robot_ends_in_one_sentence_before_anything_is_planned(study, text, words):
+    (study / "theirs").mkdir()
+    (study / "theirs" / "model.yaml").write_text(text)
+    config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
+    (study / "bad.yaml").write_text(yaml.safe_dump({**config, "study": "bad", "robots": ["theirs"]}))
+    done = clones.run(study, "-n", study="bad.yaml")
+    assert done.returncode == 1 and "Traceback" not in done.stderr and words in done.stderr, done.stderr
