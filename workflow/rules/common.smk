@@ -46,13 +46,22 @@ ROBOTS = {label(reference): reference for reference in STUDY.robots}
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
 N_POINTS = STUDY.design.count_points(STUDY.factors)
+N_FILLING, N_CHECKING = STUDY.count_filling_points()
 POINTS = {
     "identification": N_POINTS,
     "validation": N_POINTS,
+    "filling": N_FILLING,
+    "checking": N_CHECKING,
     "nominal": STUDY.simulation.nominal_runs,
     "audit": STUDY.count_audit_points(),
+    "direct": 2 * STUDY.direct.runs,
 }
-STUDY_SETS = ["identification", "validation", "nominal"]
+FILLED = STUDY.surrogates.filling.enabled
+# Runs that are asked for a test quantity in every cell, and those that are simulated for it.
+RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED else [])]
+STUDY_SETS = [*RUN_SETS, "nominal"]
+# Direct Monte Carlo stands beside the chosen surrogate's answer.
+DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
