@@ -33,7 +33,8 @@ from wearscope.robots.model_file import (
     list_effects,
     locate_effect,
     read_model_file,
-), read_text
+    read_text,
+)
 from wearscope.sources import find_sources, plugin_file
 
 # A job ends with this process, also where it alone is killed.
