@@ -1,5 +1,6 @@
 """Runs the board: makes each case, closes the loop on it in a process of its own, and scores the verdict."""
 
+import copy
 import json
 import multiprocessing
 import shutil
@@ -8,11 +9,13 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import yaml
 
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import Case, list_cases
@@ -21,6 +24,8 @@ from wearscope.attribution_board.summary import summarise_board, write_markdown
 from wearscope.tables import write_table, write_text
 
 Closer = Callable[[Path, Path], Any]
+STANDARD = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+"""What the reference of `compare_declared` declares."""
 TIME_LIMIT = 300.0
 """Wall time that closing the loop on one case may take [s]."""
 
@@ -32,9 +37,18 @@ def close_light(dataset: Path, out_dir: Path) -> Any:
     return close_loop(dataset, out_dir, light=True)
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What a case is asked besides: the rivals' verdicts; the tracer's error where friction is declared."""
+
+    rivals: bool = False
+    reference: bool = False
+
+
 def run_case(
-    case: Case, closer: Closer, place: Path, say: Callable[[Any], None] | None = None
-) -> dict[str, Any]:
+    case: Case, closer: Closer, place: Path, say: Callable[[Any], None] | None = None,
+    extras: Extras = Extras(),
+) -> dict[str, Any]:  # fmt: skip
     """Make one case in a folder, close the loop on it and score it.
 
     The tracer gets the folder alone; the truth stays in this process's memory.
@@ -46,13 +60,15 @@ def run_case(
         ``closer(dataset_yaml, out_dir)`` writes ``verdict.json`` into `out_dir`.
     place : Path
         Gets the data set's folder and ``out/``.
+    extras : Extras
     say : callable, optional
-        Told the truth as soon as the data set stands, so that it is known of a case that is stopped.
+        Told the truth as soon as the data set stands, so that it is known of a case that is stopped; then
+        None as soon as the verdict is scored.
 
     Returns
     -------
     dict
-        `case` (its row), `entries` (their rows).
+        `case` (its row), `entries` (their rows), and with rivals `rivals` (by rival its row and entries).
     """
     started = time.perf_counter()
     folder, out_dir = place / case.name, place / "out"
@@ -65,16 +81,80 @@ def run_case(
     kept = {key: value for key, value in truth.items() if key != "signals"}
     if say is not None:
         say(kept)
+    axes, verdict = _axes_row(case, truth), None
     try:
         closer(folder / "dataset.yaml", out_dir)
         seconds = time.perf_counter() - made
         verdict = read_verdict(out_dir / "verdict.json")
         row, entries = score_case(truth, verdict)
+        said = " + ".join(f"{entry['effect']}@{entry['joint']}" for entry in verdict["verdict"]) or "[]"
+        row |= {"error": "", "seconds": seconds, "making_seconds": made - started, "verdict": said}
+        result: dict[str, Any] = {"case": axes | row, "entries": [axes | entry for entry in entries]}
     except Exception as problem:
-        return failed_result(case, kept, _tell_error(problem), time.perf_counter() - made)
-    said = " + ".join(f"{entry['effect']}@{entry['joint']}" for entry in verdict["verdict"]) or "[]"
-    row |= {"error": "", "seconds": seconds, "making_seconds": made - started, "verdict": said}
-    return {"case": _axes_row(case, truth) | row, "entries": [_axes_row(case, truth) | e for e in entries]}
+        verdict = None
+        result = failed_result(case, kept, _tell_error(problem), time.perf_counter() - made)
+    if say is not None:
+        say(None)
+    undeclared = not set(STANDARD) <= set(truth["declared"])
+    if extras.reference and undeclared and case.planted and verdict is not None:
+        result["case"]["beyond_declared"] = compare_declared(folder, verdict, closer, place / "reference")
+    if extras.rivals:
+        result["rivals"] = _score_rivals(folder, truth, axes)
+    return result
+
+
+def compare_declared(folder: Path, verdict: dict[str, Any], closer: Closer, place: Path) -> float | None:
+    """Largest ratio over the joints of the held-out error to that with rotor, Coulomb and viscous declared.
+
+    Parameters
+    ----------
+    folder : Path
+        The data set.
+    verdict : dict
+        The verdict on it as it is.
+    closer : callable
+    place : Path
+        Gets the reference data set and its verdict.
+
+    Returns
+    -------
+    float or None
+        None where the reference fails.
+    """
+    shutil.copytree(folder, place / folder.name)
+    document = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))
+    changed = copy.deepcopy(document)
+    own = [name for name in document["declared_effects"] if name not in STANDARD]
+    changed["declared_effects"] = [*STANDARD, *own]
+    path = place / folder.name / "dataset.yaml"
+    write_text(path, yaml.safe_dump(changed, sort_keys=False))
+    out_dir = place / "out"
+    out_dir.mkdir()
+    try:
+        closer(path, out_dir)
+        reference = read_verdict(out_dir / "verdict.json")["joints"]
+    except Exception:
+        return None
+    ratios = [
+        joint["rms_after"] / reference[name]["rms_after"]
+        for name, joint in verdict["joints"].items()
+        if reference.get(name, {}).get("rms_after")
+    ]
+    return max(ratios, default=None)
+
+
+def _score_rivals(folder: Path, truth: dict[str, Any], axes: dict[str, Any]) -> dict[str, Any]:
+    from wearscope.attribution_board.rivals import run_rivals
+
+    out: dict[str, Any] = {}
+    for rival, said in run_rivals(folder, truth["seed"]).items():
+        if "verdict" not in said:
+            out[rival] = said
+            continue
+        row, entries = score_case(truth, said)
+        row |= {"error": "", "seconds": float("nan")}
+        out[rival] = {"case": axes | row, "entries": [axes | entry for entry in entries]}
+    return out
 
 
 def failed_result(case: Case, truth: dict[str, Any] | None, error: str, seconds: float) -> dict[str, Any]:
@@ -107,8 +187,8 @@ def _axes_row(case: Case, truth: dict[str, Any] | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _work(case: Case, closer: Closer, place: str, channel: Connection) -> None:
-    result = run_case(case, closer, Path(place), lambda truth: channel.send(("truth", truth)))
+def _work(case: Case, closer: Closer, place: str, channel: Connection, extras: Extras) -> None:
+    result = run_case(case, closer, Path(place), lambda truth: channel.send(("truth", truth)), extras)
     channel.send(("result", result))
     channel.close()
 
@@ -116,11 +196,11 @@ def _work(case: Case, closer: Closer, place: str, channel: Connection) -> None:
 class _Job:
     """One case in its own process, with its time limit."""
 
-    def __init__(self, case: Case, closer: Closer, place: Path, keep: bool, limit: float):
+    def __init__(self, case: Case, closer: Closer, place: Path, keep: bool, limit: float, extras: Extras):
         self.case, self.place, self.keep, self.limit = case, place, keep, limit
         context = multiprocessing.get_context("spawn")
         self.channel, other = context.Pipe(duplex=False)
-        self.process = context.Process(target=_work, args=(case, closer, str(place), other))
+        self.process = context.Process(target=_work, args=(case, closer, str(place), other, extras))
         self.process.start()
         other.close()
         self.truth: dict[str, Any] | None = None
@@ -133,7 +213,8 @@ class _Job:
             while self.result is None and self.channel.poll():
                 kind, value = self.channel.recv()
                 if kind == "truth":
-                    self.truth, self.started = value, time.perf_counter()
+                    # the clock starts with the data set, and anew for what is asked besides the tracer
+                    self.truth, self.started = value or self.truth, time.perf_counter()
                 else:
                     self.result = value
         except EOFError:
@@ -155,7 +236,7 @@ class _Job:
 
 def run_cases(
     cases: Sequence[Case], closer: Closer, jobs: int, limit: float, keep: Path | None,
-    report: Callable[[Case, dict[str, Any]], None],
+    report: Callable[[Case, dict[str, Any]], None], extras: Extras = Extras(),
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run cases, each in its own process, `jobs` at a time; results in the order of the cases."""
     waiting, running = list(cases), list[_Job]()
@@ -165,7 +246,7 @@ def run_cases(
             while waiting and len(running) < jobs:
                 case = waiting.pop(0)
                 place = keep / case.name if keep else Path(tempfile.mkdtemp(prefix="board-"))
-                running.append(_Job(case, closer, place, keep is not None, limit))
+                running.append(_Job(case, closer, place, keep is not None, limit, extras))
             wait([job.channel for job in running], timeout=0.5)
             for job in list(running):
                 result = job.look()
@@ -183,7 +264,7 @@ def run_cases(
 def run_board(
     part: str, out_dir: str | Path, cases: int = 60, seed: int = 0, jobs: int = 1, limit: float = TIME_LIMIT,
     closer: Closer = close_light, only: Iterable[int] | None = None, keep: str | Path | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] | None = None, extras: Extras = Extras(),
 ) -> dict[str, Any]:  # fmt: skip
     """Run a part of the board and write its tables; cases that are already there are not run again.
 
@@ -210,6 +291,8 @@ def run_board(
         Where the data sets and verdicts stay.
     progress : callable, optional
         Gets a line by finished case; by default it is printed.
+    extras : Extras
+        They have the time limit anew.
 
     Returns
     -------
@@ -233,9 +316,8 @@ def run_board(
         if path.is_file():
             done[case.number] = json.loads(path.read_text(encoding="utf-8"))
     if done:
-        tell(
-            f"attribution board: {len(done)} of {len(todo)} cases are already there; another --out runs them anew"
-        )
+        kept = f"{len(done)} of {len(todo)} cases are already there"
+        tell(f"attribution board: {kept}; another --out runs them anew")
 
     def report(case: Case, result: dict[str, Any]) -> None:
         done[case.number] = result
@@ -248,7 +330,7 @@ def run_board(
         )
 
     open_cases = [case for case in todo if case.number not in done]
-    run_cases(open_cases, closer, jobs, limit, Path(keep) if keep else None, report)
+    run_cases(open_cases, closer, jobs, limit, Path(keep) if keep else None, report, extras)
     results = [done[case.number] for case in todo]
     return write_results(results, out_dir)
 
@@ -266,9 +348,26 @@ def write_results(results: Sequence[dict[str, Any]], out_dir: Path) -> dict[str,
         out_dir / "entries.parquet", entries, {"size": "1", "findable_size": "1"} if len(entries) else {}
     )
     summary = summarise_board(table, entries)
+    rivals = [result["rivals"] for result in results if result.get("rivals")]
+    if rivals:
+        summary["rivals"] = _summarise_rivals(rivals)
     write_text(out_dir / "summary.json", json.dumps(summary, indent=1))
     write_text(out_dir / "board.md", write_markdown(summary))
     return summary
+
+
+def _summarise_rivals(rivals: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Scores in total by rival, and the median of boosting's bound over the joints of all cases."""
+    out: dict[str, Any] = {}
+    for name in rivals[0]:
+        if name == "boosting":
+            bounds = [share for rival in rivals for share in rival[name]["bound"].values()]
+            out[name] = {"median_bound": float(pd.Series(bounds).median()), "joints": len(bounds)}
+            continue
+        table = pd.DataFrame([rival[name]["case"] for rival in rivals])
+        entries = pd.DataFrame([entry for rival in rivals for entry in rival[name]["entries"]])
+        out[name] = summarise_board(table, entries)["total"]
+    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -286,16 +385,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--case", type=int, action="append", help="run this case alone, anew; may be repeated"
     )
     parser.add_argument("--keep", type=Path, help="where data sets and verdicts stay")
+    parser.add_argument("--rivals", action="store_true", help="score the rivals on the same data sets too")
+    parser.add_argument(
+        "--reference", action="store_true", help="also close the loop with the undeclared friction declared"
+    )
     given = parser.parse_args(arguments)
     run_board(
-        given.part,
-        given.out,
-        given.cases,
-        given.seed,
-        given.jobs,
-        given.limit,
-        only=given.case,
-        keep=given.keep,
-    )
+        given.part, given.out, given.cases, given.seed, given.jobs, given.limit, only=given.case,
+        keep=given.keep, extras=Extras(given.rivals, given.reference),
+    )  # fmt: skip
     sys.stdout.write((given.out / "board.md").read_text(encoding="utf-8"))
     return 0

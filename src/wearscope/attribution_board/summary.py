@@ -108,6 +108,11 @@ def _covered(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     return (covered > 0.5).where(covered.notna())
 
 
+def _near_declared(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    ratio = _column(cases, "beyond_declared").astype(float)
+    return (ratio <= 1.03).where(ratio.notna())
+
+
 def _failed(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     return cases["error"] != ""
 
@@ -123,6 +128,12 @@ SCORES: dict[str, tuple[str, Pick, bool, str]] = {
         _friction,
         True,
         "90 %",
+    ),
+    "near_declared": (
+        "undeclared friction: held-out error of every joint within 3 % of declaring it",
+        _near_declared,
+        True,
+        "all joints",
     ),
     "outside_answered": ("outside effects answered unknown or unexplained", _outside, True, "95 %"),
     "held_out_worse": ("held-out error of a joint larger by more than 3 %", _worse, False, "0.5 %"),
@@ -228,6 +239,8 @@ def write_markdown(summary: dict[str, Any]) -> str:
             key=lambda item: (item[1]["exact"]["share"] is None, item[1]["exact"]["share"] or 0.0),
         ):
             lines.append(f"| {axis} | {level} | " + " | ".join(_words(shares[key]) for key in BY_AXIS) + " |")
+    if summary.get("rivals"):
+        lines += ["", *_tell_rivals(summary)]
     if summary["errors"]:
         lines += ["", "| error | cases |", "|---|---|"]
         lines += [
@@ -244,3 +257,19 @@ def _tell_detection(detection: dict[str, Any]) -> list[str]:
         f"from {detection['a90']:.2f} times the just findable size on, with 95 % confidence from "
         f"{detection['a90_95']:.2f} times on (slope {detection['slope']:.2f} by factor of e)."
     ]
+
+
+def _tell_rivals(summary: dict[str, Any]) -> list[str]:
+    rivals = {name: total for name, total in summary["rivals"].items() if name != "boosting"}
+    keys = ("false_in_null", "exact", "required_found", "extra_name", "friction_from_nothing")
+    lines = ["| score | tracer | " + " | ".join(rivals) + " |", "|---|---|" + "---|" * len(rivals)]
+    for key in keys:
+        cells = [summary["total"][key], *(total[key] for total in rivals.values())]
+        lines.append(f"| {SCORES[key][0]} | " + " | ".join(_words(cell) for cell in cells) + " |")
+    bound = summary["rivals"]["boosting"]
+    lines += [
+        "",
+        f"Gradient boosting explains {100 * bound['median_bound']:.0f} % of what the declared model leaves, "
+        f"in the median over {bound['joints']} joints, out of fold.",
+    ]
+    return lines

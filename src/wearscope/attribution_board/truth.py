@@ -110,6 +110,7 @@ class JointView:
     ):  # fmt: skip
         self.families, self.joints = families, joints
         moving = np.flatnonzero(families.moving())
+        self.moving_share = len(moving) / sum(families.lengths())
         self.rows = moving[:: max(1, -(-len(moving) // MOST_ROWS))]
         self.noise = families.pool(noise)[self.rows]
         seconds = max(BLOCK_SECONDS, 4 * memory)
@@ -155,8 +156,9 @@ class JointView:
         Returns
         -------
         dict
-            `unabsorbed` (RMS in the common band), `band_noise`, `absorbed_share`, `own_left`, `distance`,
-            `critical`, `findable` (factor), `rivals` (name to margin), `nearest` (coefficient or None).
+            `unabsorbed` (RMS in the common band over all rows, rest counted as nothing), `band_noise`,
+            `absorbed_share`, `own_left`, `distance`, `critical`, `findable` (factor), `rivals` (name to
+            margin), `nearest` (coefficient or None).
         """
         target = self._pad(self.families.pool(torque)[self.rows][:, None])[:, 0]
         whole = float(np.mean(target**2))
@@ -183,7 +185,7 @@ class JointView:
             if margin < MARGIN or margin * found.distance**2 < found.critical**2:
                 rivals[name] = round(margin, 4)
         return {
-            "unabsorbed": float(np.sqrt(np.mean(kept**2))),
+            "unabsorbed": float(np.sqrt(self.moving_share * np.mean(kept[: len(self.rows)] ** 2))),
             "band_noise": float(np.sqrt(np.mean(self.noise**2))),
             "absorbed_share": 1.0 - share,
             "own_left": own_left,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ class Signals:
             )
         return self._slopes[joint]
 
-    @property
+    @cached_property
     def dt(self) -> float:
         """Sampling interval [s]."""
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0

@@ -23,9 +23,10 @@ _WORSE = 1.03
 
 
 def describe_outcome(loop: ClosedLoop) -> Markup:
-    """Alarms, effects by status with the refuted ones first, states of the joints, parameters, the rule."""
-    parts = [_alarms(loop), _effects(loop), _joints(loop), _parameters(loop), _rule(loop)]
-    return Markup("").join(parts)
+    """What is refuted, alarms, the other effects by status, states of the joints, parameters, the rule."""
+    effects = {status: _effects(loop, status) for status in STATUSES}
+    parts = [effects.pop("refuted"), _alarms(loop), *effects.values(), _explain_statuses(loop)]
+    return Markup("").join([*parts, _joints(loop), _parameters(loop), _rule(loop)])
 
 
 def _alarms(loop: ClosedLoop) -> Markup:
@@ -53,21 +54,21 @@ def _alarms(loop: ClosedLoop) -> Markup:
     )
 
 
-def _effects(loop: ClosedLoop) -> Markup:
-    entries = loop.verdict["verdict"]
-    if not entries:
+def _effects(loop: ClosedLoop, status: str) -> Markup:
+    """Cards of the effects of a status, under its heading; nothing where there is none."""
+    own = [entry for joint in loop.joints for entry in loop.entries_at(joint) if entry["status"] == status]
+    own.sort(key=lambda entry: entry["effect"] == UNKNOWN)
+    if not own:
         return Markup("")
-    parts = []
-    for status, words in STATUSES.items():
-        own = [
-            entry for joint in loop.joints for entry in loop.entries_at(joint) if entry["status"] == status
-        ]
-        own.sort(key=lambda entry: entry["effect"] == UNKNOWN)
-        if own:
-            cards = Markup("").join(_card(loop, entry) for entry in own)
-            parts.append(
-                Markup('<h3>{} ({})</h3><div class="cards">{}</div>').format(words.heading, len(own), cards)
-            )
+    cards = Markup("").join(_card(entry) for entry in own)
+    return Markup('<h3>{} ({})</h3><div class="cards">{}</div>').format(
+        STATUSES[status].heading, len(own), cards
+    )
+
+
+def _explain_statuses(loop: ClosedLoop) -> Markup:
+    if not loop.verdict["verdict"]:
+        return Markup("")
     text = (
         "Names and parameters come from the training runs alone; the test runs mark them afterwards and "
         "change nothing. Each share is what leaving out this effect alone would cost on the test runs, all "
@@ -75,10 +76,10 @@ def _effects(loop: ClosedLoop) -> Markup:
         "refuted although the error as a whole falls. Confirmed: the whole 95 % interval (resampled blocks "
         "of the test runs) lies above zero; refuted: below it."
     )
-    return Markup('{}<p class="note">{}</p>').format(Markup("").join(parts), unbreak(text))
+    return Markup('<p class="note">{}</p>').format(unbreak(text))
 
 
-def _card(loop: ClosedLoop, entry: Mapping[str, Any]) -> Markup:
+def _card(entry: Mapping[str, Any]) -> Markup:
     kind = _KINDS[entry["status"]]
     where = "all joints together" if entry["effect"] in _shared() else entry["joint"]
     lines: list[Any] = [f"{tell_status(entry)}: {say_share(entry)} at {where}."]

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage, signal, stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import thin_signals
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.significance import find_memory, join_blocks
 from wearscope.effects.unknown import name_signals
 
 if TYPE_CHECKING:
@@ -27,8 +28,11 @@ _ERRORS = 3.0
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
 _LINE, _NEIGHBOURS = 40.0, 41
-#: Test error over training error from which the model does not carry over to other motions.
-_WORSE = 1.5
+#: Highest peaks that are compared with what lies below them.
+_PEAKS = 20
+#: Test error over training error from which the model does not carry over to other motions, and the level at
+#: which it must lie outside what errors of the training runs differ by.
+_WORSE, _LEVEL = 1.5, 0.01
 
 
 @dataclass(frozen=True)
@@ -103,8 +107,8 @@ def judge_joints(
             *_from_generic(prepared, left, j),
             *_from_trees(features, own, keep, prepared, j),
             *_from_repeats(prepared, own, keep),
-            *_from_lines([x[:, j] for x in full], prepared.band.rate),
-            *_from_test(rms, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
+            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms),
+            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
         ]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
@@ -161,13 +165,32 @@ def _from_trees(
             early_stopping=False, random_state=_SEED,
         ).fit(x[train][:, useful], y[train])  # fmt: skip
         gain[test] = y[test] ** 2 - (y[test] - trees.predict(x[test][:, useful])) ** 2
-    blocks = max(len(y) // max(4, int(4 * prepared.band.torque)), 2)
-    sums = np.array([part.sum() for part in np.array_split(gain, blocks)])
+    sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
     error = np.sqrt(len(sums) * sums.var(ddof=1))
     share = float(sums.sum() / max((y**2).sum(), 1e-300))
     if share < _SHARE or sums.sum() < _ERRORS * error:
         return []
     return [_Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
+
+
+def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: int) -> np.ndarray:
+    """Sums of a gain over groups of rows beyond which a residual is not autocorrelated, two at least.
+
+    Parameters
+    ----------
+    gain, y : ndarray (M,)
+    run : ndarray (M,)
+        Run of each row, in order.
+    length : int
+        Rows of the shortest group.
+    """
+    block = np.concatenate([np.arange(size) // length for size in np.bincount(run)])
+    first = np.concatenate([[True], (np.diff(block) != 0) | (np.diff(run) != 0)])
+    number = np.cumsum(first) - 1
+    own = run[first]
+    group = join_blocks(own, find_memory(np.bincount(number, y), own))
+    sums = np.bincount(np.unique(group, return_inverse=True)[1][number], gain)
+    return sums if len(sums) > 1 else np.array([part.sum() for part in np.array_split(gain, 2)])
 
 
 def _from_repeats(prepared: Prepared, own: list[np.ndarray], keep: list[np.ndarray]) -> list[_Seen]:
@@ -189,14 +212,24 @@ def _from_repeats(prepared: Prepared, own: list[np.ndarray], keep: list[np.ndarr
         # What autocorrelated noise gives by chance: the same runs, shifted against each other.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
-        if share > max(_SHARE, (_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2)))):
+        highest = max((_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max()))
+        if share > max(_SHARE, highest):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
 
 
-def _from_lines(full: list[np.ndarray], rate: float) -> list[_Seen]:
-    """A spectral line: a torque that is periodic in time."""
-    shares, frequencies = [], []
+def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
+    """A spectral line: a torque that is periodic in time.
+
+    Parameters
+    ----------
+    full : list of ndarray (N,)
+        Residual of each run before the common filter.
+    rate : float
+    rms : float
+        Of the residual after it, whose share is told.
+    """
+    shares, frequencies, sizes = [], [], []
     for x in full:
         if len(x) < 512:
             continue
@@ -205,20 +238,33 @@ def _from_lines(full: list[np.ndarray], rate: float) -> list[_Seen]:
         around = ndimage.median_filter(power, _NEIGHBOURS, mode="nearest")
         first = max(3, int(0.3 * len(x) / rate))
         ratio = power[first:] / np.maximum(around[first:], 1e-300)
+        for k in first + np.argsort(-ratio)[:_PEAKS]:
+            # Noise with a memory has more power below than the median of both sides says.
+            below = float(np.median(power[k // 2 : k - 2])) if k > 4 else float(power[1])
+            ratio[k - first] = power[k] / max(around[k], below, 1e-300)
         k = first + int(np.argmax(ratio))
         near = slice(max(k - 2, 0), k + 3)
         share = float((power[near] - around[near]).clip(0.0).sum() / max(power[1:].sum(), 1e-300))
         shares.append(share if ratio.max() > _LINE else 0.0)
         frequencies.append(k * rate / len(x))
+        sizes.append(share * float(np.var(x)) / max(rms**2, 1e-300))
     if not shares or np.median(shares) < _SHARE:
         return []
     middle = float(np.median(frequencies))
-    return [_Seen(float(np.median(shares)), ["t"], f"a line at {middle:.3g} Hz in time")]
+    return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]
 
 
-def _from_test(train: float, test: float) -> list[_Seen]:
+def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float) -> list[_Seen]:
+    """A test error beyond the training runs' own, and beyond what those differ by (a drift's do)."""
+    train = _rms(own, keep)
     if not np.isfinite(test) or not train > 0.0 or test < _WORSE * train:
         return []
+    sizes = [_rms([x], [k]) for x, k in zip(own, keep, strict=True) if k.any()]
+    logs = np.log(np.maximum(sizes, 1e-300))
+    if len(logs) > 1:
+        width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
+        if np.log(test) < logs.mean() + stats.t.isf(_LEVEL, len(logs) - 1) * width:
+            return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0
     return [

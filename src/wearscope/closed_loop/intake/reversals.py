@@ -2,7 +2,7 @@
 
 A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
 friction at low speed. The width is sought on the training runs with the rough model; friction that grows
-towards rest, friction that lags the reversal by a distance, and drag of second order are fitted along with
+towards rest, friction that lags the reversal by a distance, under load, and drag of second order are fitted along with
 it, so that the width does not take their part, and the narrowest width that does as well as the best within
 the noise is taken.
 """
@@ -26,6 +26,8 @@ _STRIBECK = (0.02, 0.1)
 _PRESLIDING = (0.002, 0.01, 0.05)
 #: Length of a block of residuals in periods of the common filter; most samples that are looked at.
 _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
+#: Share of what is left by which friction towards rest must lower the loss to be fitted beside the width.
+_CLEAR = 0.1
 
 
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
@@ -69,19 +71,22 @@ class _JointRows:
     tau: np.ndarray
     fixed: np.ndarray
     v: np.ndarray
+    load: np.ndarray
     sign: np.ndarray
     keep: np.ndarray
     top: float
     band: Band
     averaged: bool
 
-    def design(self, width: float) -> np.ndarray:
-        """Regressors (M, P): direction, friction towards rest, then the fixed ones."""
+    def design(self, width: float, beside: bool) -> np.ndarray:
+        """Regressors (M, P): direction; friction towards rest and what lags, where asked for; under load; the rest."""
         take = average_direction if self.averaged else soften_direction
         sign = take(self.v, width, self.sign)
-        moving = [sign, *(sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK)]
-        reduced = low_pass(np.column_stack(moving), self.band.torque, self.band.rate)
-        return np.hstack([reduced[rows(self.band, len(sign))], self.fixed])[self.keep]
+        rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK] if beside else []
+        moving = np.column_stack([sign, *rest, sign * np.abs(self.load)])
+        reduced = low_pass(moving, self.band.torque, self.band.rate)
+        fixed = self.fixed if beside else self.fixed[:, len(_PRESLIDING) :]
+        return np.hstack([reduced[rows(self.band, len(sign))], fixed])[self.keep]
 
 
 def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -> _JointRows:
@@ -94,16 +99,16 @@ def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -
     at = rows(band, len(v))
     reduced = low_pass(columns, band.torque, band.rate)[at]
     bad = spread_out(run.faulty[:, [j]], int(band.rate / band.torque))[at, 0]
-    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, sign, ~bad, top, band, averaged)
+    return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, run.known[:, j], sign, ~bad, top, band, averaged)
 
 
-def _losses(parts: list[_JointRows], width: float, length: int) -> np.ndarray:
+def _losses(parts: list[_JointRows], width: float, length: int, beside: bool) -> np.ndarray:
     """Squared residual of each block (B,) where the direction changes over `width`."""
-    x = np.vstack([part.design(width) for part in parts])
+    x = np.vstack([part.design(width, beside) for part in parts])
     y = np.concatenate([part.tau for part in parts])
     lower = np.full(x.shape[1], -np.inf)
     # Friction takes power, what is added towards rest does too, and what lags comes late.
-    lower[: 1 + len(_STRIBECK) + len(_PRESLIDING)] = 0.0
+    lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if beside else 0)] = 0.0
     theta = fit_bounded(x, y, lower, np.full(x.shape[1], np.inf))[1]
     left = (y - x @ theta) ** 2
     edges = np.cumsum([0, *(len(part.tau) for part in parts)])
@@ -116,27 +121,40 @@ def _losses(parts: list[_JointRows], width: float, length: int) -> np.ndarray:
 
 
 def _choose_width(parts: list[_JointRows], length: int) -> float:
-    """Narrowest width, over the largest speed, that does as well as the best within a standard error."""
+    """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or beside that.
+
+    A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
+    torque clearly asks for such friction is it fitted beside.
+    """
+    width, plain = _choose_width_beside(parts, length, False)
+    other, rich = _choose_width_beside(parts, length, True)
+    gain = plain - rich
+    clear = gain.sum() > max(2.0 * np.sqrt(len(gain)) * gain.std(), _CLEAR * rich.sum())
+    return other if clear else width
+
+
+def _choose_width_beside(parts: list[_JointRows], length: int, beside: bool) -> tuple[float, np.ndarray]:
+    """Narrowest width that does as well as the best within a standard error, and its losses by block."""
     top = parts[0].top
-    losses = {width: _losses(parts, width * top, length) for width in WIDTHS}
+    losses = {width: _losses(parts, width * top, length, beside) for width in WIDTHS}
     best = min(losses, key=lambda width: losses[width].sum())
     k = WIDTHS.index(best)
     if k > 0:
         low, high = WIDTHS[k - 1] or 0.3 * WIDTHS[1], WIDTHS[min(k + 1, len(WIDTHS) - 1)]
         found = optimize.minimize_scalar(
-            lambda log: float(_losses(parts, np.exp(log) * top, length).sum()),
+            lambda log: float(_losses(parts, np.exp(log) * top, length, beside).sum()),
             bounds=(np.log(low), np.log(high)),
             method="bounded",
             options={"xatol": 0.02, "maxiter": 12},
         )
         refined = float(np.exp(found.x))
-        losses[refined] = _losses(parts, refined * top, length)
+        losses[refined] = _losses(parts, refined * top, length, beside)
         best = min(losses, key=lambda width: losses[width].sum())
     for width in sorted(losses):
         worse = losses[width] - losses[best]
         if worse.sum() <= np.sqrt(len(worse)) * worse.std():
-            return width
-    return best
+            return width, losses[width]
+    return best, losses[best]
 
 
 def choose_reversal_widths(

@@ -1,6 +1,6 @@
 """The generic term, `unknown`: what no name explains, as a spline of one or two signals at a joint."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +44,13 @@ def thin_signals(run: PreparedRun) -> Signals:
     )
 
 
+def join(parts: Iterable[Signals]) -> Signals:
+    """Signals end to end."""
+    every = list(parts)
+    names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
+    return replace(every[0], **{name: np.concatenate([getattr(s, name) for s in every]) for name in names})
+
+
 class GenericTerms:
     """Candidates of the generic term, made once a joint.
 
@@ -58,7 +65,8 @@ class GenericTerms:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
-        self.thinned = [thin_signals(run) for run in self.runs]
+        # The generic term has no memory, so that all runs can be one.
+        self.thinned = join(thin_signals(run) for run in self.runs)
         self._rough: dict[int, list[Candidate]] = {}
         self._exact: dict[Candidate, Candidate] = {}
 
@@ -79,7 +87,7 @@ class GenericTerms:
     def _make(self, joint: int) -> Iterator[Candidate]:
         for shape in self.effect.shapes(self.joined, joint):
             knots = int(shape[-1])
-            x = np.concatenate([self.effect.columns(s, joint, shape) for s in self.thinned])[:, :knots]
+            x = self.effect.columns(self.thinned, joint, shape)[:, :knots]
             for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
                 named = shape.copy()
                 named[-1] = level

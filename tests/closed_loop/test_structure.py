@@ -1,0 +1,119 @@
+"""What is left at a joint: noise with or without memory is noise; what repeats or depends on a signal is not."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.structure import judge_joints
+from wearscope.closed_loop.model.declared import fit_declared_model
+
+SMALL = {"runs": 4, "duration": 10.0}
+
+
+def white(t, q, v, a, rng):
+    return 0.0 * q
+
+
+def coloured(t, q, v, a, rng):
+    """Remembers 60 ms."""
+    return signal.lfilter([0.3], [1.0, -np.exp(-1 / (200 * 0.06))], 4.0 * rng.standard_normal(q.shape), axis=0)
+
+
+def slow(t, q, v, a, rng):
+    """Remembers a second."""
+    return signal.lfilter([0.07], [1.0, -np.exp(-1 / 200)], 10.0 * rng.standard_normal(q.shape), axis=0)
+
+
+def drift(t, q, v, a, rng):
+    return 0.05 * np.cumsum(rng.standard_normal(q.shape), axis=0)
+
+
+def heavy(t, q, v, a, rng):
+    return 0.8 * rng.standard_t(3, q.shape)
+
+
+@pytest.fixture
+def judge(record, pose):
+    """States of both joints beside the declared model, with further torque."""
+
+    def states(extra, seed, **more):
+        problem = pose(record(extra_torque=extra, seed=seed, **SMALL, **more))
+        model = fit_declared_model(
+            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+        )
+        return judge_joints(problem.prepared, model, [], {})
+
+    return states
+
+
+@pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])
+@pytest.mark.parametrize("seed", [60, 61])
+def test_noise_with_a_memory_is_still_noise(judge, noise, seed):
+    for state in judge(noise, seed):
+        assert (state.state, state.unexplained_rms, state.depends_on) == ("explained", None, []), state
+
+
+@pytest.mark.parametrize("noise", [coloured, drift])
+def test_noise_does_not_repeat_where_the_motion_does(judge, noise):
+    assert {state.state for state in judge(noise, 62, repeat=True)} == {"explained"}
+
+
+def hum(t, q, v, a, rng):
+    return np.outer(2.0 * np.sin(2 * np.pi * 2.1 * t + rng.uniform(0, 6)), [1.0, 0.0])
+
+
+def square(t, q, v, a, rng):
+    """Turns over at moments of its own in every run."""
+    return np.outer(5.0 * np.sign(np.sin(2 * np.pi * t / 2.7 + rng.uniform(0, 6))), [1.0, 0.0])
+
+
+def product(t, q, v, a, rng):
+    return np.column_stack([12.0 * q[:, 0] * q[:, 1], 0.0 * t])
+
+
+def hidden(t, q, v, a, rng):
+    """A function of the motion that needs three signals at once."""
+    return np.column_stack([6.0 * np.sin(9.0 * q[:, 0] + 5.0 * q[:, 1] + 3.0 * v[:, 1]), 0.0 * t])
+
+
+@pytest.mark.parametrize("torque", [hum, square])
+def test_structure_is_unexplained_beside_a_model_that_lacks_it(judge, torque):
+    a, b = judge(torque, 63)
+    assert a.state == "unexplained" and a.unexplained_rms > 0.5 and a.reason
+    assert (b.state, b.unexplained_rms) == ("explained", None)
+
+
+def test_what_is_periodic_in_time_is_said_with_its_frequency(judge):
+    a, _ = judge(hum, 63)
+    assert a.depends_on == ["t"] and "2.1 Hz" in a.reason
+    # All of the sine, and not the noise.
+    assert a.unexplained_rms == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
+
+
+def test_what_repeats_with_the_motion_is_structure_though_no_signal_tells_it(judge):
+    a, b = judge(hidden, 64, repeat=True)
+    assert a.state == "unexplained"
+    assert b.state == "explained"
+
+
+@pytest.mark.parametrize("torque", [square, product, hidden])
+def test_structure_is_named_unknown_or_said_to_be_left(record, torque):
+    """Never an empty verdict beside a residual of many times the noise."""
+    folder = record(extra_torque=torque, seed=65, repeat=True, **SMALL)
+    verdict = diagnose(folder).verdict
+    names = {(e["joint"], e["effect"]) for e in verdict["verdict"]}
+    assert names <= {("a", "unknown")}
+    joint = verdict["joints"]["a"]
+    assert names or joint["state"] == "unexplained"
+    if joint["state"] == "unexplained":
+        assert joint["unexplained_rms"] > 0.0
+    assert verdict["joints"]["b"]["state"] == "explained"
+
+
+def test_a_product_of_two_positions_is_named_with_both(record):
+    verdict = diagnose(record(extra_torque=product, seed=66, **SMALL)).verdict
+    (entry,) = verdict["verdict"]
+    assert (entry["joint"], entry["effect"]) == ("a", "unknown")
+    assert set(entry["depends_on"]) == {"q_a", "q_b"}
+    assert verdict["joints"]["a"]["rms_after"] < 0.5 * verdict["joints"]["a"]["rms_before"]
