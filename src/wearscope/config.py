@@ -299,18 +299,16 @@ class StudyConfig(Section):
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
-    """Whether a robot's model may name effects by the path of a .py file, whose code then runs: `true`, or
-    the paths that may be named. A robot folder may come from someone else."""
+    """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
+    `true`, or, for models, the paths that may be named. Either may come from someone else. For a data set it
+    is the same as `closed_loop.allow_code`, for the command line: `--config dataset=PATH allow_code=true`."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""
-    allow_code: bool = False
-    """The same as `closed_loop.allow_code`, for the command line: `--config dataset=PATH allow_code=true`.
-    Either of the two allows it."""
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
-        return self.allow_code or self.closed_loop.allow_code
+        return self.allow_code is True or self.closed_loop.allow_code
 
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
