@@ -224,7 +224,8 @@ class ClosedLoopSettings(Section):
     effects: list[str] = []
     """Paths of .py files that define `EFFECT`: own effects, candidates beside the vocabulary."""
     allow_code: bool = False
-    """Whether effect files that a data set names may run: a data set may come from someone else."""
+    """Whether effect files that a data set names may run: a data set may come from someone else. The
+    study's own `allow_code: true` allows it too."""
 
     @field_validator("effects")
     @classmethod
@@ -300,8 +301,8 @@ class StudyConfig(Section):
     """The attribution board."""
     allow_code: bool | list[str] = False
     """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
-    `true`, or, for models, the paths that may be named. Either may come from someone else. For a data set it
-    is the same as `closed_loop.allow_code`, for the command line: `--config dataset=PATH allow_code=true`."""
+    `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
+    may come from someone else."""
     dataset: str | None = None
     """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
     Left out, `closed_loop` runs the demonstration."""

@@ -69,7 +69,9 @@ def test_the_reduction_is_that_of_explicit_refits(tested, pose, mark):
     (test,) = problem.prepared.runs_for("test")
     losses = []
     for model in (base, refit(base, [*base.entries, RIPPLE])):
-        x = np.concatenate([run.reduce(e.columns(run.signals)) for run in [test] for e in model.entries], axis=2)
+        x = np.concatenate(
+            [run.reduce(e.columns(run.signals)) for run in [test] for e in model.entries], axis=2
+        )
         left = (test.measured - test.reduce(test.known) - x @ model.solve()) * test.keep
         losses.append(float(np.sum(left[:, 0] ** 2)))
     assert marked.reduction == pytest.approx(1.0 - losses[1] / losses[0], rel=1e-6)

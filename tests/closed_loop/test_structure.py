@@ -1,4 +1,4 @@
-"""What is left at a joint: noise with or without memory is noise; what repeats or depends on a signal is not."""
+"""What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,9 @@ def white(t, q, v, a, rng):
 
 def coloured(t, q, v, a, rng):
     """Remembers 60 ms."""
-    return signal.lfilter([0.3], [1.0, -np.exp(-1 / (200 * 0.06))], 4.0 * rng.standard_normal(q.shape), axis=0)
+    return signal.lfilter(
+        [0.3], [1.0, -np.exp(-1 / (200 * 0.06))], 4.0 * rng.standard_normal(q.shape), axis=0
+    )
 
 
 def slow(t, q, v, a, rng):

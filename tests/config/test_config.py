@@ -185,7 +185,13 @@ def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper):
 
 @pytest.mark.parametrize(
     ("change", "allowed"),
-    [({}, False), ({"allow_code": True}, True), ({"closed_loop": {"allow_code": True}}, True)],
+    [
+        ({}, False),
+        ({"allow_code": True}, True),
+        ({"closed_loop": {"allow_code": True}}, True),
+        # Those are the paths that a robot's model may name.
+        ({"allow_code": ["mine.py"]}, False),
+    ],
 )
 def test_code_of_a_data_set_runs_only_where_it_is_allowed(paper, change, allowed):
     assert load_config(paper | change).may_run_code() is allowed

@@ -72,6 +72,17 @@ def test_finished_points_are_kept_and_stale_ones_made_again(tmp_path, model, cyc
     assert simulate(tmp_path, ROWS[:1], model, cycle, common="other code").fingerprints[1] != prints[1]
 
 
+def test_recording_with_a_flipped_bit_is_made_again_though_its_fingerprint_holds(tmp_path, model, cycle):
+    simulate(tmp_path, ROWS[:2], model, cycle)
+    path = point_path(tmp_path, "identification", 2)
+    good = path.read_bytes()
+    place = good.index(b"fingerprint") - len(good) // 3  # within the pages, before the footer
+    path.write_bytes(good[:place] + bytes([good[place] ^ 16]) + good[place + 1 :])
+    assert pq.read_schema(path).metadata[b"fingerprint"]
+    simulate(tmp_path, ROWS[:2], model, cycle)
+    assert path.read_bytes() == good
+
+
 def test_seed_and_identity_change_the_noise(tmp_path, model, cycle):
     other = chunk.Plan("medium", "short_moves", KINDS, 1, 0.001)
     simulate(tmp_path / "a", [make_row(1), make_row(2)], model, cycle)

@@ -110,7 +110,7 @@ def _joints(loop: ClosedLoop) -> Markup:
     text = (
         "Explained: what is left is noise, with or without a memory. Corrected: the same, with what was "
         "added. Unexplained: what is left repeats with the motion, depends on a signal or on time, or is "
-        "larger on the test runs than on those for training. States are judged on the training runs."
+        "larger on the test runs than on those for training. All but the last is judged on the training runs."
     )
     return Markup('<h3>State of the joints</h3>{}<p class="note">{}</p>').format(
         list_items(_tell_joint(loop, joint) for joint in loop.joints), text

@@ -47,8 +47,21 @@ def thin_signals(run: PreparedRun) -> Signals:
 def join(parts: Iterable[Signals]) -> Signals:
     """Signals end to end."""
     every = list(parts)
-    names = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-    return replace(every[0], **{name: np.concatenate([getattr(s, name) for s in every]) for name in names})
+
+    def end_to_end(name: str) -> np.ndarray:
+        return np.concatenate([getattr(s, name) for s in every])
+
+    return replace(
+        every[0],
+        t=end_to_end("t"),
+        q=end_to_end("q"),
+        v=end_to_end("v"),
+        a=end_to_end("a"),
+        sign=end_to_end("sign"),
+        load=end_to_end("load"),
+        temperature=end_to_end("temperature"),
+        wear=end_to_end("wear"),
+    )
 
 
 class GenericTerms:
