@@ -27,7 +27,14 @@ from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
-from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file, read_text
+from wearscope.robots.model_file import (
+    check_code,
+    find_model,
+    list_effects,
+    locate_effect,
+    read_model_file,
+    read_text,
+)
 from wearscope.sources import find_sources, plugin_file
 
 # A job ends with this process, also where it alone is killed.
@@ -130,7 +137,8 @@ def robot_files(reference):
 def robot_effects(reference):
     """Files of the effects that a robot's model lists."""
     path, content = read_robot(reference)
-    return [plugin_file(name, "effects") for name in list_effects(content, str(path))]
+    names = list_effects(content, str(path))
+    return [plugin_file(locate_effect(name, path.parent), "effects") for name in names]
 
 
 def detector_files():
