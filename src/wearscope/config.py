@@ -21,6 +21,8 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
 Model = Literal["main", "full", "simplified"]
+AskedModel = Literal["main", "full", "simplified", "chosen"]
+SurrogateKind = Literal["quadratic", "polynomial_chaos", "gaussian_process", "bent_gaussian_process"]
 CellKey = Literal["robot", "cycle", "axis", "fda"]
 FactorName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
@@ -144,11 +146,55 @@ class DetectorSettings(Section):
     """Keyword arguments of the detector."""
 
 
+class FillingSettings(Section):
+    """Points simulated beside the paper's design, for the surrogate that is chosen for each cell.
+
+    The chosen surrogate learns from these and from the paper's identification and validation runs; its fit
+    is stated on checking points, which no fit and no choice sees.
+    """
+
+    enabled: bool = True
+    """Whether they are simulated and a surrogate is chosen; without, SNR and scope ask a quadratic model."""
+    points: Annotated[int, Field(ge=2)] = 36
+    """Points of a Latin hypercube, a robot and test-cycle."""
+    question_points: Annotated[int, Field(ge=0)] = 8
+    """Points for each axis on the lines that the scope asks about."""
+    replicates: Annotated[int, Field(ge=0)] = 6
+    """Points of the hypercube simulated once more with other sensor noise: they state the noise ceiling."""
+    checking_points: Annotated[int, Field(ge=2)] = 24
+    """Checking points of a Latin hypercube, a robot and test-cycle."""
+    checking_question_points: Annotated[int, Field(ge=0)] = 2
+    """Checking points for each axis on the lines that the scope asks about."""
+    kinds: Annotated[list[SurrogateKind], Field(min_length=1)] = [
+        "quadratic",
+        "polynomial_chaos",
+        "gaussian_process",
+        "bent_gaussian_process",
+    ]
+    """Kinds among which cross-validation chooses; `bent_gaussian_process` needs `gaussian_process`."""
+    goal: Annotated[float, Field(gt=0, lt=100)] = 95.0
+    """Fit [%] on the checking points that counts as reached."""
+
+    @model_validator(mode="after")
+    def _few_replicates(self) -> "FillingSettings":
+        if self.replicates > self.points:
+            raise ValueError(
+                f"replicates {self.replicates} are more than the {self.points} points; give fewer"
+            )
+        if self.kinds == ["bent_gaussian_process"]:
+            raise ValueError(
+                "kinds: bent_gaussian_process alone; add gaussian_process, which says what to bend"
+            )
+        return self
+
+
 class SurrogateSettings(Section):
     """Which surrogates are fitted to each cell."""
 
     models: Annotated[list[Model], Field(min_length=1)] = ["main", "full", "simplified"]
-    """`main` effects (2), `full` second order (3), `simplified` (19)."""
+    """`main` effects (2), `full` second order (3), `simplified` (19): fitted to the paper's design."""
+    filling: FillingSettings = FillingSettings()
+    """The surrogate that is chosen for each cell, and the points that it needs."""
 
 
 class SensitivitySettings(Section):
@@ -163,8 +209,8 @@ class SensitivitySettings(Section):
 class SnrSettings(Section):
     """How the detectors compare (Q-2); defaults are (20)."""
 
-    model: Model = "full"
-    """The surrogate that is asked."""
+    model: AskedModel = "chosen"
+    """The surrogate that is asked: the one chosen for each cell, or a quadratic model of the paper."""
     f0: float = -0.5
     """Fault without change, coded."""
     delta: float = 1.0
@@ -180,8 +226,8 @@ class SnrSettings(Section):
 class ScopeSettings(Section):
     """Where a detector works (Q-3); defaults are Sec. 6.4."""
 
-    model: Model = "full"
-    """The surrogate that is asked."""
+    model: AskedModel = "chosen"
+    """The surrogate that is asked: the one chosen for each cell, or a quadratic model of the paper."""
     factors: Annotated[list[str], Field(min_length=1)] = ["w3", "w5"]
     """Nuisance factors that vary, one at a time."""
     f0: float = -2.0
@@ -211,6 +257,15 @@ class AuditSettings(Section):
     """Points simulated directly a robot and test-cycle, most telling first."""
     cycles: Annotated[int, Field(ge=1)] = 2
     """Number of test-cycles audited, the first ones of `cycles`."""
+
+
+class DirectSettings(Section):
+    """The SNR's question (20) asked of the simulator itself, without a surrogate (the paper's Level 2)."""
+
+    enabled: bool = True
+    """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""
+    runs: Annotated[int, Field(ge=10)] = 60
+    """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""
 
 
 class ClosedLoopSettings(Section):
@@ -295,6 +350,8 @@ class StudyConfig(Section):
     """Question Q-3."""
     audit: AuditSettings = AuditSettings()
     """The audit."""
+    direct: DirectSettings = DirectSettings()
+    """Direct Monte Carlo."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
     attribution_board: BoardSettings = BoardSettings()
@@ -314,6 +371,14 @@ class StudyConfig(Section):
     def count_audit_points(self) -> int:
         """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
         return min(self.audit.points, 1 + len(self.scope.factors) * (2 + 2 * len(self.axes)))
+
+    def count_filling_points(self) -> tuple[int, int]:
+        """Number of filling and of checking points a robot and test-cycle."""
+        asked, axes = self.surrogates.filling, len(self.axes)
+        return (
+            asked.points + asked.question_points * axes + asked.replicates,
+            asked.checking_points + asked.checking_question_points * axes,
+        )
 
     def factor_ranges(self) -> dict[str, list[Any]]:
         """Kind and natural range by factor, validation included."""
@@ -380,7 +445,13 @@ class StudyConfig(Section):
                 )
         for section in ("sensitivity", "snr", "scope"):
             model = getattr(self, section).model
-            if model not in self.surrogates.models:
+            if model == "chosen":
+                if not self.surrogates.filling.enabled:
+                    raise ValueError(
+                        f"{section}.model: no surrogate is chosen while surrogates.filling.enabled is false; "
+                        "enable it, or name one of surrogates.models"
+                    )
+            elif model not in self.surrogates.models:
                 raise ValueError(f"{section}.model: {model} is not among surrogates.models; add it there")
         names = [label(robot) for robot in self.robots], [label(cycle) for cycle in self.cycles]
         for field, labels in zip(("robots", "cycles"), names, strict=True):

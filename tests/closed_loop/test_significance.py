@@ -118,7 +118,7 @@ def test_white_blocks_are_independent_and_a_walk_fills_whole_runs():
 
 @pytest.mark.parametrize(("persistence", "length"), [(0.4, 3), (0.6, 7)])
 def test_the_memory_of_a_first_order_autoregression_is_where_it_falls_below_a_fifth(persistence, length):
-    """0.4^2 < 0.2 <= 0.4: one lag; 0.6^4 < 0.2 <= 0.6^3: three; twice as many blocks, and one."""
+    """0.4^2 < 0.2 <= 0.4: one lag; 0.6^3 > 0.2 >= 0.6^4: three lags, twice as many blocks but one."""
     run = np.repeat(np.arange(2), 4000)
     x = np.zeros((2, 4000))
     rng = np.random.default_rng(7)

@@ -1,4 +1,4 @@
-"""What is left at a joint: autocorrelated noise is noise; what repeats or depends on a signal is not."""
+"""What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import numpy as np
 import pytest

@@ -9,8 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant, load_effect
 from wearscope.errors import InputError
+from wearscope.robots.model import load_model, save_model
+from wearscope.simulation.forward import trace_forward
+from wearscope.simulation.plant import build_plant
 
 GOOD = """
 import numpy as np
@@ -204,3 +208,49 @@ def test_what_breaks_a_rule_is_told_in_one_sentence(write, old, new, said):
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(InputError, match=r"nothing.py: no such file; name a Python file that defines EFFECT"):
         load_effect("nothing.py", folder=tmp_path)
+
+
+URDF = """<robot name="one"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="5"/>
+  <inertia ixx="0.1" iyy="0.2" izz="0.2"/></inertial></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+def test_a_robot_s_model_names_it_from_its_own_folder_and_simulates_it(write, tmp_path, monkeypatch):
+    write(name="robots/effects.py")
+    (tmp_path / "robots" / "arm.urdf").write_text(URDF)
+    entry = "{joint: turn, effect: effects.py, parameters: {level: 3.0, k: 1.5}}"
+    file = tmp_path / "robots" / "model.yaml"
+    file.write_text(f"name: arm\nurdf: arm.urdf\njoints: [turn]\neffects: [{entry}]\n")
+    monkeypatch.chdir("/")
+    with pytest.raises(InputError, match=r"effects.py.*allow_code"):
+        load_model(file)
+    model = load_model(file, allow_code=True)
+    (term,) = build_plant(model).terms
+    assert (term.coefficients.tolist(), term.shape.tolist()) == ([3.0], [1.5])
+    again = tmp_path / "robots" / "copies" / "model.yaml"
+    again.parent.mkdir()
+    save_model(model, again)
+    assert "effect: ../effects.py" in again.read_text()
+    assert load_model(again, allow_code=True).effects == model.effects
+
+    plain = model.replace(effects=[])
+    t = np.arange(0.0, 1.0, 5e-4)
+    omega = 2.0 * np.pi * 1.2
+    motion = Reference(
+        t,
+        *(
+            x[:, None]
+            for x in (np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t))
+        ),
+    )
+    trace, dt = trace_forward(model, motion, plain)
+    q, v = trace.q[:-1, 0], trace.v[1:, 0]
+    steps = slice(200, -200)
+    middle, acceleration = 0.5 * (trace.v[1:] + trace.v[:-1]), np.diff(trace.v, axis=0) / dt
+    rigid = model.rigid_body().inverse_dynamics(trace.q[:-1], middle, acceleration)
+    added = trace.torque[:, 0] - rigid[:, 0]
+    expected = 3.0 * np.sin(1.5 * q) * np.sign(v)
+    moving = np.abs(v[steps]) > 0.5
+    np.testing.assert_allclose(added[steps][moving], expected[steps][moving], atol=0.05)

@@ -174,3 +174,38 @@ def test_boxes_and_ranking_group_over_any_subset(table):
 def test_bad_settings_get_one_sentence(surrogates):
     with pytest.raises(InputError, match="runs 1 and sigma"):
         snr_table(surrogates, runs=1)
+
+
+def few_cells(**intervals):
+    rows = [
+        {"robot": "r", "cycle": "c", "axis": axis, "fda": fda, "snr_exact": value}
+        | {"snr_low": low, "snr_high": high}
+        for fda, (value, low, high) in intervals.items()
+        for axis in (1, 2)
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_few_cells_are_ranked_by_their_own_intervals():
+    ranking = rank_by_median(few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.5, 2.5), C=(0.5, 0.4, 0.6)))
+    assert (ranking["interval_from"] == "each cell").all()
+    rows = ranking.set_index("fda")
+    assert rows.loc["A", ["median", "median_low", "median_high"]].tolist() == [3.0, 1.0, 5.0]
+    assert rows.loc["A", "tied_with"] == "B" and rows.loc["B", "tied_with"] == "A"
+    assert rows.loc["C", "tied_with"] == ""
+    assert rows[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 2], [1, 2], [3, 3]]
+
+
+def test_one_cell_alone_is_no_certain_ranking():
+    one = few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.5, 2.5)).query("axis == 1")
+    assert rank_by_median(one)["tied_with"].tolist() == ["B", "A"]
+    unknown = one.assign(snr_low=np.nan, snr_high=np.nan)
+    assert rank_by_median(unknown)["tied_with"].tolist() == ["B", "A"]
+    lost = one.assign(snr_exact=[np.nan, 2.0])
+    rows = rank_by_median(lost).set_index("fda")
+    assert rows.loc["B", ["rank_low", "rank_high"]].tolist() == [1, 1] and rows.loc["A", "n_nan"] == 1
+
+
+def test_five_cells_are_resampled():
+    table = pd.concat([few_cells(A=(3.0, 2.9, 3.1)).assign(cycle=f"c{k}") for k in range(3)])
+    assert rank_by_median(table, draws=50)["interval_from"].tolist() == ["choice of cells"]

@@ -44,7 +44,8 @@ CONFIG = {
             "description": "payload error", "kind": "payload_mass_error", "range": [-10, 10], "unit": "%"
         },
     },
-    "scope": {"grid": [5, 4], "runs": 500},
+    "snr": {"model": "full"},
+    "scope": {"model": "full", "grid": [5, 4], "runs": 500},
 }  # fmt: skip
 
 

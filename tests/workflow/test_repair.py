@@ -164,7 +164,7 @@ def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
     shutil.copytree(study / "config/robots/medium", study / "theirs")
     (study / "theirs" / "bait.py").write_text("open('ran', 'w')\nraise SystemExit\n")
     model = yaml.safe_load((study / "theirs" / "model.yaml").read_text())
-    model["effects"][0]["effect"] = "theirs/bait.py"
+    model["effects"][0]["effect"] = "bait.py"
     (study / "theirs" / "model.yaml").write_text(yaml.safe_dump(model))
     config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
     (study / "bad.yaml").write_text(yaml.safe_dump({**config, "study": "bad", "robots": ["theirs"]}))
@@ -178,12 +178,12 @@ def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
             check=False,
         )
 
-    for allowed in ("false", "[theirs/other.py]"):
+    for allowed in ("false", "[other.py]"):
         done = check(allowed)
         assert done.returncode == 1 and "Traceback" not in done.stderr
-        assert "the effect 'theirs/bait.py' is code that would run; read it, and allow it" in done.stderr
+        assert "the effect 'bait.py' is code that would run; read it, and allow it" in done.stderr
         assert not (study / "ran").exists()
-    done = check("[theirs/bait.py]")
+    done = check("[bait.py]")
     assert done.returncode == 1 and (study / "ran").exists()
 
 

@@ -27,6 +27,9 @@ CONTRACT = {
     "surrogates.parquet": "robot cycle axis fda model term theta theta_normalised stderr",
     "validation.parquet": "robot cycle axis fda model fit",
     "snr.parquet": "robot cycle axis fda snr snr_exact",
+    "chosen_surrogates.parquet": "robot cycle axis fda kind fit ceiling n_points state",
+    "direct.parquet": "robot cycle axis fda snr_direct direct_low direct_high snr_surrogate agrees",
+    "audit_answers.parquet": "fda model share_inside answer",
     "scope.parquet": "robot cycle axis fda factor delta sigma p_d passes method",
     "audit.parquet": "robot cycle axis fda point y_direct y_surrogate low high",
     "design/identification.parquet": "point f w3 w5 f_natural w3_natural w5_natural",
@@ -68,7 +71,7 @@ def test_results_have_the_contract_s_names_and_columns(finished):
         assert set(columns.split()) <= set(table.columns), name
         assert len(table)
     quantities = tables.read_table(results / "test_quantities.parquet")
-    assert len(quantities) == 2 * 2 * 15  # detectors x sets x points
+    assert len(quantities) == 2 * (15 + 15 + 19 + 7)  # detectors x points of each set
     assert set(quantities["robot"]) == {"medium"} and set(quantities["cycle"]) == {"short_moves"}
     assert set(quantities["fda"]) == {"A", "own"} and set(quantities["axis"]) == {1}
     assert (results / "report.html").stat().st_size > 10_000
@@ -126,7 +129,12 @@ AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
     "audit_surrogates", "draw_audit", "draw_findings", "write_report", "report", "all",
 }  # fmt: skip
-AFTER_SURROGATES = AFTER_SNR | AFTER_SCOPE | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
+AFTER_SURROGATES = (
+    AFTER_SNR
+    | AFTER_SCOPE
+    | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
+    | {"choose_surrogates", "join_chosen", "compare_direct"}
+)
 AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}
 
 
@@ -209,7 +217,7 @@ def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
     job.wait()
     halfway = {path: path.stat().st_mtime_ns for path in folder.glob(pattern)}
     assert len(halfway) >= 3
-    run_well(folder, "validate", "sensitivity", "snr", "audit", cores=2)
+    run_well(folder, "validate", "sensitivity", "snr", "audit", "direct", cores=2)
     assert all(path.stat().st_mtime_ns == moment for path, moment in halfway.items()), (
         "a finished point was redone"
     )
@@ -353,7 +361,7 @@ def test_failed_simulation_is_counted_left_out_and_refused_above_the_share(finis
     assert sentence in done.stderr and "the oil boils; correct the robot" in done.stderr
     results = folder / "results" / "tiny"
     recordings = {path: path.stat().st_mtime_ns for path in results.glob("traces/**/*.parquet")}
-    assert len(recordings) == 15 + 14 + 1
+    assert len(recordings) == 15 + 14 + 19 + 7 + 1
 
     figure = str((results / "figures/recording.svg").relative_to(folder))
     run_well(folder, "validate", "snr", "scope", figure, study="lenient.yaml")

@@ -1,4 +1,6 @@
-AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_summary", "audit_verdicts")]
+AUDIT_TABLES = [
+    f"{R}/{name}.parquet" for name in ("audit", "audit_summary", "audit_verdicts", "audit_answers")
+]
 
 
 rule audit:
@@ -63,12 +65,13 @@ rule audit_surrogates:
     input:
         points=f"{R}/design/audit.parquet",
         parts=expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED),
-        surrogates=f"{R}/surrogates.parquet",
+        asked=list(asked_of(STUDY.scope.model)(None).values()),
         code=code("audit_surrogates"),
     output:
         audit=f"{R}/audit.parquet",
         summary=f"{R}/audit_summary.parquet",
         verdicts=f"{R}/audit_verdicts.parquet",
+        answers=f"{R}/audit_answers.parquet",
     log:
         f"{R}/logs/audit_surrogates.log",
     benchmark:

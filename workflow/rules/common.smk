@@ -27,7 +27,14 @@ from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
-from wearscope.robots.model_file import check_code, find_model, list_effects, read_model_file, read_text
+from wearscope.robots.model_file import (
+    check_code,
+    find_model,
+    list_effects,
+    locate_effect,
+    read_model_file,
+    read_text,
+)
 from wearscope.sources import find_sources, plugin_file
 
 # A job ends with this process, also where it alone is killed.
@@ -46,13 +53,22 @@ ROBOTS = {label(reference): reference for reference in STUDY.robots}
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
 N_POINTS = STUDY.design.count_points(STUDY.factors)
+N_FILLING, N_CHECKING = STUDY.count_filling_points()
 POINTS = {
     "identification": N_POINTS,
     "validation": N_POINTS,
+    "filling": N_FILLING,
+    "checking": N_CHECKING,
     "nominal": STUDY.simulation.nominal_runs,
     "audit": STUDY.count_audit_points(),
+    "direct": 2 * STUDY.direct.runs,
 }
-STUDY_SETS = ["identification", "validation", "nominal"]
+FILLED = STUDY.surrogates.filling.enabled
+# Runs that are asked for a test quantity in every cell, and those that are simulated for it.
+RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED else [])]
+STUDY_SETS = [*RUN_SETS, "nominal"]
+# Direct Monte Carlo stands beside the chosen surrogate's answer.
+DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
@@ -121,7 +137,8 @@ def robot_files(reference):
 def robot_effects(reference):
     """Files of the effects that a robot's model lists."""
     path, content = read_robot(reference)
-    return [plugin_file(name, "effects") for name in list_effects(content, str(path))]
+    names = list_effects(content, str(path))
+    return [plugin_file(locate_effect(name, path.parent), "effects") for name in names]
 
 
 def detector_files():

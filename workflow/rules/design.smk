@@ -7,6 +7,7 @@ rule make_design:
     input:
         code=code("make_design"),
     output:
+        **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS[2:]},
         identification=f"{R}/design/identification.parquet",
         validation=f"{R}/design/validation.parquet",
         nominal=f"{R}/design/nominal.parquet",
@@ -25,6 +26,8 @@ rule make_design:
         models=STUDY.surrogates.models,
         axes=STUDY.axes,
         nominal_runs=STUDY.simulation.nominal_runs,
+        filling=STUDY.surrogates.filling.model_dump() if FILLED else None,
+        questions=STUDY.scope.factors,
         seed=STUDY.seed,
     message:
         "Make the design matrices and check what they can tell"

@@ -39,7 +39,7 @@ rule compute_sensitivity:
 
 rule compute_snr:
     input:
-        surrogates=f"{R}/surrogates.parquet",
+        unpack(asked_of(STUDY.snr.model)),
         code=code("compute_snr"),
     output:
         snr=f"{R}/snr.parquet",
@@ -62,7 +62,7 @@ rule compute_snr:
 # Ahead of what else the surrogates allow, since the audit waits for it.
 rule compute_scope:
     input:
-        surrogates=f"{R}/surrogates.parquet",
+        unpack(asked_of(STUDY.scope.model)),
         code=code("compute_scope"),
     output:
         f"{R}/parts/scope/{{robot}}.parquet",

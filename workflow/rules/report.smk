@@ -104,6 +104,8 @@ rule write_report:
         failed_simulations=f"{R}/failed_simulations.parquet",
         checks=f"{R}/design/checks.parquet",
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
+        chosen=ASKED[1] if FILLED else [],
+        direct=DIRECT_TABLES[0] if DIRECT else [],
         figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
         loop=[
             *(DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else []),

@@ -1,6 +1,21 @@
+# What the questions are asked of: the quadratic models, and the surrogate that was chosen for each cell.
+ASKED = [f"{R}/surrogates.parquet", *([f"{R}/chosen_surrogates.parquet"] if FILLED else [])]
+
+
+def asked_of(model):
+    """Input function: the tables that make a section's surrogates."""
+    files = {"surrogates": f"{R}/surrogates.parquet"}
+    if model == "chosen":
+        files |= {
+            "chosen": f"{R}/chosen_surrogates.parquet",
+            "test_quantities": f"{R}/test_quantities.parquet",
+        }
+    return lambda wildcards: files
+
+
 rule surrogates:
     input:
-        f"{R}/surrogates.parquet",
+        ASKED,
 
 
 rule validate:
@@ -51,3 +66,44 @@ rule validate_surrogates:
         "Validate the surrogates"
     script:
         "../scripts/validate_surrogates.py"
+
+
+rule choose_surrogates:
+    input:
+        test_quantities=f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
+        code=code("choose_surrogates"),
+    output:
+        f"{R}/parts/chosen_surrogates/{{robot}}/{{cycle}}.parquet",
+    log:
+        f"{R}/logs/choose_surrogates/{{robot}}/{{cycle}}.log",
+    benchmark:
+        f"{R}/benchmarks/choose_surrogates/{{robot}}/{{cycle}}.tsv"
+    conda:
+        ENV
+    params:
+        kinds=STUDY.surrogates.filling.kinds,
+        goal=STUDY.surrogates.filling.goal,
+        factors=FACTORS,
+        max_failed_share=STUDY.max_failed_share,
+    message:
+        "Choose the surrogates of {wildcards.robot}, {wildcards.cycle}"
+    script:
+        "../scripts/choose_surrogates.py"
+
+
+rule join_chosen:
+    input:
+        parts=expand("{R}/parts/chosen_surrogates/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
+        code=code("join_chosen"),
+    output:
+        f"{R}/chosen_surrogates.parquet",
+    log:
+        f"{R}/logs/join_chosen.log",
+    benchmark:
+        f"{R}/benchmarks/join_chosen.tsv"
+    conda:
+        ENV
+    message:
+        "Join the chosen surrogates"
+    script:
+        "../scripts/join_chosen.py"

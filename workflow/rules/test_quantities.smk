@@ -5,8 +5,7 @@ rule test_quantities:
 
 rule compute_test_quantities:
     input:
-        identification=f"{R}/design/identification.parquet",
-        validation=f"{R}/design/validation.parquet",
+        **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS},
         nominal=f"{R}/design/nominal.parquet",
         traces=lambda w: traces(w.robot, w.cycle, *STUDY_SETS),
         detectors=f"{R}/check/detectors.json",
@@ -22,7 +21,7 @@ rule compute_test_quantities:
     conda:
         ENV
     params:
-        sets=["identification", "validation"],
+        sets=RUN_SETS,
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,
         detectors=config["detectors"],

@@ -5,23 +5,31 @@ import numpy as np
 from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
+from wearscope.evaluation.sampled_scope import sampled_scope_table
 from wearscope.evaluation.scope import scope_table
+from wearscope.surrogates.chosen import read_chosen
 
 with run_job(snakemake) as say:
-    surrogates = tables.read_table(snakemake.input.surrogates)
     settings = snakemake.params.settings
     n_delta, n_sigma = settings["grid"]
-    table = scope_table(
-        surrogates[surrogates["robot"] == snakemake.wildcards.robot],
-        settings["factors"],
-        settings["model"],
-        deltas=np.linspace(*settings["delta"], n_delta),
-        sigmas=np.linspace(*settings["sigma"], n_sigma),
-        f0=settings["f0"],
-        levels=nominal_levels([Factor(**one) for one in snakemake.params.factors]),
-        false_alarm=settings["p_f"],
-        detection=settings["p_d"],
-        runs=settings["runs"],
-        seed=snakemake.params.seed,
-    )
+    common = {
+        "deltas": np.linspace(*settings["delta"], n_delta),
+        "sigmas": np.linspace(*settings["sigma"], n_sigma),
+        "f0": settings["f0"],
+        "levels": nominal_levels([Factor(**one) for one in snakemake.params.factors]),
+        "false_alarm": settings["p_f"],
+        "detection": settings["p_d"],
+        "runs": settings["runs"],
+        "seed": snakemake.params.seed,
+    }
+
+    def read_cells(name):
+        table = tables.read_table(snakemake.input[name])
+        return table[table["robot"] == snakemake.wildcards.robot]
+
+    if settings["model"] == "chosen":
+        chosen = read_chosen(read_cells("chosen"), read_cells("test_quantities"))
+        table = sampled_scope_table(chosen, factors=settings["factors"], **common)
+    else:
+        table = scope_table(read_cells("surrogates"), settings["factors"], settings["model"], **common)
     tables.write_table(snakemake.output[0], table)

@@ -2,12 +2,20 @@
 
 from job import run_job
 from wearscope import tables
+from wearscope.evaluation.sampled_snr import sampled_snr_table
 from wearscope.evaluation.snr import rank_by_median, snr_table
+from wearscope.surrogates.chosen import read_chosen, read_noise
 
 with run_job(snakemake):
     settings = dict(snakemake.params.settings)
     group_by = settings.pop("group_by")
-    snr = snr_table(tables.read_table(snakemake.input.surrogates), **settings, seed=snakemake.params.seed)
+    if settings["model"] == "chosen":
+        del settings["model"]
+        table = tables.read_table(snakemake.input.chosen)
+        chosen = read_chosen(table, tables.read_table(snakemake.input.test_quantities))
+        snr = sampled_snr_table(chosen, read_noise(table), **settings, seed=snakemake.params.seed)
+    else:
+        snr = snr_table(tables.read_table(snakemake.input.surrogates), **settings, seed=snakemake.params.seed)
     tables.write_table(snakemake.output.snr, snr)
     ranking = rank_by_median(snr, by=group_by, seed=snakemake.params.seed)
     tables.write_table(snakemake.output.ranking, ranking)

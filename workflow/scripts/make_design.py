@@ -4,6 +4,7 @@ from job import run_job
 from wearscope import tables
 from wearscope.designs.checks import alias_table, check_design, describe_design
 from wearscope.designs.factors import Factor
+from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design, nominal_design, validation_design
 
 with run_job(snakemake) as say:
@@ -26,6 +27,17 @@ with run_job(snakemake) as say:
     tables.write_table(snakemake.output.identification, identification, units)
     validation = validation_design(params.kind, factors, params.options, params.seed)
     tables.write_table(snakemake.output.validation, validation, units)
+    if params.filling:
+        asked = params.filling
+        common = {"questions": params.questions, "axes": params.axes, "seed": params.seed}
+        filling = filling_design(
+            factors, asked["points"], asked["question_points"], asked["replicates"], **common
+        )
+        checking = checking_design(
+            factors, asked["checking_points"], asked["checking_question_points"], **common
+        )
+        tables.write_table(snakemake.output.filling, filling, units)
+        tables.write_table(snakemake.output.checking, checking, units)
     tables.write_table(snakemake.output.nominal, nominal_design(factors, params.nominal_runs), units)
     tables.write_table(snakemake.output.checks, checks)
     tables.write_table(snakemake.output.aliases, aliases)

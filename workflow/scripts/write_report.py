@@ -31,6 +31,8 @@ with run_job(snakemake):
         factors=[Factor(**one) for one in params.factors],
         **{name: tables.read_table(given[name]) for name in TABLES},
         **audit,
+        chosen=tables.read_table(given.chosen) if given.get("chosen") else None,
+        direct=tables.read_table(given.direct) if given.get("direct") else None,
         loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},
         planted=json.loads(Path(given.truth).read_text()) if given.get("truth") else None,
         figures={Path(file).stem: Path(file) for file in given.figures},

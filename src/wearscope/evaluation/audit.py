@@ -19,6 +19,8 @@ from wearscope.designs.kinds import design_table
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import groups_of, wilson_interval
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of
+from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
+from wearscope.surrogates.surrogate import Surrogate
 
 AUDIT = "audit"
 _ABOUT = ["reason", "hypothesis", "factor", "delta", "sigma", "worn_axis"]
@@ -125,6 +127,7 @@ def audit_table(
     points: pd.DataFrame | None = None,
     model: str = "full",
     level: float = 0.95,
+    chosen: Mapping[tuple, ChosenSurrogate] | None = None,
 ) -> pd.DataFrame:
     """Both values at every audited point of every cell.
 
@@ -138,6 +141,9 @@ def audit_table(
     model : str
     level : float
         Of the prediction interval.
+    chosen : mapping, optional
+        Chosen surrogate by cell, audited in place of `model`; these state no leverage, and no point within
+        -2..2 lies outside the runs that they learned from.
 
     Returns
     -------
@@ -155,7 +161,11 @@ def audit_table(
     rows = test_quantities[test_quantities["set"] == AUDIT]
     if rows.empty:
         raise InputError("audit: no test quantity has the set 'audit'; simulate the audit points first.")
-    models = {key[:-1]: surrogate for key, surrogate in surrogates_of(surrogates, model)}
+    models: Mapping[tuple, Surrogate | ChosenSurrogate]
+    if chosen is None:
+        models = {key[:-1]: surrogate for key, surrogate in surrogates_of(surrogates, model)}
+    else:
+        models, model = chosen, CHOSEN
     parts = []
     for key, cell in cells_of(rows):
         if key not in models:
@@ -165,7 +175,7 @@ def audit_table(
         names = list(surrogate.names)
         z, direct = cell[names].to_numpy(dtype=float), cell["y"].to_numpy(dtype=float)
         low, high = surrogate.prediction_interval(z, level)
-        known = np.isfinite(surrogate.sigma) and surrogate.sigma > 0
+        known = chosen is None and np.isfinite(surrogate.sigma) and surrogate.sigma > 0
         leverage = (surrogate.standard_error(z) / surrogate.sigma) ** 2 if known else np.full(len(z), np.nan)
         part = cell[[*CELL, "point", *names]].copy()
         part.insert(len(CELL), "model", model)
@@ -219,6 +229,47 @@ def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",), level: floa
                     "median_error": float(np.median(error[sure] / half[sure])) if sure.any() else np.nan,
                 }
             )
+    return pd.DataFrame(records)
+
+
+def audit_answers(audit: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
+    """Which detectors' answers stand, and which are withheld.
+
+    An answer is withheld where the direct values lie outside their `level` intervals more often than chance
+    allows: where even the upper end of the Wilson interval of the share inside is below `level`. With 108
+    values that is a share of 90 % or less.
+
+    Parameters
+    ----------
+    audit : DataFrame
+        From `audit_table`.
+    level : float
+        Of the prediction intervals and of the Wilson interval.
+
+    Returns
+    -------
+    DataFrame
+        ``fda``, ``model``, ``n``, ``n_inside``, ``share_inside``, ``share_low``, ``share_high``, ``answer``:
+        ``given``, ``withheld``, or ``not audited`` where every audited value failed.
+    """
+    records = []
+    for (fda, model), rows in audit.groupby(["fda", "model"], sort=True, observed=True):
+        good = rows[~rows["failed"]]
+        inside = int(good["inside"].sum())
+        low, high = wilson_interval(inside, len(good), level)
+        answer = "withheld" if high < level else "given"
+        records.append(
+            {
+                "fda": fda,
+                "model": model,
+                "n": len(good),
+                "n_inside": inside,
+                "share_inside": inside / len(good) if len(good) else np.nan,
+                "share_low": low,
+                "share_high": high,
+                "answer": answer if len(good) else "not audited",
+            }
+        )
     return pd.DataFrame(records)
 
 

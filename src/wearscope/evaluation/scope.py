@@ -166,7 +166,7 @@ def scope_table(
     grid_d, grid_s = paper_grid()
     grid_d = grid_d if deltas is None else np.asarray(deltas, dtype=float)
     grid_s = grid_s if sigmas is None else np.asarray(sigmas, dtype=float)
-    _check_setting(grid_d, grid_s, methods, false_alarm, detection, runs, bandwidth)
+    check_setting(grid_d, grid_s, methods, false_alarm, detection, runs, bandwidth)
     held = nominal_levels(PAPER_FACTORS) if levels is None else dict(levels)
     blocks = []
     for done, (key, surrogate) in enumerate(surrogates_of(surrogates, model), start=1):
@@ -190,10 +190,10 @@ def scope_table(
                 blocks.append((key, factor, method, output_status(surrogate), p_d, sure))
         if report is not None:
             report(done)
-    return _long(blocks, grid_d, grid_s, detection)
+    return long_table(blocks, grid_d, grid_s, detection)
 
 
-def _check_setting(
+def check_setting(
     deltas: np.ndarray,
     sigmas: np.ndarray,
     methods: Sequence[str],
@@ -202,6 +202,7 @@ def _check_setting(
     runs: int,
     rule: str,
 ) -> None:
+    """Refuse a grid, methods or probabilities that no scope can be computed with, by InputError."""
     if deltas.size == 0 or sigmas.size == 0 or not np.all(sigmas > 0):
         raise InputError(
             "scope: the grid is empty or has a sigma that is not positive; correct deltas or sigmas."
@@ -215,7 +216,8 @@ def _check_setting(
         raise InputError(f"scope: {runs} runs with bandwidth '{rule}'; use at least 100, silverman or scott.")
 
 
-def _long(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
+def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
+    """Long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
     size = deltas.size * sigmas.size
     columns: dict[str, object] = {}
     for k, name in enumerate([*CELL, "model"]):

@@ -73,28 +73,30 @@ def _threshold(y: Array, weights: Array, bandwidth: float, probability: float) -
 
 
 @numba.njit(cache=True)
-def _column(
+def binned_probabilities(
     null: Array,
     alternatives: Array,
-    x: Array,
     weights0: Array,
     weights1: Array,
     factor: float,
     probability: float,
+    scale: float,
     result: Array,
 ) -> None:
-    scale = 1e-12 * max(abs(null[0]), abs(null[1]), abs(null[2]))
-    y = null[0] + x * (null[1] + null[2] * x)
-    deviation = _deviation(y, weights0)
+    """P_d (J,) of responses at binned runs: H0 (M,), each H1 (J, M).
+
+    `factor` is the bandwidth over the deviation; a response that scatters by no more than `scale` is fixed.
+    """
+    deviation = _deviation(null, weights0)
     if deviation <= scale:
         h = null[0] + scale
     else:
-        h = _threshold(y, weights0, factor * deviation, probability)
+        h = _threshold(null, weights0, factor * deviation, probability)
     for j in range(alternatives.shape[0]):
-        y = alternatives[j, 0] + x * (alternatives[j, 1] + alternatives[j, 2] * x)
+        y = alternatives[j]
         deviation = _deviation(y, weights1)
         if deviation <= scale:
-            result[j] = 1.0 if alternatives[j, 0] >= h else 0.0
+            result[j] = 1.0 if y[0] >= h else 0.0
         else:
             result[j] = _tail(y, weights1, factor * deviation, h)
 
@@ -139,9 +141,9 @@ def detection_probabilities(
     x = low + step * np.arange(NODES)
     weights0, weights1 = bin_runs(runs0, NODES, low, step), bin_runs(runs1, NODES, low, step)
     result = np.empty(len(alternatives))
-    factor = bandwidth_factor(rule, runs0.size)
-    _column(
-        np.ascontiguousarray(null), np.ascontiguousarray(alternatives), x, weights0, weights1, factor,
-        false_alarm, result,
+    powers = np.stack([np.ones(NODES), x, x * x])
+    binned_probabilities(
+        null @ powers, np.ascontiguousarray(alternatives @ powers), weights0, weights1,
+        bandwidth_factor(rule, runs0.size), false_alarm, 1e-12 * float(np.abs(null).max()), result,
     )  # fmt: skip
     return result

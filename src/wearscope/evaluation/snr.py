@@ -14,6 +14,8 @@ from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 
 Array = NDArray[np.float64]
+#: Fewer cells than these say nothing by being resampled.
+FEW = 5
 
 
 def quadratic_moments(c: ArrayLike, g: ArrayLike, a: ArrayLike, sigma: float) -> tuple[Array, Array]:
@@ -88,6 +90,12 @@ def monte_carlo_snr(
     """
     y0 = sample_output(surrogate, rng, runs, f0, sigma)
     y1 = sample_output(surrogate, rng, runs, f0 + delta, sigma)
+    return monte_carlo_error(y0, y1)
+
+
+def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
+    """SNR (11) of runs (N,) under each hypothesis, and its Monte Carlo standard error."""
+    runs = len(y1)
     centred = y1 - y1.mean()
     m2, m3, m4 = (float(np.mean(centred**k)) for k in (2, 3, 4))
     change = float(y1.mean() - y0.mean())
@@ -220,7 +228,8 @@ def rank_by_median(
     """Rank groups by their median, with what the choice of cells leaves open.
 
     The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
-    them at once), so that differences between groups are paired.
+    them at once), so that differences between groups are paired. With fewer than `FEW` of them, resampling
+    says nothing: there the cells' own intervals decide, a group's being the medians of its cells' ends.
 
     Parameters
     ----------
@@ -240,7 +249,8 @@ def rank_by_median(
     DataFrame
         Best first: the group columns, ``n``, ``n_nan``, ``median``, ``median_low``, ``median_high``,
         ``rank`` (1 is best), ``rank_low``, ``rank_high`` (interval), ``tied_with`` (groups whose median
-        difference has an interval that holds 0).
+        difference has an interval that holds 0, or whose own interval overlaps), ``interval_from``: ``choice
+        of cells`` or ``each cell``.
 
     Raises
     ------
@@ -254,6 +264,12 @@ def rank_by_median(
     wide = table.pivot(index=rest, columns=by, values=value).sort_index(axis=0).sort_index(axis=1)
     values = wide.to_numpy(dtype=float)
     keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
+    if len(values) < FEW and {"snr_low", "snr_high"} <= set(table.columns):
+        low, high = (
+            table.pivot(index=rest, columns=by, values=name).reindex_like(wide).to_numpy(dtype=float)
+            for name in ("snr_low", "snr_high")
+        )
+        return _rank_few(values, low, high, keys, by)
     rows = bootstrap_indices(len(values), draws, generator_for(seed, "rank", value, *by))
     median = _median(values)
     boot = np.stack([_median(values[index]) for index in rows])
@@ -288,6 +304,36 @@ def rank_by_median(
                 "rank_low": int(best),
                 "rank_high": int(worst),
                 "tied_with": ", ".join(tied[k]),
+                "interval_from": "choice of cells",
+            }
+        )
+    return pd.DataFrame(records)
+
+
+def _rank_few(values: Array, low: Array, high: Array, keys: list[tuple], by: Sequence[str]) -> pd.DataFrame:
+    """Ranking of few cells (N, G) by their own intervals; a group without one is tied with every other."""
+    median, low, high = _median(values), _median(low), _median(high)
+    known = np.isfinite(median)
+    bottom, top = np.where(np.isfinite(low), low, -np.inf), np.where(np.isfinite(high), high, np.inf)
+    records = []
+    for position, k in enumerate(np.argsort(-np.where(known, median, -np.inf), kind="stable")):
+        others = [j for j in range(len(keys)) if j != k and known[j]]
+        above = [j for j in others if bottom[j] > top[k]]
+        below = [j for j in others if top[j] < bottom[k]]
+        tied = [j for j in others if j not in above and j not in below] if known[k] else []
+        records.append(
+            {
+                **dict(zip(by, keys[k], strict=True)),
+                "n": int(np.sum(~np.isnan(values[:, k]))),
+                "n_nan": int(np.sum(np.isnan(values[:, k]))),
+                "median": float(median[k]),
+                "median_low": float(low[k]),
+                "median_high": float(high[k]),
+                "rank": position + 1,
+                "rank_low": 1 + len(above) if known[k] else position + 1,
+                "rank_high": len(others) + 1 - len(below) if known[k] else len(keys),
+                "tied_with": ", ".join(cell_name(keys[j]) for j in tied),
+                "interval_from": "each cell",
             }
         )
     return pd.DataFrame(records)

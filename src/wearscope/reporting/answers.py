@@ -120,12 +120,20 @@ def _term_shares(rows: pd.DataFrame, most: int = 3) -> str:
 
 def best_detector(study: Study) -> list[str]:
     """Answer to Q-2: the ranking with intervals, ties, and the cells without an SNR or with a falling y."""
-    table = study.ranking
+    table, away = study.ranking, study.withheld()
     by = group_columns(table)
+    if "fda" in by:
+        table = table[~table["fda"].isin(away)]
+    said = (
+        [f"The answer is withheld for {join_words(away)}: direct simulation contradicts the surrogates."]
+        if away
+        else []
+    )
     rows = [(group_name(by, [row[name] for name in by]), row) for _, row in table.iterrows()]
     known = [(name, row) for name, row in rows if np.isfinite(row["median"])]
     if not known:
-        return ["Unknown: no group has a median SNR."]
+        return [*said, "Unknown: no group has a median SNR."]
+    few = "interval_from" in table and (table["interval_from"] == "each cell").any()
     best, row = known[0]
     medians = ", ".join(
         f"{name} {format_number(float(one['median']))} ({format_number(float(one['median_low']))} to "
@@ -133,12 +141,16 @@ def best_detector(study: Study) -> list[str]:
         for name, one in known[:6]
     )
     left = f", and {len(known) - 6} more" if len(known) > 6 else ""
-    sentences = [f"{best} has the highest median SNR (95 % over cells): {medians}{left}."]
+    source = "95 %, from each cell's own interval" if few else "95 % over cells"
+    sentences = [*said, f"{best} has the highest median SNR ({source}): {medians}{left}."]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
     tied = str(row["tied_with"])
     if tied:
-        sentences.append(f"The choice of cells leaves open whether it beats {tied}.")
+        what = "The cells' own intervals leave" if few else "The choice of cells leaves"
+        sentences.append(f"{what} open whether it beats {tied}.")
+    elif len(known) > 1 and few:
+        sentences.append("Its interval lies above all others, at 95 %; other cells were not asked.")
     elif len(known) > 1:
         sentences.append("It keeps the first place whatever cells are drawn, at 95 %.")
     sentences += [
@@ -148,6 +160,12 @@ def best_detector(study: Study) -> list[str]:
     constant = int((study.snr["status"] == "constant").sum())
     if falling:
         sentences.append(f"In {count_text(falling, 'cell')} y falls with wear; their sign is not turned.")
+    quiet = int((study.snr["status"] == "noise-free").sum())
+    if quiet:
+        sentences.append(
+            f"In {count_text(quiet, 'cell')} the robot's model has no noise, so there is no SNR; give its "
+            "sensors some."
+        )
     if constant:
         sentences.append(f"In {count_text(constant, 'cell')} y is always the same; they have no SNR.")
     return sentences
@@ -157,7 +175,8 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
     """Variation of a factor that half the cells of each group bear, at some changes of the fault."""
     found = []
     by = list(study.config["scope"]["group_by"])
-    for name, rows in split_groups(study.exact_scope(factor), by):
+    asked = study.exact_scope(factor)
+    for name, rows in split_groups(asked[~asked["fda"].isin(study.withheld())], by):
         cells = len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
         sigma, grid, count = count_matrix(rows, rows["passes"])
         share = float(rows["passes"].mean())
@@ -196,10 +215,13 @@ def tolerance_table(study: Study) -> pd.DataFrame:
 
 def effective_scope(study: Study) -> list[str]:
     """Answer to Q-3: a sentence for each factor that varies."""
-    sentences = []
+    away = study.withheld()
+    sentences = [f"The answer is withheld for {join_words(away)}."] if away else []
     p_f, p_d = study.config["scope"]["p_f"], study.config["scope"]["p_d"]
     for factor in study.config["scope"]["factors"]:
         found = tolerances(study, factor)
+        if not found:
+            continue
         groups = {one.group: one.share for one in found}
         ranked = sorted(groups, key=lambda name: -groups[name])
         description = study.factor(factor).description

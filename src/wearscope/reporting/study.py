@@ -24,8 +24,12 @@ class Study:
         As the stages write them.
     failed_simulations : DataFrame
         ``robot``, ``cycle``, ``set``, ``point``, ``reason``: points that were simulated in vain.
-    audit, audit_summary, audit_verdicts : DataFrame or None
+    audit, audit_summary, audit_verdicts, audit_answers : DataFrame or None
         None where the audit is switched off.
+    chosen : DataFrame or None
+        Chosen surrogate of every cell; None where none is chosen.
+    direct : DataFrame or None
+        SNR by direct Monte Carlo; None where it was not asked.
     loops : mapping of str to mapping
         Content of ``verdict.json`` by data set; the demonstration's is called ``twin``.
     planted : mapping or None
@@ -57,6 +61,9 @@ class Study:
     audit: pd.DataFrame | None = None
     audit_summary: pd.DataFrame | None = None
     audit_verdicts: pd.DataFrame | None = None
+    audit_answers: pd.DataFrame | None = None
+    chosen: pd.DataFrame | None = None
+    direct: pd.DataFrame | None = None
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None
     figures: Mapping[str, Path] = field(default_factory=dict)
@@ -75,6 +82,11 @@ class Study:
     def detector_of(self, module: str) -> str | None:
         """Configured name of the first detector that uses a module, None where the study has none."""
         return next((n for n, one in self.config["detectors"].items() if one["use"] == module), None)
+
+    def withheld(self) -> list[str]:
+        """Detectors whose answers to Q-2 and Q-3 the audit does not let stand."""
+        table = self.audit_answers
+        return [] if table is None else sorted(table.loc[table["answer"] == "withheld", "fda"])
 
     def exact_scope(self, factor: str) -> pd.DataFrame:
         """Scope rows of one factor by one method, the exact one where it is there."""

@@ -8,7 +8,6 @@ from markupsafe import Markup
 
 from wearscope.reporting import answers, trust
 from wearscope.reporting.assumptions import list_assumptions
-from wearscope.reporting.costs import PAPER
 from wearscope.reporting.findings import Finding, count_verdicts
 from wearscope.reporting.labels import (
     MODEL_NAMES,
@@ -30,6 +29,7 @@ from wearscope.reporting.page import (
     unbreak,
 )
 from wearscope.reporting.study import Study
+from wearscope.reporting.study_tables import render_chosen, render_speed
 
 VERDICT_KINDS = {
     "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
@@ -87,10 +87,13 @@ def _figure(study: Study, name: str, alt: str, caption: str = "") -> Markup:
 
 def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
     cells = len(study.snr)
+    more = ""
+    if study.chosen is not None and len(study.chosen):
+        more = f", and one chosen on {count_text(int(study.chosen['n_points'].max()), 'run')}"
     lead = (
-        f"{count_text(cells, 'cell')} (robot, test-cycle, axis, detector), each with surrogates fitted to "
-        f"{count_text(int(study.checks['points'].iloc[0]), 'simulated run')}. Beside the paper, "
-        f"{count_verdicts(findings)}."
+        f"{count_text(cells, 'cell')} (robot, test-cycle, axis, detector), each with the paper's surrogates "
+        f"fitted to {count_text(int(study.checks['points'].iloc[0]), 'simulated run')}{more}. Beside the "
+        f"paper, {count_verdicts(findings)}."
     )
     cards = [
         ("Q-1: which factors matter?", answers.relevant_factors(study), "q1", "Figure 2 and the numbers"),
@@ -98,7 +101,7 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ("Q-3: where does it work?", answers.effective_scope(study), "q3", "Figure 4 and tolerances"),
         (
             "Can it be trusted?",
-            [trust.surrogate_quality(study), *trust.audit_outcome(study)],
+            [trust.surrogate_quality(study), *trust.audit_outcome(study), *trust.direct_outcome(study)],
             "trust",
             "Fits, audit, assumptions",
         ),
@@ -177,34 +180,7 @@ def _beside(study: Study, findings: Sequence[Finding]) -> Markup:
         "but some "
         "interval leaves it open. θ̃ is a coefficient over that of wear (8)."
     )
-    return Markup('<p class="note">{}</p>{}{}').format(note, render_table(table), _speed(study))
-
-
-def _speed(study: Study) -> Markup:
-    """The paper's costs beside this study's."""
-    config = study.config
-    points = 2 * int(study.checks["points"].iloc[0]) + config["simulation"]["nominal_runs"]
-    runs = len(config["robots"]) * len(config["cycles"]) * points
-    if study.audit is not None:
-        runs += len(study.audit[["robot", "cycle", "point"]].drop_duplicates())
-    seconds = dict(zip(study.costs["stage"], study.costs["seconds"], strict=True))
-    what = {
-        "simulate_points": ("540 simulations", count_text(runs, "simulation")),
-        "compute_snr": ("SNR of 108 cells", f"SNR of {count_text(len(study.snr), 'cell')}"),
-        "compute_scope": (
-            "scope of 108 cells",
-            f"scope of {count_text(len(study.snr), 'cell')}, both methods",
-        ),
-    }
-    table = pd.DataFrame(
-        {
-            "the paper": [paper for paper, _ in what.values()],
-            "took [s]": [PAPER[stage] for stage in what],
-            "this study": [here for _, here in what.values()],
-            "jobs took [s]": [float(seconds.get(stage, float("nan"))) for stage in what],
-        }
-    )
-    return render_table(table, "Costs, each on its own computer; n/a: no timing lies beside the results.")
+    return Markup('<p class="note">{}</p>{}{}').format(note, render_table(table), render_speed(study))
 
 
 def _relevance(study: Study) -> Markup:
@@ -284,8 +260,7 @@ def _scope(study: Study) -> Markup:
             f"Fig. 4: cells that meet P_d ≥ {study.config['scope']['p_d']:g} at P_f ≤ "
             f"{study.config['scope']['p_f']:g} with {factor.description} ({name}) ~ N(0, σ²). Solid: "
             "bounds where half "
-            "the cells pass; dashed: where half of them pass with 95 % confidence in the surrogate's "
-            "coefficients. "
+            "the cells pass; dashed: where half of them pass with 95 % confidence in the surrogate. "
             "Below: cells by which the kernel density estimate passes more (violet) or fewer (orange)."
         )
         parts.append(_figure(study, f"scope_{name}", alt, caption))
@@ -307,7 +282,8 @@ def _trust(study: Study) -> Markup:
             "predictor "
             "has 0 %, 90 % leaves 1 % of the variance.",
         ),
-        _paragraphs(trust.audit_outcome(study)),
+        render_chosen(study),
+        _paragraphs([*trust.audit_outcome(study), *trust.direct_outcome(study)]),
     ]  # fmt: skip
     if study.audit is not None:
         caption = (

@@ -7,6 +7,7 @@ from wearscope.reporting.labels import count_text
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
+CHOSEN = "chosen"
 POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
 
@@ -14,21 +15,40 @@ POOR_FIT = 50.0
 def doubts(study: Study) -> list[str]:
     """Detectors whose answers to Q-2 and Q-3 rest on surrogates that do not hold, each with the reason."""
     sentences = []
-    model = study.config["scope"]["model"]
-    for fda, rows in study.validation[study.validation["model"] == model].groupby("fda", sort=True):
+    model, rows = _asked_fits(study)
+    answers = study.audit_answers
+    for fda, part in rows.groupby("fda", sort=True):
         reasons = []
-        fit = rows["fit"].to_numpy(dtype=float)
+        fit = part["fit"].to_numpy(dtype=float)
         fit = fit[np.isfinite(fit)]
         if fit.size and np.median(fit) < POOR_FIT:
             middle = f"{format_number(float(np.median(fit)), 2)} % in the median"
-            reasons.append(f"its {model} model fits the validation runs to {middle}")
+            reasons.append(f"its {model} fits the {_runs_name(study)} runs to {middle}")
         if study.audit is not None:
             good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]
-            if len(good) and good["inside"].mean() < 0.5:
+            poor = len(good) and good["inside"].mean() < 0.5
+            if poor or fda in study.withheld():
                 reasons.append(f"the audit held {_share(good['inside'], 'value')}")
-        if reasons:
+        if reasons and fda in study.withheld():
+            sentences.append(f"Withheld is what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
+        elif reasons:
             sentences.append(f"Do not trust what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
+    if answers is not None and (answers["answer"] == "not audited").any():
+        left = ", ".join(answers.loc[answers["answer"] == "not audited", "fda"])
+        sentences.append(f"Not audited, as every value failed: {left}.")
     return sentences
+
+
+def _asked_fits(study: Study) -> tuple[str, pd.DataFrame]:
+    """What the surrogate that the scope asks is called, and its fits by cell."""
+    model = study.config["scope"]["model"]
+    if model == CHOSEN and study.chosen is not None:
+        return "chosen surrogate", study.chosen
+    return f"{model} model", study.validation[study.validation["model"] == model]
+
+
+def _runs_name(study: Study) -> str:
+    return "checking" if study.config["scope"]["model"] == CHOSEN else "validation"
 
 
 def audit_outcome(study: Study) -> list[str]:
@@ -71,6 +91,28 @@ def _share(flags: pd.Series, noun: str = "") -> str:
     return f"{int(flags.sum())} of {count_text(n, noun) if noun else n}{percent}"
 
 
+def direct_outcome(study: Study) -> list[str]:
+    """What direct Monte Carlo says beside the chosen surrogates; [] where it was not asked."""
+    if study.direct is None or study.direct.empty:
+        return []
+    table = study.direct
+    first = table.iloc[0]
+    known = table[table["agrees"].notna()]
+    parts = [
+        f"{row.fda} {format_number(row.snr_direct)} ({format_number(row.direct_low)} to "
+        f"{format_number(row.direct_high)}) directly, {format_number(row.snr_surrogate)} "
+        f"({format_number(row.surrogate_low)} to {format_number(row.surrogate_high)}) by the surrogate"
+        for row in table.itertuples()
+    ]
+    return [
+        f"SNR without a surrogate, {first['robot']}, {first['cycle']}, axis {first['axis']}, "
+        f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
+        f"included: {'; '.join(parts)}. "
+        f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
+        f"{count_text(len(known), 'cell')}."
+    ]
+
+
 def failed_simulations(study: Study) -> list[str]:
     """How many points were simulated in vain, where and why; [] where none was."""
     failed = study.failed_simulations
@@ -100,20 +142,29 @@ def failed_points(study: Study) -> str:
 
 def surrogate_quality(study: Study) -> str:
     """How well the surrogate that is asked fits the validation runs."""
-    model = study.config["scope"]["model"]
-    rows = study.validation[study.validation["model"] == model]
+    model, rows = _asked_fits(study)
+    runs = _runs_name(study)
     fit = rows["fit"].to_numpy(dtype=float)
     good = fit[np.isfinite(fit)]
     if not good.size:
-        return f"The {model} model has no fit on the validation runs in any cell."
+        return f"The {model} has no fit on the {runs} runs in any cell."
     missing = f"; {count_text(fit.size - good.size, 'cell')} n/a" if fit.size > good.size else ""
     medians = [
         f"{fda} {format_number(float(np.nanmedian(part)), 2)} %" if np.isfinite(part).any() else f"{fda} n/a"
         for fda, part in rows.groupby("fda", sort=True)["fit"]
     ]
-    poor = int((good < POOR_FIT).sum())
-    return (
-        f"The {model} model fits the validation runs to these medians: {', '.join(medians)}; "
-        f"{format_number(float(good.min()))} % at worst, below {POOR_FIT:g} % in {poor} of "
-        f"{count_text(good.size, 'cell')}{missing}."
-    )
+    text = f"The {model} fits the {runs} runs to these medians: {', '.join(medians)}; "
+    text += f"{format_number(float(good.min()))} % at worst, "
+    if "state" not in rows:
+        poor = int((good < POOR_FIT).sum())
+        return f"{text}below {POOR_FIT:g} % in {poor} of {count_text(good.size, 'cell')}{missing}."
+    goal = study.config["surrogates"]["filling"]["goal"]
+    states = rows["state"].value_counts()
+    reached, ceiling = int(states.get("reached", 0)), int(states.get("at ceiling", 0))
+    text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
+    if ceiling:
+        text += f", in {ceiling} more all that the noise of a run lets be reached"
+    short = int(states.get("short", 0))
+    if short:
+        text += f"; in {count_text(short, 'cell')} the points were spent before"
+    return f"{text}{missing}."

@@ -21,7 +21,15 @@ from wearscope.robots.fields import (
     Section,
     Sensors,
 )
-from wearscope.robots.model_file import Allowed, check_code, find_model, list_effects, read_model_file
+from wearscope.robots.model_file import (
+    Allowed,
+    check_code,
+    find_model,
+    list_effects,
+    locate_effects,
+    read_model_file,
+    relate_effects,
+)
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
@@ -326,7 +334,8 @@ def load_model(
     path = find_model(reference, robots_dir)
     fields = read_model_file(path)
     check_code(list_effects(fields, str(path)), allow_code, str(path))
-    return make_model(fields, path.parent / fields["urdf"], str(path), strict)
+    located = locate_effects(fields, path.parent)
+    return make_model(located, path.parent / fields["urdf"], str(path), strict)
 
 
 def save_model(model: RobotModel, path: str | Path) -> Path:
@@ -347,7 +356,7 @@ def save_model(model: RobotModel, path: str | Path) -> Path:
     """
     path = Path(path)
     urdf = path.with_suffix(".urdf")
-    fields = {**model.to_mapping(), "urdf": urdf.name}
+    fields = relate_effects({**model.to_mapping(), "urdf": urdf.name}, path.parent)
     text = yaml.safe_dump(fields, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
     tables.write_text(urdf, model.urdf_text)
     tables.write_text(path, text)

@@ -1,5 +1,6 @@
 """Model files read without a look at the robot: where they are, what they name."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,30 @@ def list_effects(fields: Mapping[str, Any], where: str) -> list[str]:
             if not isinstance(entry, dict) or not isinstance(entry.get(key), str):
                 raise InputError(f"{where}: effects[{k}].{key}: is missing or no text; add it.")
     return sorted({entry["effect"] for entry in entries})
+
+
+def locate_effect(effect: str, folder: Path) -> str:
+    """An effect of a model file in `folder`: its name, or the absolute path of its file."""
+    return os.path.abspath(folder / effect) if effect.endswith(".py") else effect
+
+
+def locate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Content of a model file in `folder`, with effects as `locate_effect` gives them."""
+    entries = [
+        {**entry, "effect": locate_effect(entry["effect"], folder)} for entry in fields.get("effects", [])
+    ]
+    return {**fields, "effects": entries} if entries else dict(fields)
+
+
+def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The reverse: files of effects by their path from `folder`, so that both can be moved together."""
+    entries = [
+        {**entry, "effect": os.path.relpath(entry["effect"], folder)}
+        if entry["effect"].endswith(".py")
+        else entry
+        for entry in fields.get("effects", [])
+    ]
+    return {**fields, "effects": entries} if entries else dict(fields)
 
 
 def check_code(effects: list[str], allowed: Allowed, where: str) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 State = Literal["explained", "corrected", "unexplained"]
 #: Least share of a residual's variance that counts as structure.
-_SHARE = 0.1
+_SHARE = 0.2
 #: Standard errors by which it must stand out.
 _ERRORS = 3.0
 #: Rows that trees are grown on, folds, seed.

@@ -217,8 +217,8 @@ def _bridge_gaps(
     """
     limits = dataset.fields.robot.torque_limit
     bridged, seen = [], []
-    for source, run, roughly in zip(sources, rough, predict_rough(rough, inner=True), strict=True):
-        predicted = np.column_stack([np.interp(source.run.t, run.t, column) for column in roughly.T])
+    for source, run, guess in zip(sources, rough, predict_rough(rough, inner=True), strict=True):
+        predicted = np.column_stack([np.interp(source.run.t, run.t, column) for column in guess.T])
         clipped = find_clipped(source.run.tau, predicted, limits)
         for j in map(int, np.flatnonzero(clipped.any(axis=0))):
             notes.append(

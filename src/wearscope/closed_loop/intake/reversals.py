@@ -1,10 +1,10 @@
 """Over which speed a joint's friction changes its sign.
 
 A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
-friction at low speed. The width is sought on the training runs with the rough model; friction that grows
-towards rest, friction that lags the reversal by a distance, under load, and drag of second order are fitted
-along with it, so that the width does not take their part, and the narrowest width that does as well as the
-best within the noise is taken.
+friction at low speed. The width is sought on the training runs with the rough model, friction under load and
+drag of second order beside it; friction that grows towards rest, or lags the reversal by a distance, only
+where the torque clearly asks for it. The narrowest width that does as well as the best within the noise is
+taken.
 """
 
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class _JointRows:
     averaged: bool
 
     def design(self, width: float, beside: bool) -> np.ndarray:
-        """Regressors (M, P): direction; friction towards rest and what lags, if asked for; load; rest."""
+        """Regressors (M, P): direction; friction towards rest and what lags, where asked for; the rest."""
         take = average_direction if self.averaged else soften_direction
         sign = take(self.v, width, self.sign)
         rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK] if beside else []

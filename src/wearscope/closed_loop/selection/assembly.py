@@ -141,7 +141,8 @@ class Assembly:
         self.prior = np.diag(_TINY * np.maximum(np.einsum("bii->i", self.gram), 1e-12))
         for term, span in zip(chosen, self.spans, strict=True):
             if term.candidate.penalty is not None:
-                self.prior[span, span] += term.candidate.penalty[np.ix_(term.subset, term.subset)]
+                picked = list(term.subset)
+                self.prior[span, span] += term.candidate.penalty[np.ix_(picked, picked)]
 
     def _solve(self, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse (P, P) of the normal matrix on blocks, and the parameters (P,)."""

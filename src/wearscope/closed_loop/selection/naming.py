@@ -43,7 +43,7 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
             bootstrap="stationary", seed=np.random.default_rng(policy.seed),
         )  # fmt: skip
         test.compute()
-        inside = {apart[k] for k in range(len(apart)) if k in test.included}
+        inside = {apart[k] for k in map(int, np.asarray(test.included))}
     # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
     best = max(evidence, key=lambda e: e.gain)
     return [e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e)]

@@ -288,11 +288,11 @@ class Search:
         grid = effect.shapes(self.problem.joined, candidate.joint)
         first = effect.estimated_shapes()
         # The estimated one again once the others have moved.
-        others = [int(k) for k in np.flatnonzero(np.ptp(grid, axis=0) > 0) if k not in first]
+        others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
         order = [*first[:1], *others, *(first[:1] if others else [])]
         shape = np.array(candidate.shapes[0])
         for k in order:
-            shape[k] = self._refine_one(assembly, e, shape, k)
+            shape[k] = self._refine_one(assembly, e, shape, k, grid[:, k])
         finer = weigh(assembly, self._shaped(e, shape), e.chosen.subset, self.flips)
         if finer.gain <= e.gain:
             return e
@@ -301,16 +301,16 @@ class Search:
     def _shaped(self, e: Evidence, shape: np.ndarray) -> Candidate:
         return make_candidate(e.term.effect, e.term.joint, self.problem.prepared, shape[None])
 
-    def _refine_one(self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int) -> float:
-        """Best value of one shape parameter, the others held."""
+    def _refine_one(
+        self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int, grid: np.ndarray
+    ) -> float:
+        """Best value of one shape parameter, the others held; within its grid (S,) if not estimated."""
         effect = e.term.effect
-        width = (
-            effect.width(self.problem.joined, e.term.joint, shape.tolist())
-            if k in effect.estimated_shapes()
-            else 0.8
-        )
-        low = np.log(max(effect.shape[k].lower, 1e-12) / shape[k])
-        high = np.log(min(effect.shape[k].upper, 1e12) / shape[k])
+        low, high = np.log(grid.min() / shape[k]), np.log(grid.max() / shape[k])
+        if k in effect.estimated_shapes():
+            width = effect.width(self.problem.joined, e.term.joint, shape.tolist())
+            low = max(-width, float(np.log(max(effect.shape[k].lower, 1e-12) / shape[k])))
+            high = min(width, float(np.log(min(effect.shape[k].upper, 1e12) / shape[k])))
 
         def loss(x: float) -> float:
             tried = shape.copy()
@@ -319,8 +319,7 @@ class Search:
             return -float(assembly.add(sums).gain[0])
 
         found = optimize.minimize_scalar(
-            loss, bounds=(max(-width, low), min(width, high)), method="bounded",
-            options={"maxiter": 10, "xatol": 2e-3 * width},
+            loss, bounds=(low, high), method="bounded", options={"maxiter": 10, "xatol": 1e-3 * (high - low)},
         )  # fmt: skip
         return float(shape[k] * np.exp(found.x)) if found.fun < loss(0.0) else float(shape[k])
 

@@ -1,0 +1,163 @@
+"""The SNR's question asked of the simulator itself, run by run, beside the surrogate's answer."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor, check_factors, wear_names
+from wearscope.designs.kinds import design_table
+from wearscope.designs.seeds import generator_for
+from wearscope.errors import InputError
+from wearscope.evaluation.grouping import bootstrap_indices
+from wearscope.evaluation.sampled_snr import draw_snr
+from wearscope.evaluation.snr import ratio
+from wearscope.surrogates.fitting import CELL, cell_name, cells_of
+from wearscope.surrogates.selection import ChosenSurrogate
+
+DIRECT = "direct"
+
+
+def direct_design(
+    factors: Sequence[Factor],
+    runs: int = 60,
+    axis: int = 1,
+    f0: float = -0.5,
+    delta: float = 1.0,
+    sigma: float = 0.25,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Runs that ask the simulator for an SNR (11): `runs` under H0, then `runs` under H1.
+
+    Both hypotheses draw the same nuisances, held within -2..2, so that their difference scatters less.
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+    runs : int
+    axis : int
+        The axis under test.
+    f0, delta, sigma : float
+        Coded, as in (20).
+    seed : int
+
+    Returns
+    -------
+    DataFrame
+        ``point`` (from 1), coded and natural columns as simulated, ``hypothesis``, ``axis``.
+
+    Raises
+    ------
+    InputError
+        Fewer than 2 runs.
+    """
+    check_factors(factors)
+    if runs < 2:
+        raise InputError(f"direct: {runs} runs; give at least 2.")
+    names = [factor.name for factor in factors]
+    wear = wear_names(factors) or [FAULT]
+    drawn = sigma * generator_for(seed, "direct").standard_normal((runs, len(names)))
+    rows = []
+    for f in (f0, f0 + delta):
+        z = np.clip(drawn, CODED_LOW, CODED_HIGH)
+        z[:, names.index(wear[axis - 1])] = f
+        rows.append(z)
+    table = design_table(np.vstack(rows), factors)
+    table["hypothesis"] = np.repeat(["H0", "H1"], runs)
+    table["axis"] = axis
+    return table
+
+
+def direct_table(
+    test_quantities: pd.DataFrame,
+    design: pd.DataFrame,
+    chosen: Mapping[tuple, ChosenSurrogate],
+    noise: Mapping[tuple, float] | None = None,
+    f0: float = -0.5,
+    delta: float = 1.0,
+    sigma: float = 0.25,
+    seed: int = 0,
+    level: float = 0.95,
+    draws: int = 2000,
+) -> pd.DataFrame:
+    """SNR by direct simulation and by the chosen surrogate, cell by cell.
+
+    Single runs scatter with the sensors' noise too, so the surrogate is asked for the same: its response and
+    the noise of a run. Its SNR in ``snr.parquet``, without that noise, is larger or equal.
+
+    Parameters
+    ----------
+    test_quantities : DataFrame
+        Set ``direct``.
+    design : DataFrame
+        From `direct_design`.
+    chosen : mapping
+        Chosen surrogate by cell.
+    noise : mapping, optional
+        Standard deviation of a run by cell, from replicates. Where it is missing or NaN, the surrogate's own
+        estimate stands for it, which holds its misfit too.
+    f0, delta, sigma : float
+        As the design was made with.
+    seed, level, draws
+        Of the bootstrap over the runs, and of the surrogate's draws (at most 400).
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``runs`` (pairs in which both hypotheses have a value),
+        ``n_failed``, ``snr_direct`` with ``direct_low``, ``direct_high``, ``snr_surrogate`` with
+        ``surrogate_low``, ``surrogate_high``, ``agrees`` (the intervals overlap; None where either has none).
+
+    Raises
+    ------
+    InputError
+        Where there are no direct rows, or a cell has no surrogate.
+    """
+    rows = test_quantities[test_quantities["set"] == DIRECT]
+    if rows.empty:
+        raise InputError("direct: no test quantity has the set 'direct'; simulate the direct points first.")
+    half = len(design) // 2
+    tail = [0.5 - level / 2, 0.5 + level / 2]
+    records = []
+    for key, cell in cells_of(rows):
+        if key not in chosen:
+            raise InputError(f"direct: cell {cell_name(key)} has no chosen surrogate; choose one first.")
+        surrogate = chosen[key]
+        y = cell.sort_values("point")["y"].to_numpy(dtype=float).reshape(2, half)
+        good = y[:, np.isfinite(y).all(axis=0)]
+        value, low, high = np.nan, np.nan, np.nan
+        if good.shape[1] >= 2:
+            value = _snr(good)
+            index = bootstrap_indices(good.shape[1], draws, generator_for(seed, "direct", cell_name(key)))
+            again = np.array([_snr(good[:, one]) for one in index])
+            again = again[np.isfinite(again)]
+            if again.size:
+                low, high = np.quantile(again, tail)
+        said = [np.nan] * 3
+        if surrogate.status == "ok":
+            stream = generator_for(seed, "direct surrogate", cell_name(key))
+            known_noise = (noise or {}).get(key, np.nan)
+            scatter = surrogate.noise if np.isnan(known_noise) else known_noise
+            answers = draw_snr(surrogate, stream, min(draws, 400), f0, delta, sigma, scatter)
+            said = [float(one) for one in np.quantile(answers, [0.5, *tail])]
+        known = np.isfinite([low, high, *said]).all()
+        records.append(
+            {
+                **dict(zip(CELL, key, strict=True)),
+                "runs": good.shape[1],
+                "n_failed": half - good.shape[1],
+                "snr_direct": value,
+                "direct_low": float(low),
+                "direct_high": float(high),
+                "snr_surrogate": said[0],
+                "surrogate_low": said[1],
+                "surrogate_high": said[2],
+                "agrees": bool(low <= said[2] and said[1] <= high) if known else None,
+            }
+        )
+    return pd.DataFrame(records)
+
+
+def _snr(y: np.ndarray) -> float:
+    """SNR (11) of runs (2, N) under H0 and H1."""
+    return float(ratio(y[1].mean() - y[0].mean(), y[1].std(ddof=1)))

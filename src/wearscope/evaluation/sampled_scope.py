@@ -1,0 +1,251 @@
+"""Scope matrices (12) to (16) of a chosen surrogate, whose response along a nuisance is tabulated."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numba
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
+from wearscope.designs.seeds import generator_for
+from wearscope.errors import InputError
+from wearscope.evaluation.scope import METHODS, check_setting, long_table
+from wearscope.evaluation.scope_kde import NODES, bandwidth_factor, bin_runs, binned_probabilities
+from wearscope.surrogates.fitting import cell_name
+from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
+
+Array = NDArray[np.float64]
+#: Standard normal points on which a nuisance is spread; the grid is fine where P_f' and 1 - P_d' are decided.
+SPREAD = np.linspace(-4.5, 4.5, 361)
+STEPS = 16
+DRAWN_FAULTS = 11
+
+
+def table_nodes(centre: float = 0.0) -> Array:
+    """Coded levels (2 STEPS + 1,) of the varying nuisance, the denser the nearer to its mean."""
+    share = np.linspace(0.0, 1.0, STEPS + 1) ** 1.5
+    low, high = centre + (CODED_LOW - centre) * share, centre + (CODED_HIGH - centre) * share
+    return np.concatenate([low[:0:-1], high])
+
+
+def tabulated_points(
+    names: Sequence[str], factor: str, faults: Array, nodes: Array, levels: Mapping[str, float]
+) -> Array:
+    """Coded points (J W, n): each fault level with each level of the nuisance, all else held."""
+    z = np.tile([levels[name] for name in names], (len(faults) * len(nodes), 1)).astype(float)
+    z[:, list(names).index(FAULT)] = np.repeat(faults, len(nodes))
+    z[:, list(names).index(factor)] = np.tile(nodes, len(faults))
+    return z
+
+
+def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+    """Left neighbour and share of the way to the right one of levels held within `nodes`, shape of `at`."""
+    inside = np.clip(at, nodes[0], nodes[-1])
+    left = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, len(nodes) - 2)
+    return left, (inside - nodes[left]) / (nodes[left + 1] - nodes[left])
+
+
+@numba.njit(cache=True)
+def _detect(
+    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float, result: Array
+) -> None:
+    """P_d (S, J) of tabulated responses (1 + J, W): row 0 is H0, the others H1."""
+    count = weights.size
+    null = np.empty(count)
+    for s in range(left.shape[0]):
+        for k in range(count):
+            i = left[s, k]
+            null[k] = values[0, i] + share[s, k] * (values[0, i + 1] - values[0, i])
+        order = np.argsort(-null)
+        above = 0.0
+        h = np.inf
+        for place in range(count):  # the smallest value at and above which lies at most the wanted share
+            k = order[place]
+            if above + weights[k] > false_alarm:
+                if place == 0:
+                    h = np.nextafter(null[k], np.inf)
+                else:
+                    part = (false_alarm - above) / weights[k]
+                    previous = null[order[place - 1]]
+                    h = previous + part * (null[k] - previous)
+                    if previous == null[k]:
+                        h = np.nextafter(previous, np.inf)
+                break
+            above += weights[k]
+        for j in range(1, values.shape[0]):
+            detected = 0.0
+            for k in range(count):
+                i = left[s, k]
+                y = values[j, i] + share[s, k] * (values[j, i + 1] - values[j, i])
+                if y >= h:
+                    detected += weights[k]
+            result[s, j - 1] = detected
+
+
+def tabulated_scope(
+    values: Array, nodes: Array, sigmas: Array, false_alarm: float = 0.01, centre: float = 0.0
+) -> Array:
+    """P_d (14) on the grid from responses tabulated along the nuisance, without sampling error.
+
+    Parameters
+    ----------
+    values : array (1 + J, W)
+        Row 0 without the change of the fault, then with each change.
+    nodes : array (W,)
+        Coded levels of the nuisance, rising; beyond their ends the response is that at the end.
+    sigmas : array (S,)
+    false_alarm : float
+    centre : float
+        Coded mean of the nuisance.
+
+    Returns
+    -------
+    array (S, J)
+    """
+    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
+    weights = np.diff(ndtr(edges))
+    left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
+    result = np.empty((len(sigmas), len(values) - 1))
+    _detect(np.ascontiguousarray(values), left, share, weights, false_alarm, result)
+    return result
+
+
+def tabulated_kde(
+    values: Array,
+    nodes: Array,
+    sigmas: Array,
+    false_alarm: float,
+    runs: int,
+    seed: int,
+    identity: Sequence[object],
+    bandwidth: str = "silverman",
+    centre: float = 0.0,
+) -> Array:
+    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`."""
+    result = np.empty((len(sigmas), len(values) - 1))
+    for s, sigma in enumerate(sigmas):
+        rng = generator_for(seed, "scope", *identity, s)
+        runs0, runs1 = rng.standard_normal(runs), rng.standard_normal(runs)
+        low = min(runs0.min(), runs1.min())
+        step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
+        left, share = interpolation(nodes, centre + sigma * (low + step * np.arange(NODES)))
+        y = values[:, left] + share * (values[:, left + 1] - values[:, left])
+        scale = 1e-12 * float(np.abs(y[0]).max())
+        weights = bin_runs(runs0, NODES, low, step), bin_runs(runs1, NODES, low, step)
+        binned_probabilities(
+            np.ascontiguousarray(y[0]), np.ascontiguousarray(y[1:]), *weights,
+            bandwidth_factor(bandwidth, runs), false_alarm, scale, result[s],
+        )  # fmt: skip
+    return result
+
+
+def sampled_confidence(
+    surrogate: ChosenSurrogate,
+    mean: Array,
+    points: Callable[[Array], Array],
+    faults: Array,
+    nodes: Array,
+    sigmas: Array,
+    rng: np.random.Generator,
+    draws: int,
+    false_alarm: float,
+    detection: float,
+    centre: float,
+) -> Array:
+    """Share (S, J) of the response functions that the runs allow for which a grid cell passes.
+
+    Their difference to the mean response, which is smooth, is drawn at a few fault levels and interpolated.
+    """
+    coarse = np.linspace(faults.min(), faults.max(), DRAWN_FAULTS)
+    z = points(coarse)
+    shape = (draws, len(coarse), len(nodes))
+    away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
+    left, share = interpolation(coarse, faults)
+    away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
+    passes = [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
+    return np.mean(passes, axis=0)
+
+
+def sampled_scope_table(
+    chosen: Iterable[tuple[tuple, ChosenSurrogate]],
+    levels: Mapping[str, float],
+    factors: Sequence[str],
+    deltas: Array,
+    sigmas: Array,
+    f0: float = -2.0,
+    methods: Sequence[str] = METHODS,
+    false_alarm: float = 0.01,
+    detection: float = 0.99,
+    runs: int = 100_000,
+    seed: int = 0,
+    bandwidth: str = "silverman",
+    draws: int = 60,
+) -> pd.DataFrame:
+    """Scope matrices of every cell's chosen surrogate, long form.
+
+    Nuisance levels beyond -2..2 are held at its end, since nothing was simulated there.
+
+    Parameters
+    ----------
+    chosen : iterable of (key, ChosenSurrogate)
+    levels : mapping
+        Coded nominal levels, where the nuisances are held and about which the varying one scatters.
+    factors : sequence of str
+    deltas, sigmas : array (J,), (S,)
+    f0, methods, false_alarm, detection, runs, seed, bandwidth
+        As in `wearscope.evaluation.scope.scope_table`.
+    draws : int
+        Response functions for ``confidence``.
+
+    Returns
+    -------
+    DataFrame
+        As `wearscope.evaluation.scope.scope_table`, with ``model`` ``chosen``; ``exact`` is by quadrature.
+
+    Raises
+    ------
+    InputError
+        As there.
+    """
+    deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
+    check_setting(deltas, sigmas, methods, false_alarm, detection, runs, bandwidth)
+    blocks = []
+    for key, surrogate in chosen:
+        names = surrogate.names
+        for factor in factors:
+            if factor not in names or factor == FAULT:
+                raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(names[1:])}.")
+            centre = float(levels[factor])
+            nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
+
+            def points(at: Array, names=names, factor=factor, nodes=nodes) -> Array:
+                return tabulated_points(names, factor, at, nodes, levels)
+
+            mean = surrogate.predict(points(faults)).reshape(len(faults), len(nodes))
+            middle = mean[:, len(nodes) // 2]
+            if surrogate.status == "constant":
+                status = "constant"
+            else:
+                status = "decreasing" if middle[np.argmax(deltas) + 1] < middle[0] else "ok"
+            for method in methods:
+                sure = np.full((len(sigmas), len(deltas)), np.nan)
+                if status == "constant":
+                    p_d = np.zeros(sure.shape)
+                    sure = np.zeros(sure.shape) if method == "exact" else sure
+                elif method == "exact":
+                    p_d = tabulated_scope(mean, nodes, sigmas, false_alarm, centre)
+                    if draws:
+                        rng = generator_for(seed, "sampled scope", cell_name(key), factor)
+                        sure = sampled_confidence(
+                            surrogate, mean, points, faults, nodes, sigmas, rng, draws, false_alarm,
+                            detection, centre,
+                        )  # fmt: skip
+                else:
+                    identity = (cell_name(key), factor)
+                    p_d = tabulated_kde(
+                        mean, nodes, sigmas, false_alarm, runs, seed, identity, bandwidth, centre
+                    )
+                blocks.append(((*key, CHOSEN), factor, method, status, p_d, sure))
+    return long_table(blocks, deltas, sigmas, detection)

@@ -1,0 +1,165 @@
+"""Gaussian process surrogate, by scikit-learn: a quadratic and an anisotropic Matern 5/2 part, and noise.
+
+Some test quantities change fast where one factor is nominal (detector A's residual all but vanishes where the
+temperature is the one that it learned from): a stationary process would need many runs there. So a process
+may see one factor bent: as the signed cube root of its distance to nominal with a smooth step at nominal
+beside it (``root``), or as it is with a narrow and a wide step beside it (``steps``). Whether and how is
+chosen by cross-validation like everything else.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_solve
+from scipy.optimize import minimize
+
+Array = NDArray[np.float64]
+GAUSSIAN_PROCESS = "gaussian_process"
+BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
+LENGTHS = (0.1, 100.0)
+#: Widths of the steps at nominal, coded.
+STEP, WIDE_STEP = 0.1, 0.4
+SHAPES = ("root", "steps")
+ITERATIONS = 40
+#: Added to the variance of standardised y where functions are drawn, so that rounding leaves it positive.
+JITTER = 1e-8
+
+
+class GaussianProcess:
+    """Gaussian process at given hyperparameters.
+
+    Parameters
+    ----------
+    z, y : array (N, n), (N,)
+        Training runs.
+    parameters : dict
+        ``theta``, the kernel's logarithms for standardised y as scikit-learn orders them, without the noise;
+        ``log_noise``, of its variance; ``log_lengths``, of the Matern part, by factor; ``bent``, the column
+        of the bent factor or None; ``centre``, its nominal level; ``shape``, one of `SHAPES`.
+    """
+
+    def __init__(self, z: Array, y: Array, parameters: dict[str, Any]) -> None:
+        from sklearn.gaussian_process import GaussianProcessRegressor  # importing it takes a second
+
+        bent = parameters["bent"]
+        self.kind = GAUSSIAN_PROCESS if bent is None else BENT_GAUSSIAN_PROCESS
+        self.parameters = parameters
+        self.middle, self.scale = float(y.mean()), float(y.std())
+        variance = float(np.exp(parameters["log_noise"]))
+        self.noise = self.scale * float(np.sqrt(variance))
+        seen = self._see(z)
+        kernel = _signal(seen.shape[1]).clone_with_theta(np.array(parameters["theta"]))
+        self._process = GaussianProcessRegressor(kernel, alpha=variance, optimizer=None)
+        target = (y - self.middle) / self.scale
+        self._process.fit(seen, target)
+        inverse = cho_solve((self._process.L_, True), np.eye(len(y)))
+        free = np.diag(inverse)
+        self.left_out = self.middle + self.scale * (target - (inverse @ target) / free)
+        self.left_out_deviation = self.scale / np.sqrt(free)
+
+    def _see(self, z: ArrayLike) -> Array:
+        return _see(z, self.parameters["bent"], self.parameters["centre"], self.parameters["shape"])
+
+    def predict(self, z: ArrayLike) -> tuple[Array, Array]:
+        """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
+        seen = self._see(z)
+        with warnings.catch_warnings():  # variances that round to just below zero are set to it
+            warnings.filterwarnings("ignore", message="Predicted variances smaller than 0")
+            mean, deviation = self._process.predict(seen, return_std=True)
+        return self.middle + self.scale * mean, self.scale * deviation
+
+    def predict_mean(self, z: ArrayLike) -> Array:
+        """Mean response alone, which is much cheaper."""
+        seen = self._see(z)
+        return self.middle + self.scale * self._process.predict(seen)
+
+    def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
+        """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
+        seen = self._see(z)
+        mean, covariance = self._process.predict(seen, return_cov=True)
+        root = np.linalg.cholesky(covariance + JITTER * np.eye(len(mean)))
+        return self.middle + self.scale * (mean + rng.standard_normal((draws, len(mean))) @ root.T)
+
+
+def fit_gaussian_process(
+    z: Array,
+    y: Array,
+    noise: float = 0.0,
+    bent: int | None = None,
+    centre: float = 0.0,
+    shape: str = SHAPES[0],
+) -> GaussianProcess | None:
+    """Gaussian process of the highest marginal likelihood.
+
+    Parameters
+    ----------
+    z, y : array (N, n), (N,)
+        Training runs.
+    noise : float
+        Standard deviation of a run from replicates: the search for the noise begins there and does not go
+        below half of it; 0 where unknown.
+    bent : int, optional
+        Column of the factor that is bent at `centre`.
+    centre : float
+        Coded nominal level of that factor.
+    shape : {"root", "steps"}
+        How it is bent.
+
+    Returns
+    -------
+    GaussianProcess or None
+        None with too few runs or where y does not vary.
+    """
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import WhiteKernel
+
+    scale = float(y.std())
+    if len(y) < z.shape[1] + 4 or scale == 0:
+        return None
+    seen = _see(z, bent, centre, shape)
+    known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
+    kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
+
+    def climb(objective: Any, first: Array, bounds: Array) -> tuple[Array, float]:
+        found = minimize(
+            objective, first, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": ITERATIONS}
+        )
+        return found.x, found.fun
+
+    process = GaussianProcessRegressor(kernel, optimizer=climb, alpha=1e-10)
+    with warnings.catch_warnings():  # a length at its bound says that the factor does not matter
+        warnings.simplefilter("ignore")
+        process.fit(seen, (y - y.mean()) / scale)
+    theta = process.kernel_.theta
+    parameters = {
+        "theta": [float(one) for one in theta[:-1]],
+        "log_noise": float(theta[-1]),
+        "log_lengths": [float(one) for one in theta[1 : 1 + z.shape[1]]],
+        "bent": bent,
+        "centre": centre,
+        "shape": shape,
+    }
+    return GaussianProcess(z, y, parameters)
+
+
+def _signal(columns: int) -> Any:
+    from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct, Matern
+
+    matern = ConstantKernel(1.0, (1e-3, 1e4)) * Matern(np.full(columns, 4.0), LENGTHS, nu=2.5)
+    return matern + ConstantKernel(0.1, (1e-6, 1e3)) * DotProduct(1.0, (0.1, 10.0)) ** 2
+
+
+def _see(z: ArrayLike, bent: int | None, centre: float, shape: str) -> Array:
+    """Coded levels as the process sees them: as they are, or with one column bent, its steps added."""
+    z = np.atleast_2d(np.asarray(z, dtype=float))
+    if bent is None:
+        return z
+    away = z[:, bent] - centre
+    step = 2.0 * np.tanh(away / STEP)
+    if shape == "steps":
+        return np.column_stack([z, step, 2.0 * np.tanh(away / WIDE_STEP)])
+    seen = np.column_stack([z, step])
+    seen[:, bent] = 2.0 * np.cbrt(away / 2.0)
+    return seen

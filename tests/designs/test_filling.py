@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.designs.filling import checking_design, filling_design, question_lines
+from wearscope.designs.kinds import make_design
+from wearscope.designs.views import view_for_axis
+from wearscope.errors import InputError
+
+NAMES = [factor.name for factor in PAPER_FACTORS]
+Z0 = [-2, -2, -2, 0, 0, 0]
+
+
+def levels(design):
+    return design[NAMES].to_numpy(dtype=float)
+
+
+def test_filling_has_the_points_asked_for_and_its_replicates_at_the_end():
+    design = filling_design(PAPER_FACTORS, points=20, question_points=5, replicates=4, seed=3)
+    assert design["point"].tolist() == list(range(1, 20 + 15 + 4 + 1))
+    z = levels(design)
+    np.testing.assert_array_equal(z[-4:], z[:4])
+    assert len(np.unique(z[:-4], axis=0)) == 35
+    assert np.abs(z).max() <= 2
+
+
+def test_z0_is_among_both_sets_and_nothing_else_is_shared():
+    filling, checking = levels(filling_design(PAPER_FACTORS)), levels(checking_design(PAPER_FACTORS))
+    for z in (filling, checking):
+        assert (z == Z0).all(axis=1).sum() == 1
+    shared = {tuple(row) for row in filling} & {tuple(row) for row in checking}
+    assert shared == {tuple(map(float, Z0))}
+    assert not shared & {tuple(row) for row in levels(make_design("latin_hypercube", PAPER_FACTORS))}
+
+
+def test_questions_wear_one_axis_and_vary_one_nuisance():
+    z = question_lines(PAPER_FACTORS, 8, ["w3", "w5"], [1, 2, 3], "filling", 0)
+    assert len(z) == 24
+    assert ((z[:, :3] != -2).sum(axis=1) <= 1).all()
+    assert ((z[:, 3:] != 0).sum(axis=1) <= 1).all()
+    assert (z[:, 4] == 0).all()
+    unworn = (z[:, :3] == -2).all(axis=1)
+    assert 0.2 < unworn.mean() < 0.4
+
+
+def test_every_axis_sees_its_own_questions():
+    design = filling_design(PAPER_FACTORS)
+    for axis in (1, 2, 3):
+        view = levels(view_for_axis(design, axis))
+        asked = view[(view[:, 1] == -2) & (view[:, 2] == -2) & (view[:, 0] > -2)]
+        assert len(asked) >= 5
+
+
+def test_half_of_the_hypercube_is_drawn_towards_nominal():
+    z = levels(filling_design(PAPER_FACTORS, points=200, question_points=0, replicates=0))
+    away = np.abs(z[:, 3])
+    # Uniform on 0..2 has the mean 1; its square over 2 has 2/3.
+    assert away[0::2].mean() == pytest.approx(1.0, abs=0.1)
+    assert away[1::2].mean() == pytest.approx(2 / 3, abs=0.1)
+    assert len(np.unique(z[:, 4])) <= 5
+
+
+def test_designs_depend_on_the_seed_alone_and_zero_is_one():
+    one, two = (levels(filling_design(PAPER_FACTORS, seed=seed)) for seed in (0, 1))
+    np.testing.assert_array_equal(one, levels(filling_design(PAPER_FACTORS, seed=0)))
+    assert (one[:36] != two[:36]).any()
+
+
+def test_what_cannot_be_made_is_refused():
+    with pytest.raises(InputError, match="7 replicates of 5 points"):
+        filling_design(PAPER_FACTORS, points=5, replicates=7)
+    with pytest.raises(InputError, match="name nuisances among"):
+        checking_design(PAPER_FACTORS, questions=["f"])

@@ -1,0 +1,208 @@
+"""Questions asked of chosen surrogates: quadratic truths give what the closed forms give."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
+from wearscope.designs.kinds import make_design
+from wearscope.designs.views import view_for_axis
+from wearscope.errors import InputError
+from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
+from wearscope.evaluation.direct import direct_design, direct_table
+from wearscope.evaluation.sampled_scope import (
+    sampled_scope_table,
+    table_nodes,
+    tabulated_kde,
+    tabulated_points,
+    tabulated_scope,
+)
+from wearscope.evaluation.sampled_snr import draw_snr, quadrature_snr, sampled_snr_table
+from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
+from wearscope.evaluation.snr import exact_snr
+from wearscope.surrogates.fitting import fit_surrogate
+from wearscope.surrogates.selection import ChosenSurrogate, choose_surrogate
+
+NAMES = [factor.name for factor in PAPER_FACTORS]
+NOMINAL = nominal_levels(PAPER_FACTORS)
+KEY = ("r", "c", 1, "A")
+Z = make_design("latin_hypercube", PAPER_FACTORS, {"points": 100}, 2)[NAMES].to_numpy()
+DELTAS, SIGMAS = np.linspace(0, 4, 9), np.array([0.05, 0.3, 0.6])
+NOISE = 0.05
+
+
+def truth(z):
+    return 1 + z[:, 0] + 0.5 * z[:, 3] + 0.3 * z[:, 5] + 0.1 * z[:, 0] * z[:, 3] + 0.1 * z[:, 3] ** 2
+
+
+def runs(z, seed=0, noise=NOISE):
+    return truth(z) + noise * np.random.default_rng(seed).standard_normal(len(z))
+
+
+@pytest.fixture(scope="module")
+def quadratic():
+    """The same runs as a chosen surrogate and as the paper's full model."""
+    y = runs(Z)
+    return choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic"])[0], fit_surrogate(Z, y, NAMES, "full")
+
+
+@pytest.fixture(scope="module")
+def process():
+    return choose_surrogate(Z, runs(Z), NAMES, NOMINAL, ["gaussian_process"])[0]
+
+
+def test_quadrature_gives_the_exact_moments_of_a_quadratic_form(quadratic):
+    chosen, full = quadratic
+    for sigma in (0.1, 0.25, 0.4):
+        expected = float(exact_snr(full.theta, full.terms, sigma=sigma))
+        assert quadrature_snr(chosen, sigma=sigma) == pytest.approx(expected, rel=0.01)
+
+
+def test_the_snr_s_interval_is_that_of_the_coefficients(quadratic):
+    chosen, full = quadratic
+    drawn = draw_snr(chosen, np.random.default_rng(0), 2000)
+    theta = full.draw_coefficients(np.random.default_rng(1), 2000)
+    expected = exact_snr(theta, full.terms)
+    assert np.median(drawn) == pytest.approx(np.median(expected), rel=0.03)
+    assert drawn.std() == pytest.approx(chosen.spread * expected.std(), rel=0.2)
+
+
+def test_the_interval_holds_the_truth(process):
+    terms = fit_surrogate(Z, truth(Z), NAMES, "full")
+    expected = float(exact_snr(terms.theta, terms.terms))
+    held = []
+    for seed in range(6):
+        chosen = choose_surrogate(Z, runs(Z, seed), NAMES, NOMINAL, ["gaussian_process"])[0]
+        low, high = np.quantile(draw_snr(chosen, np.random.default_rng(seed), 300), [0.025, 0.975])
+        assert high - low < 0.5 * expected
+        held.append(low <= expected <= high)
+    assert sum(held) >= 4
+
+
+def test_monte_carlo_agrees_within_its_error_and_the_table_has_the_contract_s_columns(process):
+    table = sampled_snr_table([(KEY, process)], {KEY: NOISE}, runs=20_000, seed=4)
+    row = table.iloc[0]
+    assert list(table.columns) == [
+        *("robot", "cycle", "axis", "fda", "model", "snr", "snr_exact", "snr_low", "snr_high"),
+        *("snr_stderr", "status"),
+    ]
+    assert abs(row["snr"] - row["snr_exact"]) < 4 * row["snr_stderr"] + 0.01 * row["snr_exact"]
+    assert row["snr_low"] < row["snr_exact"] < row["snr_high"]
+    assert row["status"] == "ok" and row["model"] == "chosen"
+
+
+def test_no_noise_no_change_and_a_falling_value_are_told_apart(process):
+    falling = choose_surrogate(Z, -runs(Z), NAMES, NOMINAL, ["quadratic"])[0]
+    same = ChosenSurrogate(None, tuple(NAMES), 1.0, 0.3)
+    keys = [("r", "c", 1, name) for name in ("free", "falling", "same")]
+    table = sampled_snr_table(
+        zip(keys, (process, falling, same), strict=True),
+        dict(zip(keys, (0.0, NOISE, 0.0), strict=True)),
+        runs=500,
+    ).set_index("fda")
+    assert table["status"].to_dict() == {"free": "noise-free", "falling": "decreasing", "same": "constant"}
+    assert table.loc[["free", "same"], ["snr", "snr_exact", "snr_low", "snr_high"]].isna().all(axis=None)
+    assert table.loc["falling", "snr_exact"] < 0
+
+
+@pytest.mark.parametrize("factor", ["w3", "w5"])
+def test_tabulated_scope_is_the_closed_form_where_nothing_is_held(quadratic, factor):
+    chosen, full = quadratic
+    null, alternatives = scope_quadratics(full, factor, DELTAS, SIGMAS, -2.0, NOMINAL)
+    nodes = table_nodes()
+    z = tabulated_points(NAMES, factor, -2.0 + np.concatenate([[0.0], DELTAS]), nodes, NOMINAL)
+    values = chosen.predict(z).reshape(1 + len(DELTAS), -1)
+    expected = exact_scope(null, alternatives)
+    np.testing.assert_allclose(tabulated_scope(values, nodes, SIGMAS), expected, atol=0.02)
+    kde = tabulated_kde(values, nodes, SIGMAS, 0.01, 20_000, 0, ("cell", factor))
+    np.testing.assert_allclose(
+        kde, kde_scope(null, alternatives, 0.01, 20_000, 0, ("cell", factor)), atol=0.03
+    )
+
+
+def test_without_change_the_alarm_rate_is_the_false_one(process):
+    nodes = table_nodes()
+    z = tabulated_points(NAMES, "w3", np.array([-2.0, -2.0]), nodes, NOMINAL)
+    values = process.predict(z).reshape(2, -1)
+    np.testing.assert_allclose(tabulated_scope(values, nodes, SIGMAS, 0.05), 0.05, atol=0.003)
+    flat = np.zeros((3, len(nodes)))
+    flat[2] = 1.0
+    np.testing.assert_allclose(tabulated_scope(flat, nodes, SIGMAS), [[0.0, 1.0]] * len(SIGMAS), atol=1e-12)
+
+
+def test_scope_table_has_both_methods_and_a_confidence_that_follows_the_uncertainty(process):
+    same = ChosenSurrogate(None, tuple(NAMES), 1.0, 0.3)
+    cells = [(KEY, process), (("r", "c", 1, "S"), same)]
+    table = sampled_scope_table(cells, NOMINAL, ["w3"], DELTAS, SIGMAS, runs=2000, draws=40)
+    assert len(table) == 2 * 2 * DELTAS.size * SIGMAS.size
+    exact = table[(table["method"] == "exact") & (table["fda"] == "A")]
+    sure = exact["confidence"].to_numpy()
+    assert ((sure >= 0) & (sure <= 1)).all()
+    assert sure[exact["passes"]].mean() > 0.7 > 0.3 > sure[~exact["passes"]].mean()
+    constant = table[table["fda"] == "S"]
+    assert (constant["p_d"] == 0).all() and (constant["status"] == "constant").all()
+    with pytest.raises(InputError, match="'f' is no nuisance"):
+        sampled_scope_table(cells, NOMINAL, ["f"], DELTAS, SIGMAS)
+
+
+def direct_values(points, seed=9, shift=0.0):
+    part = view_for_axis(points, 1)[["point", *NAMES]].copy()
+    part["y"] = runs(part[NAMES].to_numpy(), seed) + shift
+    return part.assign(robot="r", cycle="c", axis=1, fda="A")
+
+
+def test_a_right_surrogate_stands_its_audit_and_a_planted_wrong_one_is_withheld(process):
+    points = choose_audit_points(PAPER_FACTORS, {"w3": (1.0, 0.5), "w5": (2.0, 0.8)}, points=17)
+    many = pd.concat(
+        [direct_values(points, seed).assign(robot=f"r{seed}", set="audit") for seed in range(6)],
+        ignore_index=True,
+    )
+    keys = [(f"r{seed}", "c", 1, "A") for seed in range(6)]
+    right = audit_table(many, pd.DataFrame(), points, chosen=dict.fromkeys(keys, process))
+    answer = audit_answers(right).iloc[0]
+    assert answer["answer"] == "given" and answer["share_inside"] >= 0.9
+    assert (right["model"] == "chosen").all() and not right["extrapolated"].any()
+
+    # A surrogate of other runs: its effect of wear is a tenth too small.
+    y = runs(Z) - 0.3 * Z[:, 0]
+    wrong = choose_surrogate(Z, y, NAMES, NOMINAL, ["gaussian_process"])[0]
+    failing = audit_answers(audit_table(many, pd.DataFrame(), points, chosen=dict.fromkeys(keys, wrong)))
+    assert failing["answer"].tolist() == ["withheld"]
+    assert failing["share_inside"].item() < 0.5
+
+
+def test_what_failed_is_not_audited_rather_than_withheld(process):
+    points = choose_audit_points(PAPER_FACTORS, {"w3": (1.0, 0.5)}, points=3)
+    lost = direct_values(points).assign(set="audit", y=np.nan)
+    answer = audit_answers(audit_table(lost, pd.DataFrame(), points, chosen={KEY: process})).iloc[0]
+    assert answer["answer"] == "not audited" and answer["n"] == 0
+
+
+def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(process):
+    design = direct_design(PAPER_FACTORS, 300, 1, seed=1)
+    assert design["hypothesis"].value_counts().to_dict() == {"H0": 300, "H1": 300}
+    assert set(design.loc[design["hypothesis"] == "H1", "f"]) == {0.5}
+    table = direct_values(design).assign(set="direct")
+    row = direct_table(table, design, {KEY: process}).iloc[0]
+    assert row["agrees"] and row["runs"] == 300 and row["n_failed"] == 0
+    assert row["direct_low"] < row["snr_surrogate"] < row["direct_high"]
+    loud = direct_table(table, design, {KEY: process}, {KEY: 10.0}).iloc[0]
+    assert loud["snr_surrogate"] < 0.2 and not loud["agrees"]  # the noise that is given counts
+    doubled = choose_surrogate(Z, runs(Z) + 2 * Z[:, 0], NAMES, NOMINAL, ["gaussian_process"])[0]
+    assert not direct_table(table, design, {KEY: doubled}).iloc[0]["agrees"]
+    table.loc[table["point"] == 5, "y"] = np.nan
+    assert direct_table(table, design, {KEY: process})["runs"].item() == 299
+    with pytest.raises(InputError, match="no test quantity has the set 'direct'"):
+        direct_table(table.assign(set="audit"), design, {KEY: process})
+    with pytest.raises(InputError, match="cell r/c/1/A has no chosen surrogate"):
+        direct_table(table, design, {})
+
+
+def test_the_direct_design_wears_the_axis_that_is_tested():
+    design = direct_design(PAPER_FACTORS, 20, 3, seed=1)
+    view = view_for_axis(design, 3)
+    assert set(view["f"]) == {-0.5, 0.5}
+    np.testing.assert_array_equal(
+        design.loc[design["hypothesis"] == "H0", ["f", "w1", "w3"]],
+        design.loc[design["hypothesis"] == "H1", ["f", "w1", "w3"]],
+    )

@@ -1,0 +1,80 @@
+# One cell of each detector: the first robot, test-cycle and axis.
+DIRECT_ROBOT, DIRECT_CYCLE = next(iter(ROBOTS)), next(iter(CYCLES))
+DIRECT_TABLES = [f"{R}/direct.parquet"] if DIRECT else []
+
+
+rule direct:
+    input:
+        DIRECT_TABLES,
+
+
+rule make_direct_design:
+    input:
+        code=code("make_direct_design"),
+    output:
+        f"{R}/design/direct.parquet",
+    log:
+        f"{R}/logs/make_direct_design.log",
+    benchmark:
+        f"{R}/benchmarks/make_direct_design.tsv"
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        runs=STUDY.direct.runs,
+        axis=STUDY.axes[0],
+        setting={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
+        seed=STUDY.seed,
+    message:
+        "Draw the runs of the direct Monte Carlo"
+    script:
+        "../scripts/make_direct_design.py"
+
+
+use rule compute_test_quantities as compute_direct_quantities with:
+    input:
+        direct=f"{R}/design/direct.parquet",
+        nominal=f"{R}/design/nominal.parquet",
+        traces=lambda w: traces(w.robot, w.cycle, "direct", "nominal"),
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
+    output:
+        table=f"{R}/parts/direct_quantities/{{robot}}/{{cycle}}.parquet",
+        failed=f"{R}/parts/direct_failed_simulations/{{robot}}/{{cycle}}.parquet",
+    log:
+        f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
+    benchmark:
+        f"{R}/benchmarks/compute_direct_quantities/{{robot}}/{{cycle}}.tsv"
+    params:
+        sets=["direct"],
+        reference=lambda w: ROBOTS[w.robot],
+        axes=STUDY.axes[:1],
+        detectors=config["detectors"],
+        factors=FACTORS,
+        max_failed_share=1.0,
+    message:
+        "Compute the direct Monte Carlo's test quantities of {wildcards.robot}, {wildcards.cycle}"
+
+
+rule compare_direct:
+    input:
+        design=f"{R}/design/direct.parquet",
+        direct=f"{R}/parts/direct_quantities/{DIRECT_ROBOT}/{DIRECT_CYCLE}.parquet",
+        chosen=f"{R}/chosen_surrogates.parquet",
+        test_quantities=f"{R}/test_quantities.parquet",
+        code=code("compare_direct"),
+    output:
+        f"{R}/direct.parquet",
+    log:
+        f"{R}/logs/compare_direct.log",
+    benchmark:
+        f"{R}/benchmarks/compare_direct.tsv"
+    conda:
+        ENV
+    params:
+        setting={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
+        seed=STUDY.seed,
+    message:
+        "Compare the surrogates' SNR with direct Monte Carlo"
+    script:
+        "../scripts/compare_direct.py"

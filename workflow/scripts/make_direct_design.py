@@ -1,0 +1,13 @@
+"""Runs that ask the simulator itself for an SNR."""
+
+from job import run_job
+from wearscope import tables
+from wearscope.designs.factors import Factor
+from wearscope.evaluation.direct import direct_design
+
+with run_job(snakemake):
+    params = snakemake.params
+    factors = [Factor(**one) for one in params.factors]
+    design = direct_design(factors, params.runs, params.axis, **params.setting, seed=params.seed)
+    units = {f"{factor.name}_natural": factor.unit for factor in factors}
+    tables.write_table(snakemake.output[0], design, units)
