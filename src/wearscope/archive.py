@@ -43,6 +43,7 @@ from wearscope.archives.manifest import (
 )
 from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
 from wearscope.checksums import record_checksums
+from wearscope.config import drop_retired
 from wearscope.errors import InputError
 from wearscope.files import digest_file, write_text, write_whole
 from wearscope.provenance import describe_provenance
@@ -232,7 +233,8 @@ def _unpack(path: str | Path, folder: Path, restore: bool) -> Manifest:
 def _prepare(place: Path, manifest: Manifest) -> None:
     """Make unpacked results such as the workflow's own: with checksums, and none older than another."""
     if CONFIG not in manifest.files:
-        write_text(place / CONFIG, yaml.safe_dump(manifest.config, sort_keys=False, allow_unicode=True))
+        settings = drop_retired(manifest.config)
+        write_text(place / CONFIG, yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
     # Logs and timings are no job's output: they are written over without a word.
     outputs = [name for name in manifest.files if not name.startswith(("logs/", "benchmarks/"))]
     record_checksums(place, [place / name for name in outputs])

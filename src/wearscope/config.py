@@ -311,6 +311,20 @@ def _short_detectors(value: Any) -> Any:
     return {name: {"use": one} if isinstance(one, str) else one for name, one in value.items()}
 
 
+#: Settings of earlier releases that are no more, by section.
+RETIRED = {"attribution_board": ("nulls", "size")}
+
+
+def drop_retired(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """An archived configuration without the settings of earlier releases that are no more."""
+    return {
+        name: {key: own for key, own in value.items() if key not in RETIRED[name]}
+        if name in RETIRED and isinstance(value, Mapping)
+        else value
+        for name, value in mapping.items()
+    }
+
+
 class StudyConfig(Section):
     """A study: a design over factors, crossed with robots, test-cycles, axes and detectors."""
 
