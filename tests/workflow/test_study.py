@@ -428,9 +428,9 @@ def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "config: dataset:" in done.stderr and "a data set is a folder with a dataset.yaml" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
-    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
+    assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'y', '..')}")
-    assert done.returncode == 1 and "dataset.yaml: name is missing, does not start" in done.stderr
+    assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
 
 
 def test_the_board_runs_by_command(clone):
