@@ -1,7 +1,7 @@
 """Model files read without a look at the robot: where they are, what they name."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +131,12 @@ def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {**fields, "effects": entries} if entries else dict(fields)
 
 
+def _is_among(effect: str, allowed: Collection[str], where: str) -> bool:
+    """Whether an effect's file is allowed as the model names it, or by another path to the same file."""
+    file = (Path(where).parent / effect).resolve()
+    return effect in allowed or file in {Path(path).resolve() for path in allowed}
+
+
 def check_code(effects: list[str], allowed: Allowed, where: str) -> None:
     """Refuse effects that are files of code which the user has not allowed.
 
@@ -139,7 +145,7 @@ def check_code(effects: list[str], allowed: Allowed, where: str) -> None:
     InputError
     """
     for effect in effects:
-        named = allowed is True or (not isinstance(allowed, bool) and effect in allowed)
+        named = allowed is True or (not isinstance(allowed, bool) and _is_among(effect, allowed, where))
         if effect.endswith(".py") and not named:
             raise InputError(
                 f"{where}: the effect {effect!r} is code that would run; read it, and allow it in the "
