@@ -85,18 +85,18 @@ def summarise_joints(
     value = {stage: pooled_rms(parts[stage]) for stage in stages}
     interval = {stage: bootstrap_rms(parts[stage], rows, _SEED) for stage in stages}
     summary: dict[str, Any] = {}
+    # A gap splits a recording into several runs, which its file's errors are of together.
+    by_file: dict[str, list[Predicted]] = {}
+    for p in test:
+        by_file.setdefault(p.run.file, []).append(p)
     for j, joint in enumerate(prepared.dataset.joints):
-        runs = {
-            p.run.file: [_number(rms(p.run.measured - s, p.run.keep)[j]) for s in (p.before, p.after)]
-            for p in test
-        }
-        relative = {
-            p.run.file: [
-                _number(relative_error(p.run.measured - s, p.run.measured, p.run.keep)[j])
-                for s in (p.before, p.after)
-            ]
-            for p in test
-        }
+        runs, relative = {}, {}
+        for file, own in by_file.items():
+            left = [[p.run.measured - getattr(p, stage) for p in own] for stage in ("before", "after")]
+            keep = np.concatenate([p.run.keep for p in own])
+            measured = np.concatenate([p.run.measured for p in own])
+            runs[file] = [_number(rms(np.concatenate(x), keep)[j]) for x in left]
+            relative[file] = [_number(relative_error(np.concatenate(x), measured, keep)[j]) for x in left]
         summary[joint] = {
             "unit": prepared.dataset.torque_unit[j],
             "rms_as_declared": _number(value["declared"][j]),
