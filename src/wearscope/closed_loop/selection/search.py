@@ -365,15 +365,12 @@ class Search:
         refused = self.judge(own)
         able = [e for e in weighed if e.refusal is Refusal.NONE]
         if refused in (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES):
-            same = [e for e in able if e.term.effect is f.effect and e.joint == own.joint]
             chosen = rule.choose([own, *(self.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
             if chosen is None or chosen is own or (
                 chosen.term.effect is not f.effect and not rule.separates(chosen, own)
                 and chosen.complexity >= own.complexity
             ):  # fmt: skip
                 return Found(f.chosen, own)
-            if same and chosen.term.effect is f.effect:
-                return Found(chosen.chosen, chosen)
             return Found(chosen.chosen, chosen)
         best = self.choose(beside, able)
         return None if best is None else Found(best.chosen, best)
