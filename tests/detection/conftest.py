@@ -35,9 +35,7 @@ def make_duo(worn: bool = True):
     """The arm's model; without `worn` its friction knows neither wear nor temperature."""
     law = LAW if worn else LAW | dict.fromkeys(("eta2", "eta4", "eta6", "eta7", "eta9"), 0.0) | {"eta3": 0.1}
     effects = [{"joint": j, "effect": "rigid_body"} for j in JOINTS]
-    effects += [
-        {"joint": j, "effect": "friction_wear_temperature", "parameters": law} for j in JOINTS
-    ]
+    effects += [{"joint": j, "effect": "friction_wear_temperature", "parameters": law} for j in JOINTS]
     fields = {
         "name": "duo",
         "urdf": "duo.urdf",
@@ -59,7 +57,9 @@ def draw_motion(seed: int, seconds: float = 8.0, wait: float = 0.0):
 
     def position(s):
         k = np.arange(1, 5)
-        return np.stack([(size[j] / k * np.sin(2 * np.pi * k * s[:, None] + turn[j])).sum(axis=1) for j in (0, 1)]).T
+        return np.stack(
+            [(size[j] / k * np.sin(2 * np.pi * k * s[:, None] + turn[j])).sum(axis=1) for j in (0, 1)]
+        ).T
 
     h = 1e-5
 
@@ -74,7 +74,8 @@ def draw_motion(seed: int, seconds: float = 8.0, wait: float = 0.0):
 
 
 def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> None:
-    """Write what the machine records; `disturbance` is a torque that no model has, other in each run [N m]."""
+    """Write what the machine records; `disturbance` is a torque that no model has, other in each "
+    "run [N m]."""
     t, q, v, a = motion
     model = make_duo()
     load = model.rigid_body().inverse_dynamics(q, v, a)
@@ -88,11 +89,17 @@ def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> N
     q = q + 1e-6 * rng.standard_normal(q.shape)
     columns = {"t": t}
     for j, joint in enumerate(JOINTS):
-        columns |= {f"q_{joint}": q[:, j], f"tau_{joint}": tau[:, j], f"temp_{joint}": temperature * still[:, j]}
+        columns |= {
+            f"q_{joint}": q[:, j],
+            f"tau_{joint}": tau[:, j],
+            f"temp_{joint}": temperature * still[:, j],
+        }
     pd.DataFrame(columns).to_parquet(path)
 
 
-def write_machine(folder: Path, judged, nominal=5, seed=1, disturbance=0.0, reference=False, fields=None) -> Path:
+def write_machine(
+    folder: Path, judged, nominal=5, seed=1, disturbance=0.0, reference=False, fields=None
+) -> Path:
     """Write a data set of nominal runs and judged ones, the latter as (motion seed, wear, seconds, wait)."""
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(URDF)
@@ -122,6 +129,12 @@ def write_machine(folder: Path, judged, nominal=5, seed=1, disturbance=0.0, refe
 def machine(tmp_path):
     """`write_machine` into a fresh folder."""
     return lambda judged, **options: write_machine(tmp_path / "duo", judged, **options)
+
+
+@pytest.fixture(scope="session")
+def write_to():
+    """`write_machine`, for fixtures of a whole module."""
+    return write_machine
 
 
 @pytest.fixture(scope="session")

@@ -73,16 +73,11 @@ def find_nominal(dataset: Dataset) -> set[str]:
     Raises
     ------
     InputError
-        Where no run is of a reference session, or every run is nominal.
+        Where every run is nominal.
     """
     where, reference = dataset.folder / "dataset.yaml", dataset.fields.reference
     if reference:
         nominal = {run.file for run in dataset.runs if run.session in reference}
-        if not nominal:
-            raise InputError(
-                f"{where}: reference: no run is of the session {', '.join(reference)}; give these runs their "
-                "`session`."
-            )
     else:
         nominal = {run.file for run in dataset.runs_for("train")}
     if len(nominal) == len(dataset.runs):

@@ -57,9 +57,9 @@ def _draw_cell(ax: Axes, rows: pd.DataFrame, cell: pd.DataFrame, title: str, fir
         if not len(own):
             continue
         if kind.startswith("simulated"):
-            sns.boxplot(
-                x=own, y=np.full(len(own), place), ax=ax, orient="h", native_scale=True, width=0.55,
-                color=_TINTS[kind], fliersize=1.5, linewidth=0.8, whis=(0.5, 99.5),
+            sns.boxenplot(
+                x=own, y=np.full(len(own), place), ax=ax, orient="h", native_scale=True, width=0.6,
+                color=_TINTS[kind], linewidth=0.6, k_depth="trustworthy", flier_kws={"s": 4},
             )  # fmt: skip
         else:
             sns.stripplot(
