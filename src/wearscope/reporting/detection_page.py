@@ -92,8 +92,10 @@ def _axis(found: Detections) -> Markup:
     for motion, cells in found.thresholds.groupby("motion", sort=False):
         own = rows[rows["motion"] == motion]
         caption = (
-            f"Test quantities of {motion} in their own unit. Boxes: simulated runs, each box half of what lies "
-            "beyond the one within; their detectors were fitted to simulated nominal runs. Points: recordings; "
+            f"Test quantities of {motion} in their own unit. Boxes: simulated runs, each box half of "
+            "what lies "
+            "beyond the one within; their detectors were fitted to simulated nominal runs. Points: "
+            "recordings; "
             "nominal ones are asked of detectors fitted to the other nominal ones. Dashed: alarm threshold."
         )
         alt = (
