@@ -293,6 +293,13 @@ class ClosedLoopSettings(Section):
         return value
 
 
+class TrackingSettings(Section):
+    """What changed since a machine was healthy."""
+
+    false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
+
+
 class BoardSettings(Section):
     """The attribution board: planted effects over regimes, their verdicts scored."""
 
@@ -368,6 +375,8 @@ class StudyConfig(Section):
     """Direct Monte Carlo."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
+    tracking: TrackingSettings = TrackingSettings()
+    """Sessions tracked."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
@@ -375,8 +384,8 @@ class StudyConfig(Section):
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
     may come from someone else."""
     dataset: str | None = None
-    """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
-    Left out, `closed_loop` runs the demonstration."""
+    """Folder of a measured data set for the targets `closed_loop` and `track`; usually given as
+    `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
@@ -424,7 +433,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop"):
+        if value in ("archive", "attribution_board", "closed_loop", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
