@@ -18,6 +18,7 @@ OTHERS = (
     "gravity_counterbalance",
     "rotor_inertia_error",
 )
+MOUNTED = ("joint_spring", "gravity_counterbalance")
 #: Share of a joint's top speed over which the bump of worn friction dies away.
 _BUMP = 0.05
 #: A payload's parameters count as so many values: a mass and three moments.
@@ -73,9 +74,13 @@ class Change:
         return any(term.effect.spread for term in self.terms)
 
     @property
-    def order(self) -> tuple[bool, bool, int, int]:
-        """What is believed first of changes that explain the same: friction, what is there, the simpler."""
-        return (not self.friction, not self.present, self.complexity, self.rank)
+    def order(self) -> tuple[bool, bool, bool, int, int]:
+        """What is believed first of changes that explain the same: friction, what is there, the simpler.
+
+        A spring or a balancer that was not there comes last: nobody mounts one unknowingly.
+        """
+        mounted = not self.present and self.name in MOUNTED
+        return (not self.friction, not self.present, mounted, self.complexity, self.rank)
 
     @property
     def parameters(self) -> list[tuple[Effect, str]]:
@@ -94,7 +99,7 @@ def _term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
     return term.columns(signals)
 
 
-def _plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None) -> ModelTerm:
+def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None) -> ModelTerm:
     """An effect at a joint with its default shape and all its coefficients of the simplest variant."""
     numbers = tuple(float(x) for x in effect.pack({})[1]) if shape is None else tuple(shape)
     return ModelTerm(effect, joint, numbers, tuple(int(k) for k in effect.subsets()[0]))
@@ -119,11 +124,11 @@ def list_changes(structure: Structure) -> list[Change]:
 
 def _friction_changes(structure: Structure, joint: int, own: list[ModelTerm]) -> list[Change]:
     present = {name for entry in own for name in (entry.effect.name, *entry.effect.contains)}
-    coulomb, viscous = (_plain_term(load_effect(name), joint) for name in ("coulomb", "viscous"))
+    coulomb, viscous = (plain_term(load_effect(name), joint) for name in ("coulomb", "viscous"))
     bump = _BUMP * float(structure.frame.top_speed[joint])
     wear = load_effect("wear")
-    worn = _plain_term(wear, joint, (bump, *wear.pack({})[1][1:].tolist()))
-    load = _plain_term(load_effect("load_dependent_friction"), joint)
+    worn = plain_term(wear, joint, (bump, *wear.pack({})[1][1:].tolist()))
+    load = plain_term(load_effect("load_dependent_friction"), joint)
     terms = {
         "coulomb": (coulomb,),
         "viscous": (viscous,),
@@ -160,7 +165,7 @@ def _other_changes(joint: int, own: list[ModelTerm]) -> list[Change]:
     for k, name in enumerate(OTHERS):
         if name in named or (name == "rotor_inertia_error" and "rotor_inertia" in named):
             continue
-        found.append(Change(name, joint, (_plain_term(load_effect(name), joint),), False, False, rank + k))
+        found.append(Change(name, joint, (plain_term(load_effect(name), joint),), False, False, rank + k))
     for k, entry in enumerate(own):
         effect = entry.effect
         if effect.empirical or effect.spread or is_friction(effect) or entry.is_deflection:

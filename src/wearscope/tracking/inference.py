@@ -42,8 +42,10 @@ class Estimate:
     value : ndarray (m,)
     noise : ndarray (m, m)
         Covariance from the session's own noise and the error of the reference's parameters.
-    scatter : ndarray (m, m)
-        Covariance that a healthy session's scatter of one (as a share of the torque's scale) would add.
+    shares : ndarray (m, m)
+        Mean square torque of the change, as a share of the scale, as a quadratic form of its value.
+    prior : ndarray (m, m)
+        Precision of the value known beforehand; zero but of a body's parameters.
     gain : float
         Reduction of the weighted sum of squares.
     torque : float
@@ -53,7 +55,8 @@ class Estimate:
     change: Change
     value: np.ndarray
     noise: np.ndarray
-    scatter: np.ndarray
+    shares: np.ndarray
+    prior: np.ndarray
     gain: float
     torque: float
 
@@ -172,9 +175,7 @@ def make_sample(
         covariance[len(belief.mean) :, len(belief.mean) :] = np.eye(u)
     else:
         nuisance = rows.base
-        covariance = belief.covariance.copy()
-        covariance[temperature_known] = 0.0
-        covariance[:, temperature_known] = 0.0
+        covariance = condition(belief.covariance, temperature_known)
     target = rows.target - rows.base @ belief.mean
     z = rows.columns
     gram = nuisance.T @ nuisance
@@ -206,6 +207,17 @@ def make_sample(
     )
 
 
+def condition(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Covariance (P, P) of normal variables given those that are `known` (P,) of bool; theirs is zero."""
+    left = covariance.copy()
+    cross = covariance[np.ix_(~known, known)]
+    given = np.linalg.pinv(covariance[np.ix_(known, known)], rcond=1e-10, hermitian=True)
+    left[np.ix_(~known, ~known)] -= cross @ given @ cross.T
+    left[known] = 0.0
+    left[:, known] = 0.0
+    return left
+
+
 def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = ()) -> Estimate | None:
     """Estimate of a change beside others; None where the session does not excite it.
 
@@ -220,7 +232,8 @@ def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = (
     at = np.concatenate(groups)
     inner, plain = sample.inner[np.ix_(at, at)], sample.plain[at]
     diagonal = np.diag(inner)
-    if np.any(plain <= 0.0) or np.any(diagonal <= _ABSORBED * plain):
+    free = np.diag(sample.penalty)[at] == 0.0
+    if not np.any(plain > 0.0) or np.any(free & (diagonal <= _ABSORBED * plain)):
         return None
     scale = np.sqrt(diagonal)
     inverse = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10, hermitian=True)
@@ -236,10 +249,6 @@ def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = (
     part = inverse[:m, :m]
     gain = float(value[:m] @ np.linalg.pinv(part, hermitian=True) @ value[:m])
     shares = sample.moments[np.ix_(own, own)]
-    ridge = 1e-9 * np.trace(shares) / m * np.eye(m)
     torque = float(np.sqrt(max(value[:m] @ shares @ value[:m], 0.0)))
-    scatter = np.linalg.inv(shares + ridge)
-    if change.spread:
-        # A body's parameters that the motion hardly shows do not scatter beyond their prior.
-        scatter = np.linalg.inv(shares + ridge + np.diag(1e-4 * np.diag(shares)))
-    return Estimate(change, value[:m], noise[:m, :m], scatter, gain, torque)
+    prior = sample.penalty[np.ix_(own, own)]
+    return Estimate(change, value[:m], noise[:m, :m], shares, prior, gain, torque)

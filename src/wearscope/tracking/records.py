@@ -11,7 +11,7 @@ from wearscope.tracking.reference import Reference
 from wearscope.tracking.session import Assessment, list_entries, relative_change
 from wearscope.tracking.structure import Structure
 
-#: A joint's friction as a whole, as a share of that of the reference.
+#: A joint's friction as a whole: its RMS torque along the session's motion.
 FRICTION = "friction"
 
 
@@ -81,13 +81,16 @@ def list_rows(
     structure, scatter = reference.structure, reference.scatter
     for key, estimate in estimates.items():
         change = estimate.change
+        if change.name == FRICTION:
+            share, half = relative_change(estimate, scatter)
+            size = float(structure.scales.friction[change.joint])
+            friction = (structure.torque_unit[change.joint], size, size * share, size * half)
+            p = scatter.p_value(estimate)
+            rows.append(_row(structure.joints[change.joint], FRICTION, "torque", *friction, p, key in named))
         if _is_shown_together(change, named):
             continue
         joint = structure.joints[change.joint]
         p, width = scatter.p_value(estimate), scatter.width(estimate)
-        if change.name == FRICTION:
-            share, half = relative_change(estimate, scatter)
-            rows.append(_row(joint, FRICTION, "share", "1", 1.0, share, half, p, key in named))
         units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
         for (effect, name), value, half in zip(change.parameters, estimate.value, width, strict=True):
             parameter = next(x for x in effect.coefficients if x.name == name)

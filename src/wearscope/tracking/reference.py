@@ -9,8 +9,11 @@ import numpy as np
 from wearscope.closed_loop.diagnosis import Diagnosis, diagnose
 from wearscope.closed_loop.intake.session_runs import Frame
 from wearscope.closed_loop.model.inertials import payload_penalty
+from wearscope.closed_loop.model.prediction import refit
+from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.tracking.changes import Change, is_friction, list_changes
+from wearscope.effects.base import load_effect
+from wearscope.tracking.changes import Change, is_friction, list_changes, plain_term
 from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
 from wearscope.tracking.session_names import Sessions
@@ -66,16 +69,8 @@ def identify_reference(
         Where the reference's runs break the format or cannot be what they say.
     """
     diagnosis = diagnose(read_reference(sessions), policy, progress, effects, allow_code)
-    structure = hold_structure(diagnosis)
-    made, seen = [], set()
-    for run in diagnosis.prepared.runs:
-        if run.label not in seen:
-            seen.add(run.label)
-            made.append(make_rows(structure, run))
-    prior = np.zeros((structure.width,) * 2)
-    count = structure.count
-    prior[:count, :count] = diagnosis.after.weak_prior
-    prior[range(count, structure.width), range(count, structure.width)] = 1.0
+    model = choose_terms(diagnosis)
+    structure, made, prior = lay_out(diagnosis, model)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
     changes = list_changes(structure)
@@ -85,12 +80,60 @@ def identify_reference(
         sample = make_sample(stack_rows(structure, changes, own), changes, believed, payload_prior)
         estimates = {change.key: estimate_change(sample, change) for change in changes}
         held_out[name] = {key: e for key, e in estimates.items() if e is not None}
-    scatter = measure_scatter(list(held_out.values()), int(structure.frame.moving.sum()))
+    moving = int(structure.frame.moving.sum())
+    scatter = measure_scatter(list(held_out.values()), moving, len(sessions.reference) > 1)
     progress(
         f"healthy sessions scatter by {100 * scatter.friction:.2g} % of friction, "
         f"{100 * scatter.torque:.2g} % of torque ({scatter.sessions} held out)"
     )
     return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out)
+
+
+def choose_terms(diagnosis: Diagnosis) -> Regression:
+    """The closed loop's model with plain friction at every joint, without generic terms that do not help.
+
+    What changes may be friction that the loop did not need to name. A generic term may take the part of what
+    differs between sessions, temperature above all, which here has columns of its own: it is kept where
+    healthy sessions, held out, are predicted better with it.
+    """
+    after, moving = diagnosis.after, np.flatnonzero(diagnosis.prepared.moving)
+    added = []
+    for name in ("coulomb", "viscous"):
+        for joint in map(int, moving):
+            own = [entry.effect for entry in after.entries if entry.joint == joint]
+            if not any(name in (effect.name, *effect.contains) for effect in own):
+                added.append(plain_term(load_effect(name), joint))
+    model = refit(after, [*after.entries, *added]) if added else after
+    for term in [entry for entry in model.entries if entry.effect.empirical]:
+        less = refit(model, [entry for entry in model.entries if entry is not term])
+        if held_out_loss(diagnosis, less) <= held_out_loss(diagnosis, model):
+            model = less
+    return model
+
+
+def held_out_loss(diagnosis: Diagnosis, model: Regression) -> float:
+    """Sum of squared residuals of all healthy sessions, each held out, in the residual's scale."""
+    structure, made, prior = lay_out(diagnosis, model)
+    total = 0.0
+    for _, rest, own in split_healthy(made):
+        mean = fit_belief(structure, rest, prior).mean
+        for r in own:
+            left = (r.target - r.columns @ mean) * (r.weights > 0) / diagnosis.after.sigma
+            total += float(np.sum(left**2))
+    return total
+
+
+def lay_out(diagnosis: Diagnosis, model: Regression) -> tuple[Structure, list[RunRows], np.ndarray]:
+    """Structure of a model, rows of all healthy runs in it, and prior precision of its columns (P, P)."""
+    structure = hold_structure(diagnosis, model)
+    made, seen = [], set()
+    for run in diagnosis.prepared.runs:
+        if run.label not in seen:
+            seen.add(run.label)
+            made.append(make_rows(structure, run))
+    prior = np.eye(structure.width)
+    prior[: structure.count, : structure.count] = model.weak_prior
+    return structure, made, prior
 
 
 def split_healthy(rows: Sequence[RunRows]) -> list[tuple[str, list[RunRows], list[RunRows]]]:
@@ -108,9 +151,9 @@ def split_healthy(rows: Sequence[RunRows]) -> list[tuple[str, list[RunRows], lis
     return units if len(units) > 1 else split(lambda r: r.run.file)
 
 
-def hold_structure(diagnosis: Diagnosis) -> Structure:
-    """The structure that the closed loop found, its shapes and filters held."""
-    prepared, after = diagnosis.prepared, diagnosis.after
+def hold_structure(diagnosis: Diagnosis, model: Regression) -> Structure:
+    """The structure of a model that the closed loop found, its shapes and filters held."""
+    prepared = diagnosis.prepared
     train = prepared.runs_for("train")
     warmth = np.concatenate([run.signals.temperature for run in train])
     known = np.isfinite(warmth).all(axis=0)
@@ -122,9 +165,9 @@ def hold_structure(diagnosis: Diagnosis) -> Structure:
         tuple(prepared.dataset.position_unit),
         tuple(prepared.dataset.torque_unit),
         Frame.of(prepared),
-        tuple(after.entries),
-        after.solve(),
-        after.inertial,
+        tuple(model.entries),
+        model.solve(),
+        model.inertial,
         np.where(known, filled.mean(axis=0), np.nan),
         np.where(known, span, np.nan),
         Scales(*np.ones((4, n))),

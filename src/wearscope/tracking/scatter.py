@@ -46,7 +46,7 @@ class Scatter:
     def covariance(self, estimate: Estimate) -> np.ndarray:
         """Whole covariance (m, m) of an estimate."""
         size = self.friction if estimate.change.friction else self.torque
-        whole = estimate.noise + size**2 * estimate.scatter
+        whole = estimate.noise + add_scatter(estimate, size**2)
         return np.asarray(self.inflation.get(estimate.change.key, 1.0) * whole)
 
     def p_value(self, estimate: Estimate) -> float:
@@ -61,12 +61,26 @@ class Scatter:
         return np.asarray(stats.t.ppf(0.975, self.dof) * error)
 
 
+def add_scatter(estimate: Estimate, size: float) -> np.ndarray:
+    """Covariance (m, m) of a change that scatters by a mean square torque of `size`, as a share of the scale.
+
+    A body's parameters that the motion hardly shows scatter no more than is believed of them beforehand.
+    """
+    shares, m = estimate.shares, len(estimate.value)
+    if size <= 0.0:
+        return np.zeros((m, m))
+    ridge = 1e-9 * np.trace(shares) / m * np.eye(m)
+    return np.asarray(np.linalg.inv((shares + ridge) / size + estimate.prior))
+
+
 def _distance(value: np.ndarray, covariance: np.ndarray) -> float:
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return float((value / scale) @ np.linalg.solve(covariance / np.outer(scale, scale), value / scale))
 
 
-def measure_scatter(held_out: Sequence[Mapping[str, Estimate]], joints: int) -> Scatter:
+def measure_scatter(
+    held_out: Sequence[Mapping[str, Estimate]], joints: int, of_sessions: bool = True
+) -> Scatter:
     """Scatter from the estimates of held-out healthy sessions.
 
     Parameters
@@ -75,6 +89,8 @@ def measure_scatter(held_out: Sequence[Mapping[str, Estimate]], joints: int) -> 
         By session, the estimate of each change alone.
     joints : int
         Number of joints that move.
+    of_sessions : bool
+        Whether whole sessions are held out; runs of one session show nothing of how sessions differ.
     """
     sizes = {}
     for friction, prior in ((True, PRIOR_FRICTION), (False, PRIOR_TORQUE)):
@@ -85,10 +101,11 @@ def measure_scatter(held_out: Sequence[Mapping[str, Estimate]], joints: int) -> 
                     by_joint.setdefault(estimate.change.joint, []).append(estimate)
         found = [_excess(own) for own in by_joint.values()]
         count = max(len(held_out) - 1, 0) * joints if found else 0
-        pooled = float(np.median(found)) if found else 0.0
+        # The median of a variance from few sessions lies below their mean.
+        middle = stats.chi2.median(len(held_out)) / len(held_out) if found else 1.0
+        pooled = float(np.median(found)) / middle if found else 0.0
         weighed = (PRIOR_SESSIONS * prior**2 + count * pooled) / (PRIOR_SESSIONS + count)
-        # One session shows nothing of how sessions differ.
-        sizes[friction] = max(weighed, prior**2) if len(held_out) < 2 else weighed
+        sizes[friction] = weighed if of_sessions and len(held_out) > 1 else max(weighed, prior**2)
     scatter = Scatter(float(np.sqrt(sizes[True])), float(np.sqrt(sizes[False])), {}, 1.0, len(held_out))
     inflation = {}
     for key in {key for estimates in held_out for key in estimates}:
@@ -105,7 +122,8 @@ def _excess(estimates: Sequence[Estimate]) -> float:
 
     def surplus(size: float) -> float:
         return float(
-            np.mean([_distance(e.value, e.noise + size * e.scatter) / len(e.value) for e in estimates]) - 1.0
+            np.mean([_distance(e.value, e.noise + add_scatter(e, size)) / len(e.value) for e in estimates])
+            - 1.0
         )
 
     if surplus(0.0) <= 0.0:

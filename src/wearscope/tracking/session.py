@@ -166,7 +166,7 @@ def relative_change(estimate: Estimate, scatter: Scatter) -> tuple[float, float]
     """
     # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
     value, covariance = estimate.value, scatter.covariance(estimate)
-    unit = np.linalg.inv(estimate.scatter)
+    unit = estimate.shares
     size = np.sqrt(max(float(value @ unit @ value), 1e-300))
     slope = unit @ value / size
     error = np.sqrt(max(float(slope @ covariance @ slope), 0.0))

@@ -22,7 +22,7 @@ from wearscope.tracking.scatter import Scatter
 from wearscope.tracking.structure import Scales, Structure
 
 _FRAME = ("moving", "top_speed", "reversal_width", "reach")
-_ESTIMATE = ("value", "noise", "scatter")
+_ESTIMATE = ("value", "noise", "shares", "prior")
 
 
 def save_reference(path: str | Path, reference: Reference) -> None:
@@ -135,5 +135,5 @@ def _restore(
 def _restore_estimate(
     arrays: dict[str, np.ndarray], k: int, change: Change, gain: float, torque: float
 ) -> Estimate:
-    value, noise, scatter = (arrays[f"{k}/{change.key}/{name}"] for name in _ESTIMATE)
-    return Estimate(change, value, noise, scatter, gain, torque)
+    value, noise, shares, prior = (arrays[f"{k}/{change.key}/{name}"] for name in _ESTIMATE)
+    return Estimate(change, value, noise, shares, prior, gain, torque)

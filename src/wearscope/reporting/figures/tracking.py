@@ -23,8 +23,9 @@ def draw_friction(tracking: Tracking) -> Figure:
         figure = new_figure(10.0, 2.3 * down + 0.9)
         axes = np.atleast_1d(figure.subplots(down, across, squeeze=False)).ravel()
         for ax, joint in zip(axes, joints, strict=False):
-            rows = tracking.rows(joint, "friction", "share")
-            _draw_trend(ax, tracking, rows, 100.0, _sessions_with(tracking, joint))
+            rows = tracking.rows(joint, "friction", "torque")
+            healthy = float((rows["value"] - rows["change"]).median())
+            _draw_trend(ax, tracking, rows, 100.0 / healthy, _sessions_with(tracking, joint))
             ax.set_title(joint)
             ax.set_ylabel("friction [% of healthy]")
         for ax in axes[len(joints) :]:
