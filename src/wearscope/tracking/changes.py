@@ -74,13 +74,14 @@ class Change:
         return any(term.effect.spread for term in self.terms)
 
     @property
-    def order(self) -> tuple[bool, bool, bool, int, int]:
-        """What is believed first of changes that explain the same: friction, what is there, the simpler.
+    def order(self) -> tuple[bool, bool, bool, bool, int, int]:
+        """What is believed first of changes that explain the same: friction, what is there, a load, the simple.
 
-        A spring or a balancer that was not there comes last: nobody mounts one unknowingly.
+        Loads change from day to day. A spring or a balancer that was not there comes last: nobody mounts
+        one unknowingly.
         """
         mounted = not self.present and self.name in MOUNTED
-        return (not self.friction, not self.present, mounted, self.complexity, self.rank)
+        return (not self.friction, not self.present, mounted, not self.spread, self.complexity, self.rank)
 
     @property
     def parameters(self) -> list[tuple[Effect, str]]:
@@ -142,10 +143,16 @@ def _friction_changes(structure: Structure, joint: int, own: list[ModelTerm]) ->
         there = name in ("coulomb", "viscous", "friction") or name in present
         found.append(Change(name, joint, terms[name], True, there, rank))
     for entry in own:
-        if is_friction(entry.effect) and not entry.effect.empirical and not _covers_plain(entry.effect):
-            if entry.effect.name not in FRICTION:
-                found.append(Change(entry.effect.name, joint, (entry,), True, True, len(FRICTION)))
+        effect = entry.effect
+        plain = effect.name in FRICTION or _covers_plain(effect)
+        if is_friction(effect) and not (effect.empirical or plain or is_thermal(effect)):
+            found.append(Change(effect.name, joint, (entry,), True, True, len(FRICTION)))
     return found
+
+
+def is_thermal(effect: Effect) -> bool:
+    """Whether an effect's torque depends on temperature or time, so that it is no property of a session."""
+    return bool({"temp_{joint}", "t"} & set(effect.depends_on))
 
 
 def _covers_plain(effect: Effect) -> bool:

@@ -16,6 +16,8 @@ from wearscope.tracking.structure import RunRows, Structure, reduce_columns
 
 #: Share of a column's information below which it cannot be told from the reference's own uncertainty.
 _ABSORBED = 1e-9
+#: Blocks that the reference's noise is worth in a session's own.
+_BLOCKS = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +245,9 @@ def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = (
     scores = np.add.reduceat(sample.clean[:, at] * left[:, None], sample.starts, axis=0)
     informing = max(int(np.count_nonzero(np.abs(scores).sum(axis=1))), 2)
     meat = scores.T @ scores * informing / max(informing - len(at), 1)
+    # Few blocks say little of a variance: the reference's noise, to whose scale the rows are, counts as some.
+    usual = sample.clean[:, at].T @ sample.clean[:, at]
+    meat = (informing * meat + _BLOCKS * usual) / (informing + _BLOCKS)
     noise = inverse @ (meat + sample.random[np.ix_(at, at)] + sample.penalty[np.ix_(at, at)]) @ inverse
     m = change.count
     own = groups[0]
