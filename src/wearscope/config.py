@@ -293,6 +293,13 @@ class ClosedLoopSettings(Section):
         return value
 
 
+class TrackingSettings(Section):
+    """What changed since a machine was healthy."""
+
+    false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
+
+
 class BoardSettings(Section):
     """The attribution board: planted effects over regimes, their verdicts scored."""
 
@@ -390,6 +397,8 @@ class StudyConfig(Section):
     """The closed loop."""
     detect: DetectSettings = DetectSettings()
     """Detectors on recordings."""
+    tracking: TrackingSettings = TrackingSettings()
+    """Sessions tracked."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
@@ -397,7 +406,7 @@ class StudyConfig(Section):
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
     may come from someone else."""
     dataset: str | None = None
-    """Folder of a measured data set for the targets `closed_loop` and `detect`; usually given as
+    """Folder of a measured data set for the targets `closed_loop`, `detect` and `track`; usually given as
     `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
 
     def may_run_code(self) -> bool:
@@ -446,7 +455,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop", "detection"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 

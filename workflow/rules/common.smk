@@ -23,7 +23,7 @@ os.environ.update(
 )
 
 from wearscope.closed_loop.intake.data_folder import find_inside
-from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
+from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, take_label
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
@@ -36,6 +36,7 @@ from wearscope.robots.model_file import (
     read_text,
 )
 from wearscope.sources import find_sources, plugin_file
+from wearscope.tracking.session_names import Tracked, name_sessions
 
 # A job ends with this process, also where it alone is killed.
 os.environ[MAIN] = identify_process(os.getpid())
@@ -206,7 +207,11 @@ def dataset_name(path):
 
 def dataset_files(path):
     """URDF, runs and own effects that a data set names and that are there; the loop says which is missing."""
-    content, folder = read_dataset(path), os.path.dirname(dataset_file(path))
+    return list_dataset_files(read_dataset(path), os.path.dirname(dataset_file(path)))
+
+
+def list_dataset_files(content, folder):
+    """Files that a data set's fields name and that are there."""
     robot, runs = content.get("robot"), content.get("runs")
     names = [robot.get("urdf")] if isinstance(robot, dict) else []
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
@@ -215,6 +220,40 @@ def dataset_files(path):
         names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
     paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
     return [path for path in paths if path is not None]
+
+
+def read_tracked(path):
+    """Sessions of a data set, or why there are none to track, which only the target `track` must know."""
+    read_dataset(path)
+    try:
+        return name_sessions(path)
+    except InputError as error:
+        return Tracked((), {}, str(error))
+
+
+def tracked_files():
+    """What the target `track` makes; ends the run in one sentence where there is nothing to track."""
+    if STUDY.dataset is None:
+        raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
+    if TRACKED.refusal:
+        raise SystemExit(TRACKED.refusal)
+    return [f"{TRACK_FOLDER}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
+
+
+def session_fields(path, sessions):
+    """What of a dataset.yaml the runs of some sessions depend on, as text."""
+    content = dict(read_dataset(path))
+    content.pop("reference", None)
+    listed = content.pop("runs", None)
+    runs = [run for run in listed if isinstance(run, dict)] if isinstance(listed, list) else []
+    own = [run for run in runs if str(take_label(run.get("session"))) in sessions]
+    return yaml.safe_dump({**content, "runs": own})
+
+
+def session_files(path, sessions):
+    """URDF, own effects and the runs of some sessions that a data set names and that are there."""
+    content = yaml.safe_load(session_fields(path, sessions))
+    return list_dataset_files(content, os.path.dirname(dataset_file(path)))
 
 
 def find_listed(folder, name):
