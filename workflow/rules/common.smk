@@ -49,7 +49,16 @@ config = STUDY.model_dump(mode="json")
 R = f"results/{STUDY.study}"
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
-ROBOTS = {label(reference): reference for reference in STUDY.robots}
+# Robots as the configuration names them, and as they are simulated: with what is carried over to them.
+NAMED_ROBOTS = {label(reference): reference for reference in STUDY.robots}
+ROBOTS = {
+    robot: f"{R}/robots/{robot}.yaml" if robot in STUDY.carry_over else reference
+    for robot, reference in NAMED_ROBOTS.items()
+}
+#: Model files that a rule makes, with the models that they are made from.
+MADE_MODELS = {
+    ROBOTS[robot]: [NAMED_ROBOTS[robot], carried.source] for robot, carried in STUDY.carry_over.items()
+}
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
 N_POINTS = STUDY.design.count_points(STUDY.factors)
@@ -69,6 +78,7 @@ RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED 
 STUDY_SETS = [*RUN_SETS, "nominal"]
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
+SCREENINGS = [f"{R}/screening/{robot}.parquet" for robot in ROBOTS]
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
@@ -106,7 +116,7 @@ wildcard_constraints:
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"workflow/scripts/{script}.py", "workflow/scripts/job.py"]
+    files = [f"workflow/scripts/{name}.py" for name in (script, "job", "screening")]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
 
@@ -125,6 +135,8 @@ def read_robot(reference):
 
 def robot_files(reference):
     """Model file and URDF of a robot."""
+    if reference in MADE_MODELS:
+        return [reference, str(Path(reference).with_suffix(".urdf"))]
     path, content = read_robot(reference)
     urdf = os.path.join(path.parent, content["urdf"])
     if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
@@ -135,7 +147,9 @@ def robot_files(reference):
 
 
 def robot_effects(reference):
-    """Files of the effects that a robot's model lists."""
+    """Files of the effects that a robot's model lists, or may list where a rule makes it."""
+    if reference in MADE_MODELS:
+        return [*effect_files(), *{file for one in MADE_MODELS[reference] for file in robot_effects(one)}]
     path, content = read_robot(reference)
     names = list_effects(content, str(path))
     return [plugin_file(locate_effect(name, path.parent), "effects") for name in names]
@@ -153,8 +167,9 @@ def cycle_files():
 
 def own_files():
     """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
-    files = [file for reference in ROBOTS.values() for file in robot_files(reference)]
-    files += [file for reference in ROBOTS.values() for file in robot_effects(reference)]
+    named = {*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())}
+    files = [file for reference in named for file in robot_files(reference)]
+    files += [file for reference in named for file in robot_effects(reference)]
     files += [*cycle_files(), *detector_files()]
     return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
 

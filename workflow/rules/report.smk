@@ -48,6 +48,7 @@ rule draw_findings:
         ranking=f"{R}/ranking.parquet",
         scope=f"{R}/scope.parquet",
         fits=f"{R}/fit_table.parquet",
+        screening=SCREENINGS,
         code=code("draw_findings"),
         style=REPORT_FILES,
     output:
@@ -103,6 +104,7 @@ rule write_report:
         failures=f"{R}/failures.parquet",
         failed_simulations=f"{R}/failed_simulations.parquet",
         checks=f"{R}/design/checks.parquet",
+        screening=SCREENINGS,
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
         direct=DIRECT_TABLES[0] if DIRECT else [],

@@ -28,6 +28,8 @@ class Study:
         None where the audit is switched off.
     chosen : DataFrame or None
         Chosen surrogate of every cell; None where none is chosen.
+    screening : DataFrame or None
+        ``robot``, ``factor``, ``kind``, ``dropped``: which factors move no torque of a robot.
     direct : DataFrame or None
         SNR by direct Monte Carlo; None where it was not asked.
     loops : mapping of str to mapping
@@ -63,6 +65,7 @@ class Study:
     audit_verdicts: pd.DataFrame | None = None
     audit_answers: pd.DataFrame | None = None
     chosen: pd.DataFrame | None = None
+    screening: pd.DataFrame | None = None
     direct: pd.DataFrame | None = None
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None

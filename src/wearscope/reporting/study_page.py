@@ -107,7 +107,7 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ),
     ]
     cards = [(title, list(map(unbreak, _shorten(said))), link, more) for title, said, link, more in cards]
-    alarms = [*trust.doubts(study), *trust.failed_simulations(study)]
+    alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
     alarms += [] if study.failures.empty else [trust.failed_points(study)]
     alarms = list(map(unbreak, alarms))
     return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
