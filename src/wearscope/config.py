@@ -294,7 +294,7 @@ class ReevaluateSettings(Section):
     """Where all these models take wear and temperature from; null where they have their own."""
     cycles: list[str] = []
     """Test-cycles, among the study's; the first one where left out."""
-    points: Annotated[int, Field(ge=8)] = 24
+    points: Annotated[int, Field(ge=8)] = 22
     """Points of a Latin hypercube, a model and test-cycle."""
     question_points: Annotated[int, Field(ge=0)] = 3
     """Points for each axis on the lines that the scope asks about."""
@@ -302,10 +302,10 @@ class ReevaluateSettings(Section):
     """Points simulated once more with other sensor noise."""
     checking_points: Annotated[int, Field(ge=2)] = 8
     """Points on which the surrogates' fit is stated."""
-    draws: Annotated[int, Field(ge=0)] = 6
+    draws: Annotated[int, Field(ge=0)] = 5
     """Models of each side drawn from what the closed loop leaves open: intervals and equivalent names.
-    Each is simulated at twice as many points as a linear model has coefficients, and takes the rest of its
-    response from the side's own model."""
+    Each is simulated at few points, half as many again as a linear model has coefficients, and takes the rest
+    of its response from the side's own model."""
 
     @model_validator(mode="after")
     def _both_sides(self) -> "ReevaluateSettings":

@@ -24,6 +24,7 @@ os.environ.update(
 
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
+from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
@@ -47,6 +48,7 @@ except InputError as error:
 
 config = STUDY.model_dump(mode="json")
 R = f"results/{STUDY.study}"
+SHARED_SCRIPTS = ("job", "screening", "quantities", "reevaluated")  # that others import
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -79,6 +81,10 @@ STUDY_SETS = [*RUN_SETS, "nominal"]
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
 SCREENINGS = [f"{R}/screening/{robot}.parquet" for robot in ROBOTS]
+# What a correction changes is asked where a loop is closed, or models of both sides are given.
+REEVALUATED = STUDY.reevaluate.enabled and bool(
+    STUDY.closed_loop.demonstration or STUDY.dataset is not None or STUDY.reevaluate.before
+)
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
@@ -109,6 +115,7 @@ wildcard_constraints:
     cycle="|".join(map(re.escape, CYCLES)),
     set="|".join(POINTS),
     chunk=r"\d+",
+    side="before|after|truth",
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
@@ -116,7 +123,7 @@ wildcard_constraints:
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"workflow/scripts/{name}.py" for name in (script, "job", "screening")]
+    files = [f"workflow/scripts/{name}.py" for name in (script, *SHARED_SCRIPTS)]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
 

@@ -3,6 +3,7 @@ rule report:
         f"{R}/report.html",
         f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if STUDY.closed_loop.demonstration else [],
+        [*REEVALUATION, f"{R}/reevaluation.html"] if REEVALUATED else [],
 
 
 rule figures:
@@ -114,6 +115,8 @@ rule write_report:
             *(LOOP[:1] if STUDY.dataset is not None else []),
         ],
         truth=rules.record_demonstration.output.truth if STUDY.closed_loop.demonstration else [],
+        reevaluation=REEVALUATION if REEVALUATED else [],
+        after=f"{RE}/models/after.yaml" if REEVALUATED else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=code("write_report"),
         style=REPORT_FILES,

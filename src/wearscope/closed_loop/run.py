@@ -6,6 +6,7 @@ from typing import Any
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.drawing import draw_models
+from wearscope.closed_loop.names import drawn_path
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.robots.model import save_model
 
@@ -56,8 +57,3 @@ def close_loop(
         for number, model in enumerate(draw_models(diagnosis, stage, draws, diagnosis.policy.seed), start=1):
             save_model(model, Path(out_dir) / drawn_path(stage, number))
     return diagnosis.write(out_dir, extra)
-
-
-def drawn_path(stage: str, number: int) -> str:
-    """Path of a drawn model in the folder of its loop."""
-    return f"drawn/{stage}-{number:02d}.yaml"
