@@ -13,6 +13,7 @@ from wearscope.evaluation.reevaluation import (
     answer_side,
     compare_ranking,
     compare_sides,
+    share_surrogates,
     withheld_cells,
 )
 
@@ -21,12 +22,12 @@ with run_job(snakemake) as say:
     factors = [Factor(**one) for one in params.factors]
     asked = Questions(factors, params.model, params.snr, params.scope, params.seed)
     answers, models = {}, []
+    chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
+    shared = share_surrogates(chosen)
     told = {name: why for name, why in json.loads(Path(given.models).read_text()).items() if why}
-    for side, own, drawn, chosen, left_out in zip(
-        params.sides, given.own, given.drawn, given.chosen, given.left_out, strict=True
-    ):
+    for side, own, drawn, left_out in zip(params.sides, given.own, given.drawn, given.left_out, strict=True):
         few = tables.read_table(drawn)
-        answers[side] = answer_side(side, tables.read_table(own), tables.read_table(chosen), few, asked)
+        answers[side] = answer_side(side, tables.read_table(own), shared[shared["robot"] == side], few, asked)
         left = tables.read_table(left_out)
         reasons = {name: why for name, why in told.items() if name.startswith(f"{side}-")}
         reasons |= dict(zip(left["model"], left["reason"], strict=True))
@@ -40,7 +41,6 @@ with run_job(snakemake) as say:
         )
         say(f"{side}: {few['robot'].nunique()} drawn models, {len(reasons)} left out")
     units = {"delta": "natural"}
-    chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
     table = compare_sides(answers, params.robot, factors, withheld_cells(chosen))
     tables.write_table(out.table, table, units)
     tables.write_table(out.ranking, compare_ranking(answers, params.robot))

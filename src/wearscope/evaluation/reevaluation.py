@@ -22,7 +22,7 @@ from wearscope.evaluation.sampled_snr import NOISE_FREE, draw_snr
 from wearscope.evaluation.tolerance import sampled_tolerance
 from wearscope.surrogates.chosen import read_chosen
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
-from wearscope.surrogates.selection import ChosenSurrogate
+from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate
 
 Array = NDArray[np.float64]
 SIDES = ("before", "after", "truth")
@@ -76,6 +76,29 @@ class Answers:
 
     value: dict[Key, float] = field(default_factory=dict)
     drawn: dict[Key, Array] = field(default_factory=dict)
+
+
+def share_surrogates(chosen: pd.DataFrame) -> pd.DataFrame:
+    """Give all sides of a cell the kind and parameters of the one that cross-validates worst.
+
+    Each side is fitted to its own runs still. With parameters of its own, one outlying run would make one
+    side's surrogate rougher than the other's, and the answers would differ by that alone.
+
+    Parameters
+    ----------
+    chosen : DataFrame
+        From `wearscope.surrogates.chosen.choose_surrogates`, of all sides (``robot``).
+    """
+    shared = ["kind", "parameters", "spread", "spread_asked", "nominal"]
+    fits = [name for name in chosen.columns if name.startswith("left_out_")]
+    made = chosen.copy().reset_index(drop=True)
+    varies = made["kind"] != CONSTANT
+    best = made[fits].max(axis=1)
+    for _, places in made[varies].groupby(["cycle", "axis", "fda"], sort=False).groups.items():
+        worst = best.loc[places].idxmin()
+        for name in shared:
+            made.loc[places, name] = pd.Series([made.at[worst, name]] * len(places), index=places)
+    return made
 
 
 def extend_to_drawn(
