@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from wearscope.attribution_board.motions import make_motion
+from wearscope.attribution_board.simulated_twin.model import OWN_EFFECTS, make_true_model
 from wearscope.attribution_board.twin import STEP, TWIN, _friction, _gas_spring, simulate_run
-from wearscope.attribution_board.twin_truth import OWN_EFFECTS, make_true_model
 from wearscope.cycles.base import Reference, required_torque
 from wearscope.effects.base import Signals, load_effect
 from wearscope.errors import InputError

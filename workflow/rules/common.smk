@@ -48,7 +48,6 @@ except InputError as error:
 
 config = STUDY.model_dump(mode="json")
 R = f"results/{STUDY.study}"
-SHARED_SCRIPTS = ("job", "screening", "quantities", "reevaluated")  # that others import
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -123,7 +122,11 @@ wildcard_constraints:
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"workflow/scripts/{name}.py" for name in (script, *SHARED_SCRIPTS)]
+    files = [f"workflow/scripts/{script}.py"]
+    for file in files:  # which grows by the scripts that a script imports
+        imported = re.findall(r"^from (\w+) import", Path(file).read_text(encoding="utf-8"), re.MULTILINE)
+        shared = [f"workflow/scripts/{name}.py" for name in imported]
+        files += [name for name in shared if os.path.isfile(name) and name not in files]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
 

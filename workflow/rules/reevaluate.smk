@@ -1,5 +1,8 @@
 RE = f"{R}/reevaluation"
-TWIN_EFFECTS = sorted(glob.glob(f"{SRC}/wearscope/attribution_board/twin_effects/*.py"))
+TWIN_EFFECTS = [
+    f"{SRC}/wearscope/attribution_board/simulated_twin/{name}.py"
+    for name in ("gas_spring_torque", "thinning_oil")
+]
 GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
 if GIVEN:
     RE_NAME = "given"

@@ -7,7 +7,7 @@ import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.attribution_board.twin_truth import make_true_model
+from wearscope.attribution_board.simulated_twin.model import make_true_model
 from wearscope.cycles.base import load_cycle
 from wearscope.designs.factors import Factor
 from wearscope.designs.filling import checking_design, filling_design

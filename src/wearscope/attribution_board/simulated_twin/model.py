@@ -10,8 +10,7 @@ from wearscope.robots.model import RobotModel
 
 #: Torques that the vocabulary has no exact form of.
 OWN_EFFECTS = {
-    name: str(Path(__file__).with_name("twin_effects") / f"{name}.py")
-    for name in ("gas_spring_torque", "thinning_oil")
+    name: str(Path(__file__).with_name(f"{name}.py")) for name in ("gas_spring_torque", "thinning_oil")
 }
 FORCE = 1300.0
 LOAD_SHARE = 0.045
