@@ -29,6 +29,7 @@ include: "workflow/rules/direct.smk"
 include: "workflow/rules/closed_loop.smk"
 include: "workflow/rules/detect.smk"
 include: "workflow/rules/track.smk"
+include: "workflow/rules/reevaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/archive.smk"
 
