@@ -10,6 +10,7 @@ from wearscope.errors import InputError
 KINDS = {
     "study": "new:study",
     "robot": "new_robot:robot",
+    "dataset": "new_dataset:dataset",
     "cycle": "new:cycle",
     "detector": "new:detector",
     "effect": "new:effect",
