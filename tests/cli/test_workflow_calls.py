@@ -35,7 +35,7 @@ def run(folder, target="", body=""):
     stage = ["--stage", target] if target else []
     return subprocess.run(
         [sys.executable, "-m", "wearscope", "run", *stage, "--cores", "1"],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=120,
+        cwd=folder, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
 
 

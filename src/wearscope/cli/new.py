@@ -14,6 +14,7 @@ KINDS = {
     "cycle": "new:cycle",
     "detector": "new:detector",
     "effect": "new:effect",
+    "example": "new:example",
 }
 
 
@@ -126,6 +127,21 @@ def effect(name, folder):  # type: ignore[no-untyped-def]
     from wearscope.starters.code import write_effect
 
     _tell(write_effect(name, folder), f"wearscope check {folder / name}.py")
+
+
+@click.command()
+@click.argument("name", type=click.Path(path_type=Path), default=Path("example"))
+def example(name):  # type: ignore[no-untyped-def]
+    """Make a folder NAME with a robot's URDF and recordings, to try the other commands on.
+
+    \b
+    Example:
+      wearscope new example
+    """
+    from wearscope.starters.example import write_example
+
+    write_example(name)
+    _tell([name], f"wearscope new dataset {name}/*.csv --urdf {name}/arm.urdf")
 
 
 def _tell(paths, following: str) -> None:  # type: ignore[no-untyped-def]
