@@ -49,8 +49,20 @@ def installed(wheel, tmp_path_factory):
     run(sys.executable, "-m", "venv", folder)
     (site,) = folder.glob("lib/python*/site-packages")
     lent = Path(importlib.metadata.distribution("snakemake").locate_file("")).resolve()
-    (site / "lent.pth").write_text(f"{lent}\n")
-    run(folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel)
+    (site / "lent.pth").write_text(f"import site; site.addsitedir({str(lent)!r})\n")
+    run(
+        folder / "bin" / "python",
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--ignore-installed",
+        wheel,
+    )
+    place = run(folder / "bin" / "python", "-c", "import wearscope; print(wearscope.__file__)").strip()
+    assert Path(place).is_relative_to(folder)
     return folder / "bin"
 
 
