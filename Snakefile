@@ -32,6 +32,7 @@ include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/audit.smk"
 include: "workflow/rules/direct.smk"
 include: "workflow/rules/closed_loop.smk"
+include: "workflow/rules/detect.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/archive.smk"
 

@@ -304,6 +304,26 @@ class BoardSettings(Section):
     """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
+class DetectSettings(Section):
+    """The study's detectors on the recordings of a data set (target `detect`)."""
+
+    model: str | None = None
+    """Path of the corrected model; that of the loop closed on the same data set where left out."""
+    nominal: Literal["measured", "simulated"] = "measured"
+    """What the detectors are fitted to before they judge: the nominal recordings (those of the data set's
+    `reference` sessions, or else its training runs), or as many simulated runs."""
+    p_f: Probability = 0.01
+    """Wanted probability of false alarm."""
+    p_d: Probability = 0.99
+    """Probability of detection from which on a wear counts as detected."""
+    sigma: Annotated[float, Field(gt=0)] = 0.25
+    """Standard deviation of temperature and payload mass error in the simulated runs, coded, as in (20)."""
+    runs: Annotated[int, Field(ge=10)] = 400
+    """Simulated runs without wear of each motion; a threshold takes at least 1 / p_f - 1."""
+    worn_runs: Annotated[int, Field(ge=20)] = 100
+    """Simulated runs with wear of each motion, spread over the fault's range."""
+
+
 def _short_detectors(value: Any) -> Any:
     """Allow `A: residual_energy` for `A: {use: residual_energy}`."""
     if not isinstance(value, Mapping):
@@ -368,6 +388,8 @@ class StudyConfig(Section):
     """Direct Monte Carlo."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
+    detect: DetectSettings = DetectSettings()
+    """Detectors on recordings."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
@@ -375,8 +397,8 @@ class StudyConfig(Section):
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
     may come from someone else."""
     dataset: str | None = None
-    """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
-    Left out, `closed_loop` runs the demonstration."""
+    """Folder of a measured data set for the targets `closed_loop` and `detect`; usually given as
+    `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
@@ -424,7 +446,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
