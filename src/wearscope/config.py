@@ -621,20 +621,37 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
         raise InputError(_explain(error)) from error
 
 
+def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
+    """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    try:
+        StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        return [_explain_one(one, "") for one in _order(error)]
+    return []
+
+
 def _explain(error: ValidationError) -> str:
-    first, more = error.errors()[0], error.error_count() - 1
-    path = ".".join(str(part) for part in first["loc"] if part != "[key]")
-    tail = f" ({more} more like this)" if more else ""
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(first["loc"][:-1])
-        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+    more = error.error_count() - 1
+    return _explain_one(_order(error)[0], f" ({more} more like this)" if more else "")
+
+
+def _order(error: ValidationError) -> list[Any]:
+    """Errors, unknown settings first: what is missing is often misspelt."""
+    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+
+
+def _explain_one(breach: Any, tail: str) -> str:
+    path = ".".join(str(part) for part in breach["loc"] if part != "[key]")
+    if breach["type"] == "extra_forbidden":
+        known = _known_keys(breach["loc"][:-1])
+        close = difflib.get_close_matches(str(breach["loc"][-1]), known, n=1)
         remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}."
         return f"config: {path} is no known setting{tail}; {remedy}"
-    if first["type"] == "missing":
+    if breach["type"] == "missing":
         return f"config: {path} is missing{tail}; add it."
-    message = first["msg"].removeprefix("Value error, ")
+    message = breach["msg"].removeprefix("Value error, ")
     where = f"{path}: " if path else ""
-    given = "" if first["type"] == "value_error" else f", not {first['input']!r}"
+    given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"
     return f"config: {where}{message[0].lower() if where else message[0]}{message[1:]}{given}{tail}."
 
 

@@ -9,13 +9,16 @@ from pathlib import Path
 
 import yaml
 
-SRC = os.path.join(workflow.basedir, "src")
-sys.path.insert(0, SRC)
-# Scripts run in other interpreters (with --sdm conda, in another environment): they find the package here,
-# and compute with one thread each, so that results do not depend on the number of cores.
+# The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
+HOME = str(Path(str(workflow.current_basedir)).parents[1])
+SRC = os.path.join(HOME, "src")
 inherited = dict(os.environ)
+# Scripts run in other interpreters (with --sdm conda, in another environment): they find a
+# clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
+if os.path.isdir(SRC):
+    sys.path.insert(0, SRC)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")]))
 os.environ.update(
-    PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])),
     OMP_NUM_THREADS="1",
     OPENBLAS_NUM_THREADS="1",
     MKL_NUM_THREADS="1",
@@ -36,6 +39,7 @@ from wearscope.robots.model_file import (
     read_model_file,
     read_text,
 )
+from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
@@ -106,7 +110,7 @@ CATEGORIES = {
 REPORT_FILES = sorted(
     os.path.relpath(file)
     for pattern in ("*.mplstyle", "templates/*")
-    for file in glob.glob(f"{SRC}/wearscope/reporting/{pattern}")
+    for file in glob.glob(f"{PACKAGE}/reporting/{pattern}")
 )
 
 
@@ -123,10 +127,10 @@ wildcard_constraints:
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"workflow/scripts/{script}.py"]
+    files = [f"{HOME}/workflow/scripts/{script}.py"]
     for file in files:  # which grows by the scripts that a script imports
         imported = re.findall(r"^from (\w+) import", Path(file).read_text(encoding="utf-8"), re.MULTILINE)
-        shared = [f"workflow/scripts/{name}.py" for name in imported]
+        shared = [f"{HOME}/workflow/scripts/{name}.py" for name in imported]
         files += [name for name in shared if os.path.isfile(name) and name not in files]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
@@ -182,7 +186,9 @@ def own_files():
     files = [file for reference in named for file in robot_files(reference)]
     files += [file for reference in named for file in robot_effects(reference)]
     files += [*cycle_files(), *detector_files()]
-    return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
+    return sorted(
+        {os.path.relpath(file) for file in files if PACKAGE not in Path(os.path.abspath(file)).parents}
+    )
 
 
 def traces(robot, cycle, *sets):
@@ -197,9 +203,7 @@ def chunks(set):
 
 def effect_files():
     """Files of all effects: whatever closes the loop may try each."""
-    return sorted(
-        os.path.join(SRC, "wearscope/effects", name) for name in os.listdir(f"{SRC}/wearscope/effects")
-    )
+    return sorted(str(file) for file in (PACKAGE / "effects").iterdir())
 
 
 def own_effects():
