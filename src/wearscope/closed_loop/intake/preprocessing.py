@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy import interpolate
 
 from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE
 from wearscope.closed_loop.intake.dataset import Dataset
@@ -24,7 +25,11 @@ from wearscope.closed_loop.intake.filtering import (
     rows,
     thin,
 )
-from wearscope.closed_loop.intake.reversals import choose_reversal_widths, soften_direction
+from wearscope.closed_loop.intake.reversals import (
+    choose_reversal_widths,
+    differentiate_direction,
+    soften_direction,
+)
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
@@ -64,6 +69,10 @@ class PreparedRun:
     piece : int
         Number of the piece of the recording from 1; 0 where it is whole.
     session : str or None
+    resting : ndarray (N, n) of bool
+        Samples of a rest, at which there is no direction of motion.
+    factor : int
+        Every how many samples of the recording are kept.
     """
 
     file: str
@@ -78,6 +87,8 @@ class PreparedRun:
     start: float = 0.0
     piece: int = 0
     session: str | None = None
+    resting: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    factor: int = 1
 
     @property
     def label(self) -> str:
@@ -124,6 +135,18 @@ class Prepared:
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
+
+    def reverse_over(self, widths: np.ndarray) -> "Prepared":
+        """The same data set with directions of motion that change over other speeds.
+
+        Parameters
+        ----------
+        widths : ndarray (n,)
+            As `reversal_width`.
+        """
+        return replace(
+            self, runs=[_reverse_over(run, widths) for run in self.runs], reversal_width=np.array(widths)
+        )
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
@@ -285,7 +308,7 @@ def _finish_run(
     """Signals of one run and the rows of it that count."""
     run = source.run
     made = differentiate_run(run, rate, band.motion, motion.top_speed)
-    signals, known = _make_signals(source, made, rate, band, factor, inertia, widths)
+    signals, known, resting = _make_signals(source, made, rate, band, factor, inertia, widths)
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
@@ -302,6 +325,8 @@ def _finish_run(
         start=run.start,
         piece=run.piece,
         session=run.session,
+        resting=resting,
+        factor=factor,
     )
 
 
@@ -313,16 +338,13 @@ def _make_signals(
     factor: int,
     inertia: np.ndarray,
     widths: np.ndarray,
-) -> tuple[Signals, np.ndarray]:
-    """Signals of one run at `band.rate`, and the known torque (N, n) along them.
+) -> tuple[Signals, np.ndarray, np.ndarray]:
+    """Signals of one run at `band.rate`, the known torque (N, n) along them, and which samples rest.
 
     The direction of motion is taken at the recording's rate.
     """
     rest = _find_rest(np.abs(made.v) < made.sure_speed, replace(band, rate=rate))
-    sharp = np.where(rest, 0.0, np.sign(made.v))
-    sign = np.column_stack(
-        [soften_direction(v, width, s) for v, width, s in zip(made.v.T, widths, sharp.T, strict=True)]
-    )
+    sign, reversal = _take_direction(made.v, rest, widths)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     load = source.body.inverse_dynamics(q, v, a)
     known = load + inertia * a
@@ -332,6 +354,7 @@ def _make_signals(
         v=v,
         a=a,
         sign=decimate(sign, factor),
+        reversal=decimate(reversal, factor),
         load=load,
         temperature=decimate(made.temperature, factor),
         wear=np.zeros_like(load),
@@ -340,7 +363,35 @@ def _make_signals(
         bandwidth=band.torque,
         channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
-    return signals, known
+    return signals, known, rest[::factor]
+
+
+def _take_direction(v: np.ndarray, rest: np.ndarray, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Direction of motion (N, n) that changes over a speed, and its derivative by that one's logarithm."""
+    sharp = np.where(rest, 0.0, np.sign(v))
+    each = list(zip(v.T, widths.tolist(), sharp.T, strict=True))
+    return (
+        np.column_stack([soften_direction(*one) for one in each]),
+        np.column_stack([differentiate_direction(*one) for one in each]),
+    )
+
+
+def _reverse_over(run: PreparedRun, widths: np.ndarray) -> PreparedRun:
+    """A run with directions of motion that change over other speeds.
+
+    They are taken at the recording's rate, as at first: speeds are smooth between the samples kept.
+    """
+    v, rest = run.signals.v, run.resting
+    if run.factor > 1:
+        at = np.arange(len(v)) * run.factor
+        every = np.arange(at[-1] + 1)
+        v = interpolate.CubicSpline(at, v)(every)
+        rest = rest[every // run.factor]
+    sign, reversal = _take_direction(v, rest, widths)
+    signals = replace(
+        run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor)
+    )
+    return replace(run, signals=signals)
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:

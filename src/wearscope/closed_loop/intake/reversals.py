@@ -18,7 +18,7 @@ from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded
 from wearscope.closed_loop.intake.saturation import spread_out
 
 #: Widths that are tried, over the joint's largest speed in the training runs.
-WIDTHS = (0.0, *np.geomspace(5e-4, 0.06, 15).tolist())
+WIDTHS = (0.0, *np.geomspace(5e-4, 0.25, 19).tolist())
 #: Speeds over which friction that grows towards rest falls off, over the largest one.
 _STRIBECK = (0.02, 0.1)
 #: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
@@ -33,6 +33,14 @@ _CLEAR = 0.1
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
     """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
     return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
+
+
+def differentiate_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """Derivative (N,) of `soften_direction` by the logarithm of the width."""
+    if not width > 0:
+        return np.zeros(len(v))
+    x = np.clip(v / width, -300.0, 300.0)
+    return np.where(sign == 0.0, 0.0, -x / np.cosh(x) ** 2)
 
 
 def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ def judge(
     if not e.sine >= _ABSORBED:
         return Refusal.ABSORBED
     whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
-    if not (e.share >= share and e.torque >= policy.material_torque and e.whole >= whole):
+    if not (e.share >= share and e.torque * e.sine >= policy.material_torque and e.whole >= whole):
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL
@@ -82,7 +82,7 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     return (
         e.sine >= _ABSORBED
         and e.share >= policy.standard_share
-        and e.torque >= policy.material_torque
+        and e.torque * e.sine >= policy.material_torque
         and e.agreement >= (policy.agreeing if by_run else 1.0)
         and gain > _ERRORS * error
     )

@@ -20,6 +20,7 @@ from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.reversal import refine_widths
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import drift_p_value
 from wearscope.effects.base import Effect, MeasurementEffect
@@ -28,6 +29,8 @@ from wearscope.effects.base import Effect, MeasurementEffect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
+#: Change of a reversal's width, of itself, from which models are made anew.
+_SETTLED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +164,11 @@ class Search:
 
     def run(self) -> list[Found]:
         """Terms that the declared model lacks."""
-        found = self.find_standard()
+        found = self.settle_reversals(self.find_standard())
         self.sigma = self.scale(found)
         losses = np.nansum(self.assemble(found).joint_losses, axis=0)
         self.standard_loss = losses * self.sigma**2
-        found = self.extend(found)
+        found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
             revised = self.revise(found)
             grown = self.extend(revised)
@@ -173,6 +176,17 @@ class Search:
                 return grown
             found = grown
         return found
+
+    def settle_reversals(self, found: list[Found]) -> list[Found]:
+        """Fit the widths of the frictions' reversals beside the terms found, and make all anew along them."""
+        old = self.problem.prepared.reversal_width
+        widths = refine_widths(self.problem.prepared, self.assemble(found))
+        moved = np.abs(widths - old) > _SETTLED * old
+        if not moved.any():
+            return found
+        self.problem = self.problem.reverse_over(np.where(moved, widths, old))
+        self._weighed = {}
+        return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def find_standard(self) -> list[Found]:
         """Standard terms that held-out runs need, of each joint as a group."""
