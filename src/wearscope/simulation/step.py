@@ -18,11 +18,12 @@ from numba import njit
 
 from wearscope.simulation.arrays import INNER
 from wearscope.simulation.balance import NO_BALANCE, REST, WHOLE, balance_part
+from wearscope.simulation.borrow import borrow
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.terms import remember
 
 #: Modules of this room that the compiled step is made of.
-SOURCES = ("arrays", "balance", "chain", "dynamics", "gear", "step", "terms")
+SOURCES = ("arrays", "balance", "borrow", "chain", "dynamics", "gear", "step", "terms")
 #: A step that more parts do not end is taken whole with the torques at its end.
 MAX_PARTS = 24
 #: Share of a step that is no time: a motor that turns within it is at rest already.
@@ -148,6 +149,13 @@ def _compile_advance(stamp: int) -> Callable:
         """
         if stamp < 0:
             return first
+        terms, law, gears, plant, bodies = (
+            borrow(terms), borrow(law), borrow(gears), borrow(plant), borrow(bodies),
+        )  # fmt: skip
+        state, work, motion, w, v, log = (
+            borrow(state), borrow(work), borrow(motion), borrow(w), borrow(v), borrow(log),
+        )  # fmt: skip
+        temperature, wear = borrow((temperature, wear))
         n = len(state.q)
         # Memory and coupling are taken from the last evaluation.
         may_trust = not (terms.remembers.any() or terms.coupled.any())

@@ -95,7 +95,7 @@ class Simulator:
 
     Notes
     -----
-    PyBullet's world is built anew for each run, so that a run's bytes do not depend on what ran before it.
+    PyBullet's robot is built anew for each run, so that a run's bytes do not depend on what ran before it.
     """
 
     def __init__(
