@@ -62,6 +62,10 @@ CASES = {
          "mass_3": 1.5},
     ),
     "wear": ("turn", {"eta7": 0.5, "eta8": 0.004, "eta9": 0.3}),
+    "friction_temperature": (
+        "turn",
+        {"eta1": -9.0, "eta2": 0.5, "eta6": 0.2, "eta3": 0.05, "eta4": 0.01, "reference": 30.0},
+    ),
     "rotor_inertia": ("turn", {"inertia": 9.0}),
     "rotor_inertia_error": ("turn", {"inertia": 3.0}),
     "torque_constant_error": ("lift", {"gain": 0.05}),
