@@ -10,6 +10,7 @@ from wearscope.simulation.arrays import INNER
 
 #: Difference of speed over which a slope is taken.
 PROBE = 1e-7
+_ROW = types.FunctionType(ROW)
 
 
 class Terms(NamedTuple):
@@ -57,6 +58,17 @@ def _is_coupled(term: Term, n: int) -> bool:
     return not np.array_equal(values[0], values[1], equal_nan=True)
 
 
+# Compiled once and kept, where the list's own methods would be compiled in every process.
+@njit(types.ListType(_ROW)(), cache=True)
+def _start_rows():
+    return typed.List.empty_list(_ROW)
+
+
+@njit(types.void(types.ListType(_ROW), _ROW), cache=True)
+def _add_row(rows, row):
+    rows.append(row)
+
+
 def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     """Rows and numbers of a plant's terms.
 
@@ -70,9 +82,9 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     Terms
     """
     ordered = sorted(plant.terms, key=lambda term: term.joint)
-    rows = typed.List.empty_list(types.FunctionType(ROW))
+    rows = _start_rows()
     for term in ordered:
-        rows.append(term.row)
+        _add_row(rows, term.row)
     m = len(ordered)
     widest = max([1, *(len(t.coefficients) for t in ordered)])
     deepest = max([1, *(len(t.shape) for t in ordered)])
