@@ -344,6 +344,13 @@ class ClosedLoopSettings(Section):
         return value
 
 
+class TrackingSettings(Section):
+    """What changed since a machine was healthy."""
+
+    false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
+
+
 class BoardSettings(Section):
     """The attribution board: planted effects over regimes, their verdicts scored."""
 
@@ -353,6 +360,26 @@ class BoardSettings(Section):
     """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
     limit: Annotated[float, Field(gt=0.0)] = 300.0
     """Wall time of a case in seconds; beyond it the case counts as failed."""
+
+
+class DetectSettings(Section):
+    """The study's detectors on the recordings of a data set (target `detect`)."""
+
+    model: str | None = None
+    """Path of the corrected model; that of the loop closed on the same data set where left out."""
+    nominal: Literal["measured", "simulated"] = "measured"
+    """What the detectors are fitted to before they judge: the nominal recordings (those of the data set's
+    `reference` sessions, or else its training runs), or as many simulated runs."""
+    p_f: Probability = 0.01
+    """Wanted probability of false alarm."""
+    p_d: Probability = 0.99
+    """Probability of detection from which on a wear counts as detected."""
+    sigma: Annotated[float, Field(gt=0)] = 0.25
+    """Standard deviation of temperature and payload mass error in the simulated runs, coded, as in (20)."""
+    runs: Annotated[int, Field(ge=10)] = 400
+    """Simulated runs without wear of each motion; a threshold takes at least 1 / p_f - 1."""
+    worn_runs: Annotated[int, Field(ge=20)] = 100
+    """Simulated runs with wear of each motion, spread over the fault's range."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -432,6 +459,10 @@ class StudyConfig(Section):
     """Direct Monte Carlo."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
+    detect: DetectSettings = DetectSettings()
+    """Detectors on recordings."""
+    tracking: TrackingSettings = TrackingSettings()
+    """Sessions tracked."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
     """What the correction changes."""
     attribution_board: BoardSettings = BoardSettings()
@@ -441,8 +472,8 @@ class StudyConfig(Section):
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
     may come from someone else."""
     dataset: str | None = None
-    """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
-    Left out, `closed_loop` runs the demonstration."""
+    """Folder of a measured data set for the targets `closed_loop`, `detect` and `track`; usually given as
+    `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
 
     def tested_factors(self) -> list[str]:
         """Wear factors that are the fault of a tested axis."""
@@ -495,7 +526,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
@@ -590,20 +621,37 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
         raise InputError(_explain(error)) from error
 
 
+def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
+    """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    try:
+        StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        return [_explain_one(one, "") for one in _order(error)]
+    return []
+
+
 def _explain(error: ValidationError) -> str:
-    first, more = error.errors()[0], error.error_count() - 1
-    path = ".".join(str(part) for part in first["loc"] if part != "[key]")
-    tail = f" ({more} more like this)" if more else ""
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(first["loc"][:-1])
-        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+    more = error.error_count() - 1
+    return _explain_one(_order(error)[0], f" ({more} more like this)" if more else "")
+
+
+def _order(error: ValidationError) -> list[Any]:
+    """Errors, unknown settings first: what is missing is often misspelt."""
+    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+
+
+def _explain_one(breach: Any, tail: str) -> str:
+    path = ".".join(str(part) for part in breach["loc"] if part != "[key]")
+    if breach["type"] == "extra_forbidden":
+        known = _known_keys(breach["loc"][:-1])
+        close = difflib.get_close_matches(str(breach["loc"][-1]), known, n=1)
         remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}."
         return f"config: {path} is no known setting{tail}; {remedy}"
-    if first["type"] == "missing":
+    if breach["type"] == "missing":
         return f"config: {path} is missing{tail}; add it."
-    message = first["msg"].removeprefix("Value error, ")
+    message = breach["msg"].removeprefix("Value error, ")
     where = f"{path}: " if path else ""
-    given = "" if first["type"] == "value_error" else f", not {first['input']!r}"
+    given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"
     return f"config: {where}{message[0].lower() if where else message[0]}{message[1:]}{given}{tail}."
 
 

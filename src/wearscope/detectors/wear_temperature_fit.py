@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,7 @@ class WearTemperatureFit:
     rest_share: float = 0.01
     window: float = 0.03
     max_iterations: int = 60
+    unit: ClassVar[str] = "1"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     law: dict[str, float] = field(default_factory=dict, init=False, repr=False)

@@ -62,6 +62,34 @@ class Estimate:
     p_value: float
 
 
+#: Step of the logarithm of a reversal's width for its derivative.
+_STEP = 0.02
+
+
+def _reversal_gradients(model: Regression, theta: np.ndarray) -> list[np.ndarray]:
+    """Derivative of the prediction with respect to the logarithm of each reversal's width, (M, n, K) by run.
+
+    The widths were fitted to the same runs, so that what is not known of them is not known of friction.
+    """
+    prepared, train = model.prepared, model.prepared.runs_for("train")
+    widths = prepared.reversal_width
+    wide = np.flatnonzero(widths > 0.0) if len(widths) else np.zeros(0, dtype=int)
+    moved = prepared.reverse_over(widths * np.exp(_STEP)).runs_for("train") if len(wide) else train
+    gradients = []
+    for r, (run, other) in enumerate(zip(train, moved, strict=True)):
+        slopes = np.zeros((len(run.t), prepared.n, len(wide)))
+        at = {int(j): k for k, j in enumerate(wide)}
+        for term, span in zip(model.entries, model.spans, strict=True):
+            if term.joint not in at or term.effect.spread or term.is_measurement_error or term.is_deflection:
+                continue
+            shape, pick = np.array([term.shape]), list(term.subset)
+            x = reduce_columns(term.effect, term.joint, shape, other)[:, pick]
+            change = (x - model.columns[r][:, term.joint, span]) @ theta[span] / _STEP
+            slopes[:, term.joint, at[term.joint]] += change
+        gradients.append(slopes)
+    return gradients
+
+
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
     """Derivative of the prediction with respect to each free shape: rows (M, n) by run, and whose it is."""
     train = model.prepared.runs_for("train")
@@ -100,9 +128,11 @@ def estimate_jointly(model: Regression) -> JointFit:
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
+    reversals = _reversal_gradients(model, theta)
+    extra = [np.concatenate(both, axis=2) for both in zip(extra, reversals, strict=True)]
     instruments = make_instruments(model, model.held)
     residuals = model.residuals(theta)
-    p = model.p + len(owners)
+    p = model.p + extra[0].shape[2]
     blocks = len(model.blocks)
     hessian = np.zeros((p, p))
     hessian[: model.p, : model.p] = model.weak_prior
