@@ -336,7 +336,7 @@ def test_two_models_are_reevaluated(clone, bad):
     assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
     wanted = "robot cycle axis fda question truth p_changed before before_low before_high after after_low"
     assert set(wanted.split()) <= set(table.columns)
-    assert table["truth"].isna().all() and (results / "reevaluation.html").is_file()
+    assert table["truth"].isna().all() and (results / "reevaluation" / "report.html").is_file()
     (clone / "two.yaml").write_text(yaml.safe_dump(bad))
     assert stale(clone, "reevaluate", study="two.yaml") <= {"reevaluate"}
 

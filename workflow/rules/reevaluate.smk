@@ -49,7 +49,7 @@ def reevaluated_models(wildcards):
 rule reevaluate:
     input:
         REEVALUATION,
-        f"{R}/reevaluation.html",
+        f"{RE}/report.html",
 
 
 rule make_reevaluation:
@@ -209,7 +209,7 @@ rule report_reevaluation:
         style=REPORT_FILES,
     output:
         report(
-            f"{R}/reevaluation.html",
+            f"{RE}/report.html",
             caption="../report/reevaluation.rst",
             category="The loop closed",
             labels={"figure": "what the correction changes"},
