@@ -327,7 +327,7 @@ def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
 
 
 def test_two_models_are_reevaluated(clone, bad):
-    small = {"points": 8, "question_points": 2, "replicates": 2, "checking_points": 4}
+    small = {"points": 8, "local_points": 6, "question_points": 2, "replicates": 2, "checking_points": 4}
     bad |= {"study": "two", "reevaluate": {"before": ["medium"], "after": [without_wear(clone)], **small}}
     (clone / "two.yaml").write_text(yaml.safe_dump(bad))
     run_well(clone, "reevaluate", cores=2, study="two.yaml")

@@ -1,7 +1,6 @@
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
-    f"{PACKAGE}/attribution_board/simulated_twin/{name}.py"
-    for name in ("gas_spring_torque", "thinning_oil")
+    f"{PACKAGE}/attribution_board/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
 ]
 GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
 if GIVEN:
@@ -80,6 +79,7 @@ rule make_reevaluation:
         tested=STUDY.tested_factors(),
         screening=STUDY.screening,
         questions=STUDY.scope.factors,
+        snr={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
         axes=STUDY.axes,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
