@@ -173,6 +173,25 @@ def scale_plant(
     return amplitude, joint
 
 
+def plant_effects(
+    recording: Recording, planted: Sequence[Planted], seed: int
+) -> tuple[list[Active], list[dict[str, Any]]]:
+    """Plants with their amplitudes, and their entries of the truth."""
+    machine = recording.setting.machine
+    actives: list[Active] = []
+    entries: list[dict[str, Any]] = []
+    for number, plant in enumerate(planted):
+        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
+        made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
+        if plant.amplitude is None:
+            amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
+        else:
+            amplitude, joint = plant.amplitude, made.joint
+        actives.append(Active(made, amplitude))
+        entries.append(_describe(plant, made, amplitude, joint, machine))
+    return actives, entries
+
+
 def generate_dataset(
     folder: str | Path,
     robot: str | Machine,
@@ -221,17 +240,7 @@ def generate_dataset(
             )
     declared = declare_effects(recipe, planted)
     recording = record(machine, seed, recipe, declared)
-    actives: list[Active] = []
-    entries: list[dict[str, Any]] = []
-    for number, plant in enumerate(planted):
-        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
-        made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
-        if plant.amplitude is None:
-            amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
-        else:
-            amplitude, joint = plant.amplitude, made.joint
-        actives.append(Active(made, amplitude))
-        entries.append(_describe(plant, made, amplitude, joint, machine))
+    actives, entries = plant_effects(recording, planted, seed)
     with_temperature = recipe.temperatures
     if with_temperature is None:
         thermal = any(plant.effect in THERMAL for plant in planted)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class DistributionDistance:
     grid_size: int = 512
     margin: float = 0.25
     floor: float = 1e-3
+    unit: ClassVar[str] = "nat"
     axis: int = field(default=0, init=False)
     grid: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     kernel: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class FrictionFit:
     low_speed_share: float = 0.1
     rest_share: float = 0.01
     window: float = 0.03
+    unit: ClassVar[str] = "torque"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     top_speed: float = field(default=0.0, init=False)

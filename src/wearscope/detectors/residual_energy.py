@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class ResidualEnergy:
     align: str = "start"
     rest_share: float = 0.01
     min_overlap: float = 0.5
+    unit: ClassVar[str] = "1"
     axis: int = field(default=0, init=False)
     signature: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     path: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.stats import wasserstein_distance
@@ -20,6 +20,7 @@ class Wasserstein:
     does not matter. Villani, Topics in Optimal Transportation, AMS 2003, sec. 2.2.
     """
 
+    unit: ClassVar[str] = "torque"
     axis: int = field(default=0, init=False)
     nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 

@@ -138,6 +138,20 @@ def _check_run(path: Path, run: Run, joints: list[str]) -> None:
             )
 
 
+def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
+    """What is wrong with each recording by itself, a sentence a recording."""
+    found = []
+    for entry in fields.runs:
+        try:
+            find_inside(folder, entry.file, f"{folder / 'dataset.yaml'}: runs[].file")
+            run = _read_run(folder, entry, fields)
+            _check_run(folder / entry.file, run, fields.robot.joints)
+            split_at_gaps(run, fields.sample_rate, str(folder / run.file))
+        except InputError as error:
+            found.append(str(error))
+    return found
+
+
 def _read_records(folder: Path, fields: DatasetFields) -> tuple[list[RunRecord], list[Signature]]:
     """Read and check the recordings one at a time, keeping what tells them apart."""
     records, signatures = [], []

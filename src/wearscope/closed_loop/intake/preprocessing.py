@@ -27,8 +27,8 @@ from wearscope.closed_loop.intake.filtering import (
 )
 from wearscope.closed_loop.intake.reversals import (
     choose_reversal_widths,
-    differentiate_direction,
     soften_direction,
+    vary_direction,
 )
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
@@ -370,12 +370,12 @@ def _make_signals(
 
 
 def _take_direction(v: np.ndarray, rest: np.ndarray, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Direction of motion (N, n) that changes over a speed, and its derivative by that one's logarithm."""
+    """Direction of motion (N, n) that changes over a speed, and what other reversals change in it."""
     sharp = np.where(rest, 0.0, np.sign(v))
     each = list(zip(v.T, widths.tolist(), sharp.T, strict=True))
     return (
         np.column_stack([soften_direction(*one) for one in each]),
-        np.column_stack([differentiate_direction(*one) for one in each]),
+        np.stack([vary_direction(*one) for one in each], axis=1),
     )
 
 

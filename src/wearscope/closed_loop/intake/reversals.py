@@ -35,12 +35,24 @@ def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarra
     return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
 
 
-def differentiate_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
-    """Derivative (N,) of `soften_direction` by the logarithm of the width."""
+def vary_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """What a reversal of another width or form would change in `soften_direction`, (N, 3).
+
+    Its derivative by the logarithm of the width, and the differences to x / sqrt(1 + x^2) and to
+    2/pi arctan(pi x / 2), x = v / width, which approach full friction ever more slowly; zero at rest.
+    """
     if not width > 0:
-        return np.zeros(len(v))
-    x = np.clip(v / width, -300.0, 300.0)
-    return np.where(sign == 0.0, 0.0, -x / np.cosh(x) ** 2)
+        return np.zeros((len(v), 3))
+    x = np.clip(v / width, -1e4, 1e4)
+    now = np.tanh(x)
+    changes = np.column_stack(
+        [
+            -x / np.cosh(np.clip(x, -300.0, 300.0)) ** 2,
+            x / np.sqrt(1.0 + x**2) - now,
+            2.0 / np.pi * np.arctan(0.5 * np.pi * x) - now,
+        ]
+    )
+    return np.where(sign[:, None] == 0.0, 0.0, changes)
 
 
 def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:

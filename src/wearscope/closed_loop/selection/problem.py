@@ -15,7 +15,7 @@ from wearscope.closed_loop.model.inertials import inertial_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.layout import Layout
-from wearscope.closed_loop.selection.reversal import REVERSAL
+from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import Effect, MeasurementEffect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
@@ -80,8 +80,7 @@ class Problem:
             candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
             chosen.append(Chosen(candidate, term.subset))
         for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversal_width > 0.0)).tolist():
-            candidate = make_candidate(REVERSAL, joint, self.prepared, np.zeros((1, 0)))
-            chosen.append(Chosen(candidate, (0,)))
+            chosen.append(make_reversal(self.prepared, joint))
         return tuple(chosen)
 
     def reverse_over(self, widths: np.ndarray) -> "Problem":
