@@ -211,9 +211,8 @@ def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter)
         for (effect, name), value, half, told in zip(
             change.parameters, estimate.value, width, sure, strict=True
         ):
-            if not told and sure.any() and name != change.parameters[0][1]:
-                continue
-            if not told and sure.any() and change.name == "friction":
+            # A load is told by its mass, however well that is known.
+            if not told and sure.any() and name != "mass":
                 continue
             parameter = next(p for p in effect.coefficients if p.name == name)
             entries.append(
