@@ -31,7 +31,7 @@ def test_default_study_is_the_paper(paper):
     study = load_config(paper)
     assert study.study == "paper"
     assert (len(study.robots), len(study.cycles), study.axes) == (2, 6, [1, 2, 3])
-    assert study.detectors.keys() == {"A", "B", "C", "D"}
+    assert study.detectors.keys() == set("ABCDE")
     made = [Factor(**one) for one in study.factor_table()]
     for ours, papers in zip(made, PAPER_FACTORS, strict=True):
         assert (ours.name, ours.kind, ours.role) == (papers.name, papers.kind, papers.role)
