@@ -44,7 +44,7 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Folder of an environment's commands: the wheel by pip, what it depends on from the tests' environment."""
+    """Commands of an environment: the wheel by pip, what it depends on lent by the tests' own."""
     folder = tmp_path_factory.mktemp("env")
     run(sys.executable, "-m", "venv", folder)
     (site,) = folder.glob("lib/python*/site-packages")
