@@ -8,7 +8,7 @@ import click
 
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
-from wearscope.cli.study import StudyPlace, count_cores, find_study
+from wearscope.cli.study import StudyPlace, count_cores, find_study, read_name
 from wearscope.cli.workflow import build_command, call_snakemake, explain_failure
 from wearscope.errors import InputError
 
@@ -27,11 +27,13 @@ def run_targets(
     Raises
     ------
     InputError
-        Where a setting is malformed, or Snakemake fails: one sentence on why, and the log's place.
+        Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
     """
     for setting in settings:
         if "=" not in setting or setting.startswith("="):
             raise InputError(f"--set {setting}: is no setting; write --set name=value.")
+    if config is not None:
+        read_name(config)
     command = build_command(
         targets, folder, cores or count_cores(), config, settings, ("--dry-run",) if dry_run else ()
     )
