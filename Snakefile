@@ -33,6 +33,8 @@ include: "workflow/rules/audit.smk"
 include: "workflow/rules/direct.smk"
 include: "workflow/rules/closed_loop.smk"
 include: "workflow/rules/detect.smk"
+include: "workflow/rules/track.smk"
+include: "workflow/rules/reevaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/archive.smk"
 

@@ -233,7 +233,9 @@ def _check_units(path: Path, fields: DatasetFields, prismatic: list[bool]) -> tu
     return ["m" if s else "rad" for s in prismatic], ["N" if s else "N m" for s in prismatic]
 
 
-def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
+def read_dataset(
+    folder: str | Path, prismatic: Any, choose: Callable[[DatasetFields], list[RunFields]] | None = None
+) -> Dataset:
     """Read a data-set folder.
 
     Parameters
@@ -243,6 +245,8 @@ def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
     prismatic : callable
         Called with the URDF's path and the joint names; says of each joint whether it is prismatic, and
         refuses joints that the URDF does not have.
+    choose : callable, optional
+        ``choose(fields)`` gives the runs to read, at least one of use ``train``; all where None.
 
     Raises
     ------
@@ -254,6 +258,8 @@ def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
     notes: list[str] = []
     fields = read_fields(path, notes)
     accepted, told = check_fields(path, fields)
+    if choose is not None:
+        fields = fields.model_copy(update={"runs": choose(fields)})
     urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
     check_file(urdf, "correct robot.urdf in dataset.yaml")
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))

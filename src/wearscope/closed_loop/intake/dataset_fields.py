@@ -32,11 +32,12 @@ def _refuse_bool(value: Any) -> Any:
 _Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
 
 
-def _take_label(value: Any) -> Any:
+def take_label(value: Any) -> Any:
+    """Label of a session: YAML reads a date as one."""
     return value.isoformat() if isinstance(value, date) else value
 
 
-_Label = Annotated[str, BeforeValidator(_take_label)]
+_Label = Annotated[str, BeforeValidator(take_label)]
 _PositionUnit = Literal["rad", "m"]
 _TorqueUnit = Literal["N m", "N"]
 

@@ -117,6 +117,8 @@ class Prepared:
     notes : list of str
     reversal_width : ndarray (n,)
         Speed over which each joint's direction of motion changes [rad/s or m/s].
+    top_speed : ndarray (n,)
+        Largest speed of each joint in the training runs [rad/s or m/s].
     """
 
     dataset: Dataset
@@ -126,6 +128,7 @@ class Prepared:
     moving: np.ndarray
     notes: list[str]
     reversal_width: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n(self) -> int:
@@ -178,8 +181,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     rate, inertia = dataset.fields.sample_rate, known_inertia(dataset)
     edge = choose_motion_cutoff([s.run for s in sources if s.run.use == "train"], rate)
     factor = choose_factor(rate, edge, 0.0)
-    rough = [_make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
-    sources, rough = _bridge_gaps(dataset, sources, rough, factor, notes)
+    rough = [make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
+    sources, rough = bridge_gaps(dataset, sources, rough, factor, notes)
     band = _choose_band(rough, motion.moving, rate, edge, factor)
     widths = _choose_widths(rough, motion.moving, band, factor)
     del rough
@@ -187,10 +190,10 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     band = replace(band, rate=rate / factor)
     runs = []
     while sources:
-        runs.append(_finish_run(sources.pop(0), rate, band, factor, inertia, widths, motion))
-    runs = _leave_out_short(dataset, runs, band, notes)
+        runs.append(finish_run(sources.pop(0), rate, band, factor, inertia, widths, motion))
+    runs = leave_out_short(dataset, runs, band, notes)
     notes += _describe(dataset, band, rate, factor)
-    return Prepared(dataset, urdf, runs, band, motion.moving, notes, widths)
+    return Prepared(dataset, urdf, runs, band, motion.moving, notes, widths, motion.top_speed)
 
 
 def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
@@ -201,7 +204,7 @@ def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
     return write_urdf(tree), told
 
 
-def _make_rough(
+def make_rough(
     source: Source, rate: float, cutoff: float, factor: int, inertia: np.ndarray, motion: MovingJoints
 ) -> RoughRun:
     """What the rough model needs of a run, at a `factor`-th of its rate."""
@@ -228,7 +231,7 @@ def _thin_marks(marked: np.ndarray, factor: int) -> np.ndarray:
     return marked if factor == 1 else spread_out(marked, factor)[::factor]
 
 
-def _bridge_gaps(
+def bridge_gaps(
     dataset: Dataset, sources: list[Source], rough: list[RoughRun], factor: int, notes: list[str]
 ) -> tuple[list[Source], list[RoughRun]]:
     """Find clipped torques and bridge all that are no measurements, along the rough model's prediction.
@@ -296,7 +299,7 @@ def _find_rest(slow: np.ndarray, band: Band) -> np.ndarray:
     return keep_lasting(slow, int(0.5 * band.rate / band.torque))
 
 
-def _finish_run(
+def finish_run(
     source: Source,
     rate: float,
     band: Band,
@@ -406,7 +409,7 @@ def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -
     return bad
 
 
-def _leave_out_short(
+def leave_out_short(
     dataset: Dataset, runs: list[PreparedRun], band: Band, notes: list[str]
 ) -> list[PreparedRun]:
     """Runs with rows enough; pieces without are left out.
