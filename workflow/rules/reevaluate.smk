@@ -1,7 +1,6 @@
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
-    f"{SRC}/wearscope/attribution_board/simulated_twin/{name}.py"
-    for name in ("gas_spring_torque", "thinning_oil")
+    f"{PACKAGE}/attribution_board/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
 ]
 GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
 if GIVEN:

@@ -223,17 +223,33 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
 
 @click.command()
 @study_argument
+@click.option(
+    "--dataset", type=click.Path(path_type=Path), help="Whose loop gives the models before and after."
+)
+@click.option("--before", multiple=True, metavar="MODEL", help="Instead: a model before; may be repeated.")
+@click.option("--after", multiple=True, metavar="MODEL", help="A model after; may be repeated.")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 @workflow_options
-def reevaluate(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
     """Ask the questions of STUDY of a model before and after its correction.
 
     \b
-    Example:
-      wearscope reevaluate my-study --open
+    Examples:
+      wearscope reevaluate my-study --dataset arm-data --open
+      wearscope reevaluate my-study --before arm --after results/closed_loop/arm/model_after.yaml
     """
     place = find_study(study)
-    run_targets(("reevaluate",), place.folder, place.config, cores, settings, dry_run, verbose)
+    chosen = []
+    if dataset is not None:
+        chosen.append(f"dataset={_name_dataset(str(dataset))[0]}")
+    if before or after:
+        sides = {"before": [_locate(one) for one in before], "after": [_locate(one) for one in after]}
+        chosen.append(f"reevaluate={json.dumps(sides)}")
+    run_targets(("reevaluate",), place.folder, place.config, cores, (*chosen, *settings), dry_run, verbose)
     if not dry_run:
-        for page in sorted(place.results.rglob("reevaluation/report.html")):
-            _show_result(page, opened)
+        _show_result(place.results / "reevaluation.html", opened)
+
+
+def _locate(robot: str) -> str:
+    """Absolute path of a robot given by one; names stay."""
+    return str(Path(robot).resolve()) if Path(robot).exists() else robot
