@@ -65,7 +65,8 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
         if max(study.axes) > model.n:
             found.add(f"axes: robot '{model.name}' has {model.n} axes; drop axis {max(study.axes)}.")
         known = len(found.problems)
-        check_factors(model, ranges, found, study.simulation.sample_rate)
+        may_drop = [name for name in ranges if name != "f"] if study.screening == "drop" else []
+        check_factors(model, ranges, found, study.simulation.sample_rate, cycles, may_drop)
         if len(found.problems) > known:
             continue
         for name, cycle in cycles.items():

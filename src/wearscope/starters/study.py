@@ -55,11 +55,11 @@ def choose_factors(models: Sequence[RobotModel]) -> tuple[list[str], list[str]]:
         wear = [one for one in chosen if FACTORS[one][1] == "wear"]
         asked = [*wear, name] if kind == "wear" else [name]
         ranges = {one: (FACTORS[one][1], *FACTORS[one][2]) for one in asked}
-        reasons = []
+        reasons: list[str] = []
         for model in models:
-            reasons += find_idle_factors(model, ranges)
             try:
                 check_robot(model, ranges, 0.001)
+                reasons += find_idle_factors(model, ranges).values()
             except InputError as error:
                 reasons.append(str(error))
         if not reasons:
