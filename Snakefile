@@ -28,6 +28,7 @@ include: "workflow/rules/audit.smk"
 include: "workflow/rules/direct.smk"
 include: "workflow/rules/closed_loop.smk"
 include: "workflow/rules/detect.smk"
+include: "workflow/rules/export.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/archive.smk"
 
