@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 
 from job import run_job
+from reevaluated import read_reevaluation
+from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.provenance import describe_provenance, list_platform_files
@@ -31,6 +33,8 @@ with run_job(snakemake):
         factors=[Factor(**one) for one in params.factors],
         **{name: tables.read_table(given[name]) for name in TABLES},
         **audit,
+        screening=read_screening(given.screening),
+        reevaluation=read_reevaluation(given.reevaluation, given.after) if given.get("after") else None,
         chosen=tables.read_table(given.chosen) if given.get("chosen") else None,
         direct=tables.read_table(given.direct) if given.get("direct") else None,
         loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},

@@ -28,6 +28,7 @@ from wearscope.reporting.page import (
     render_template,
     unbreak,
 )
+from wearscope.reporting.reevaluation_page import summarise_reevaluation
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_tables import render_chosen, render_speed
 
@@ -107,10 +108,11 @@ def _summary(study: Study, findings: Sequence[Finding]) -> Markup:
         ),
     ]
     cards = [(title, list(map(unbreak, _shorten(said))), link, more) for title, said, link, more in cards]
-    alarms = [*trust.doubts(study), *trust.failed_simulations(study)]
+    alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
     alarms += [] if study.failures.empty else [trust.failed_points(study)]
     alarms = list(map(unbreak, alarms))
-    return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=_loops(study))
+    below = _loops(study) + _corrected(study)
+    return render_template("summary.html", lead=lead, alarms=alarms, cards=cards, loops=below)
 
 
 def _shorten(sentences: list[str], most: int = 8) -> list[str]:
@@ -157,6 +159,16 @@ def _loops(study: Study) -> Markup:
             )
         )
     return Markup("").join(parts)
+
+
+def _corrected(study: Study) -> Markup:
+    """What the correction changes; nothing where it was not asked."""
+    if study.reevaluation is None:
+        return Markup("")
+    link = Markup('<p><a href="reevaluation.html">All of it: reevaluation.html</a></p>')
+    return Markup("<h3>What the correction changes</h3>{}{}").format(
+        summarise_reevaluation(study.reevaluation), link
+    )
 
 
 def _beside(study: Study, findings: Sequence[Finding]) -> Markup:

@@ -126,6 +126,17 @@ def failed_simulations(study: Study) -> list[str]:
     ]
 
 
+def dropped_factors(study: Study) -> list[str]:
+    """Factors that move no torque of a robot and were dropped from its answers; [] where there is none."""
+    if study.screening is None:
+        return []
+    return [
+        f"{study.factor(row.factor).description} ({row.factor}) moves no recorded torque of {row.robot} and "
+        "was dropped from its answers to Q-1 and Q-3."
+        for row in study.screening[study.screening["dropped"]].itertuples()
+    ]
+
+
 def failed_points(study: Study) -> str:
     """How many points failed for a detector, and where most."""
     if study.failures.empty:
