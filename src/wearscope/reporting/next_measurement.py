@@ -51,5 +51,5 @@ def _describe(entry: Mapping[str, Any]) -> Markup:
         entry["joint"],
         badge(word, kind),
         unbreak(tell_measurement(entry)),
-        f"Its reference motion is in {entry['table']}.",
+        f"Its reference motion is in {entry['table']}." if "table" in entry else "",
     )

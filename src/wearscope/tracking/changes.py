@@ -75,7 +75,8 @@ class Change:
 
     @property
     def order(self) -> tuple[bool, bool, bool, bool, int, int]:
-        """What is believed first of changes that explain the same: friction, what is there, a load, the simple.
+        """What is believed first of changes that explain the same: friction, what is there, a load, the
+        simple.
 
         Loads change from day to day. A spring or a balancer that was not there comes last: nobody mounts
         one unknowingly.

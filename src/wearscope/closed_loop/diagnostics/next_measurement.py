@@ -201,7 +201,8 @@ def list_plans(
     temperatures = temperatures if warm else temperatures[:1]
     moving = [int(j) for j in np.flatnonzero(prepared.moving)]
     built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
-        (motion.name, motion, motion.build) for motion in list_motions(moving, joint)
+        (motion.name, motion, motion.build)
+        for motion in (one.plan_within(model) for one in list_motions(moving, joint))
     ]
     for name in list_cycles() if cycles is None else cycles:
         cycle = load_cycle(name)
@@ -334,7 +335,7 @@ def _promise(
 def write_measurements(
     folder: Path, found: Sequence[NextMeasurement], joints: list[str]
 ) -> list[dict[str, Any]]:
-    """Write each plan as a test-cycle (where it was generated) and as a table, and return their entries.
+    """Write each promised plan as a test-cycle (where it was generated) and a table; return all entries.
 
     ``next_measurement_<k>.py`` defines ``CYCLE``; ``next_measurement_<k>.csv`` has t [s] and by joint
     position, speed and acceleration, for a controller.
@@ -344,6 +345,9 @@ def write_measurements(
         old.unlink()
     for k, one in enumerate(found, start=1):
         entry = one.to_mapping()
+        entries.append(entry)
+        if one.power < POWER:
+            continue
         stem = f"next_measurement_{k}"
         reference = one.plan.reference
         columns = {"t": reference.t}
@@ -356,5 +360,4 @@ def write_measurements(
             reason = f"Tells {' from '.join(one.names)} at joint {one.joint}."
             tables.write_text(folder / f"{stem}.py", write_cycle(one.plan.motion, joints, reason))
             entry["cycle_file"] = f"{stem}.py"
-        entries.append(entry)
     return entries
