@@ -84,7 +84,7 @@ class PlannedMotion:
         given = {key: [float(x) for x in values] for key, values in self.within.items()}
         drive = model.drive.model_dump(exclude_none=True)
         drive |= {f"{key}_limit": given[key] for key in ("speed", "acceleration", "jerk")}
-        return model.replace(drive=drive, **{key: given[key] for key in ("home", "lower", "upper")})
+        return model.replace(drive=drive, home=given["home"], lower=given["lower"], upper=given["upper"])
 
     def plan_within(self, model: RobotModel) -> "PlannedMotion":
         """The same motion, which holds a robot's limits and gives it whatever robot it is built for."""
