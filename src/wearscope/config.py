@@ -384,6 +384,15 @@ class DetectSettings(Section):
     """Simulated runs with wear of each motion, spread over the fault's range."""
 
 
+class ExportSettings(Section):
+    """A corrected model as URDF, MJCF and a table (target `export`)."""
+
+    model: str | None = None
+    """Path of the model, or a robot's name; that of the loop closed on the data set where left out."""
+    temperature: float = 50.0
+    """At which friction that depends on it is written [deg C]."""
+
+
 def _short_detectors(value: Any) -> Any:
     """Allow `A: residual_energy` for `A: {use: residual_energy}`."""
     if not isinstance(value, Mapping):
@@ -463,6 +472,8 @@ class StudyConfig(Section):
     """The closed loop."""
     detect: DetectSettings = DetectSettings()
     """Detectors on recordings."""
+    export: ExportSettings = ExportSettings()
+    """The corrected model taken to other simulators."""
     tracking: TrackingSettings = TrackingSettings()
     """Sessions tracked."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
@@ -528,7 +539,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop", "detection", "tracking"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection", "export", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
