@@ -13,7 +13,7 @@ LOCKS := envs/build.lock envs/requirements.lock
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-kills setup lint format lock clean
+.PHONY: run test test-kills test-cluster cluster setup lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -24,6 +24,14 @@ test: setup
 # Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md.
 test-kills: setup
 	$(BIN)/python -m pytest -m long tests/workflow $(ARGS)
+
+# The smallest study through a SLURM of one node, started for it: docs/cluster.md. Skips, saying why, where it cannot.
+test-cluster: cluster
+	$(BIN)/python -m pytest -m "long or not long" -rs tests/workflow/test_cluster.py $(ARGS)
+
+# Snakemake's executors and storage for clusters, beside the locked packages.
+cluster: setup
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/cluster.lock
 
 setup: $(VENV)/installed
 
@@ -60,6 +68,9 @@ format: setup
 lock:
 	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
 		--no-annotate --no-header --upgrade envs/requirements.in --output-file envs/requirements.lock
+	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
+		--no-annotate --no-header --constraints envs/requirements.lock envs/cluster.in \
+		--output-file envs/cluster.lock
 	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
 
 clean:

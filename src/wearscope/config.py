@@ -125,6 +125,17 @@ class SimulationSettings(Section):
     """Wear-free runs that the detectors learn from, a robot and test-cycle; they differ in sensor noise."""
     chunk: Annotated[int, Field(ge=1)] = 23
     """Design points a job: long enough to outweigh the start of a process, short enough to resume."""
+    job_seconds: Annotated[float, Field(gt=0)] | None = None
+    """How long a job simulates [s], in place of `chunk`: 300 to 1200 on a cluster. No recording depends on
+    it."""
+    point_seconds: Annotated[float, Field(gt=0)] = 0.2
+    """How long a point takes [s], which cuts `job_seconds` into points; `benchmarks/scale.py` measures it."""
+
+    def points_per_job(self) -> int:
+        """Design points that one job simulates."""
+        if self.job_seconds is None:
+            return self.chunk
+        return max(1, round(self.job_seconds / self.point_seconds))
 
     @model_validator(mode="after")
     def _whole_samples(self) -> "SimulationSettings":

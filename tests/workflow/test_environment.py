@@ -49,6 +49,14 @@ def test_build_lock_is_part_of_the_lock():
     assert build["setuptools"] == packages["setuptools"]
 
 
+def test_cluster_lock_adds_to_the_lock_and_changes_nothing():
+    packages, cluster = read_lock("requirements.lock"), read_lock("cluster.lock")
+    text = re.sub(r"#.*", "", (ENVS / "cluster.in").read_text())
+    assert set(re.findall(r"^[a-z0-9-]+", text, re.MULTILINE)) <= cluster.keys() - packages.keys()
+    assert all(hashes > 0 for _, hashes in cluster.values())
+    assert all(cluster[name][0] == packages[name][0] for name in cluster.keys() & packages.keys())
+
+
 def test_conda_environment_is_the_lock():
     packages = read_lock("requirements.lock")
     environment = yaml.safe_load((ENVS / "wearscope.yaml").read_text())
@@ -87,6 +95,9 @@ def test_ci_runs_make_test():
 
 def test_package_declares_what_the_lock_is_made_from():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    declared = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    extras = project["optional-dependencies"]
+    cluster = re.sub(r"#.*", "", (ENVS / "cluster.in").read_text())
+    assert sorted(extras.pop("cluster")) == sorted(cluster.split())
+    declared = [*project["dependencies"], *chain(*extras.values())]
     text = re.sub(r"#.*", "", (ENVS / "requirements.in").read_text())
     assert sorted(declared) == sorted(text.split())

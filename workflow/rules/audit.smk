@@ -48,6 +48,8 @@ use rule compute_test_quantities as compute_audit_quantities with:
         f"{R}/logs/compute_audit_quantities/{{robot}}/{{cycle}}.log",
     benchmark:
         f"{R}/benchmarks/compute_audit_quantities/{{robot}}/{{cycle}}.tsv"
+    resources:
+        **needs(1200, 30),
     params:
         sets=["audit"],
         reference=lambda w: ROBOTS[w.robot],

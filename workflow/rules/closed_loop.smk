@@ -86,6 +86,8 @@ rule close_demonstration:
     priority: -1
     conda:
         ENV
+    resources:
+        **needs(2200, 30),
     params:
         **LOOP_OPTIONS,
     message:
@@ -136,6 +138,8 @@ if STUDY.dataset is not None:
             f"{LOOP_FOLDER}/close_loop.tsv"
         conda:
             ENV
+        resources:
+            **needs(4000, 120),
         params:
             **LOOP_OPTIONS,
         message:
@@ -177,6 +181,8 @@ rule run_board:
     conda:
         ENV
     threads: 64  # all there are
+    resources:
+        **needs(16000, 600),
     params:
         part=STUDY.attribution_board.part,
         cases=STUDY.attribution_board.cases,

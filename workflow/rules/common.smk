@@ -78,6 +78,7 @@ POINTS = {
     "audit": STUDY.count_audit_points(),
     "direct": 2 * STUDY.direct.runs,
 }
+POINTS_PER_JOB = STUDY.simulation.points_per_job()
 FILLED = STUDY.surrogates.filling.enabled
 # Runs that are asked for a test quantity in every cell, and those that are simulated for it.
 RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED else [])]
@@ -120,6 +121,17 @@ wildcard_constraints:
     set="|".join(POINTS),
     chunk=r"\d+",
     side="before|after|truth",
+
+
+def needs(mib, minutes):
+    """Memory [MiB] and time [min] that a job asks a cluster for, as much again each time that it is tried anew.
+
+    Each is about twice what was measured (docs/cluster.md); what is not said on a rule is in profiles/default.
+    """
+    return dict(
+        mem_mb=lambda wildcards, attempt: attempt * mib,
+        runtime=lambda wildcards, attempt: attempt * minutes,
+    )
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
@@ -198,7 +210,7 @@ def traces(robot, cycle, *sets):
 
 def chunks(set):
     """Numbers of the chunks into which a set's points are cut."""
-    return range(-(-POINTS[set] // STUDY.simulation.chunk))
+    return range(-(-POINTS[set] // POINTS_PER_JOB))
 
 
 def effect_files():

@@ -39,6 +39,8 @@ else:
             f"{DETECTION}/judge_recordings.tsv"
         conda:
             ENV
+        resources:
+            **needs(2000, 60),
         params:
             detectors=config["detectors"],
             factors=FACTORS,

@@ -45,6 +45,8 @@ use rule compute_test_quantities as compute_direct_quantities with:
         f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
     benchmark:
         f"{R}/benchmarks/compute_direct_quantities/{{robot}}/{{cycle}}.tsv"
+    resources:
+        **needs(1200, 30),
     params:
         sets=["direct"],
         reference=lambda w: ROBOTS[w.robot],

@@ -105,6 +105,8 @@ rule simulate_models:
     priority: -1
     conda:
         ENV
+    resources:
+        **needs(1300, 60),
     params:
         cycles=RE_CYCLES,
         sets=RE_SETS,
@@ -139,6 +141,8 @@ rule quantify_models:
     priority: -1
     conda:
         ENV
+    resources:
+        **needs(1200, 30),
     params:
         axes=STUDY.axes,
         detectors=config["detectors"],

@@ -50,6 +50,7 @@ rule screen_robot:
     conda:
         ENV
     resources:
+        **needs(1000, 20),
         gate=GATE,
     params:
         robot=lambda w: ROBOTS[w.robot],
@@ -87,6 +88,7 @@ rule check_cycle:
     conda:
         ENV
     resources:
+        **needs(1200, 20),
         gate=GATE,
     params:
         robot=lambda w: ROBOTS[w.robot],
@@ -147,11 +149,12 @@ rule simulate_points:
     conda:
         ENV
     resources:
+        **needs(1300, max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))),
         gate=1,
     params:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
-        size=STUDY.simulation.chunk,
+        size=POINTS_PER_JOB,
         kinds={name: factor.kind for name, factor in STUDY.factors.items()},
         seed=STUDY.seed,
         step=STUDY.simulation.step,

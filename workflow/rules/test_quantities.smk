@@ -20,6 +20,8 @@ rule compute_test_quantities:
         f"{R}/benchmarks/compute_test_quantities/{{robot}}/{{cycle}}.tsv"
     conda:
         ENV
+    resources:
+        **needs(1200, 30),
     params:
         sets=RUN_SETS,
         reference=lambda w: ROBOTS[w.robot],

@@ -20,6 +20,8 @@ if STUDY.dataset is not None:
             f"{TRACK_FOLDER}/identify_healthy.tsv"
         conda:
             ENV
+        resources:
+            **needs(4000, 120),
         params:
             **LOOP_OPTIONS,
             fields=session_fields(STUDY.dataset, TRACKED.reference),
@@ -44,6 +46,8 @@ if STUDY.dataset is not None:
             session="|".join(map(re.escape, TRACKED.named)) or "none",
         conda:
             ENV
+        resources:
+            **needs(2000, 60),
         params:
             **TRACK_EFFECTS,
             session=lambda wildcards: TRACKED.named[wildcards.session],

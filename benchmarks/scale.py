@@ -1,0 +1,183 @@
+"""A study of many robots, planned dry: jobs, files, bytes, core-hours, and how far a plan of Snakemake gets.
+
+    .venv/bin/python benchmarks/scale.py                                     dry runs of 10, 30, 100 robots
+    .venv/bin/python benchmarks/scale.py --robots --results results/quick    the table of large studies alone
+
+Dry runs are `snakemake -n` with jobs as long as in the cluster profiles; one that takes longer than two
+minutes or more than 2 GiB is ended, and said so. Seconds and bytes of the table come from the benchmark files
+and recordings of the finished study that `--results` names.
+"""
+
+import argparse
+import csv
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[1]
+SECONDS, GIBIBYTES = 120, 2
+GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
+DIRECT = {"cells": 120, "runs": 100_000}
+
+
+def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
+    """Write a study of copies of one robot, half of its points for identification, half for validation."""
+    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    for number in range(robots):
+        shutil.copytree(ROOT / "config/robots/medium", folder / "robots" / f"r{number:04d}")
+    study |= {
+        "study": "scale",
+        "robots": [f"robots/r{number:04d}" for number in range(robots)],
+        "design": {"kind": "latin_hypercube", "points": points // 2},
+        "simulation": {"job_seconds": job_seconds},
+        "surrogates": {"filling": {"enabled": False}},
+        "audit": {"enabled": False},
+        "direct": {"enabled": False},
+        "closed_loop": {"demonstration": False},
+        "reevaluate": {"enabled": False},
+    }
+    for section in ("snr", "sensitivity", "scope"):
+        if isinstance(study.get(section), dict) and study[section].get("model") == "chosen":
+            study[section]["model"] = "full"
+    file = folder / "study.yaml"
+    file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
+    return file
+
+
+def dry_run(folder: Path, study: Path) -> tuple[float, float, dict[str, int], str]:
+    """Seconds, peak MiB and jobs by rule of a dry run; and why it was ended, if it was."""
+    command = [sys.executable, "-m", "snakemake", "-n", "--quiet", "rules", "--cores", "1"]
+    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(study)]
+    out = folder / "dry.txt"
+    start, peak, why = time.perf_counter(), 0.0, ""
+    with open(out, "wb") as text:
+        process = subprocess.Popen(command, cwd=folder, stdout=text, stderr=subprocess.STDOUT)
+        while process.poll() is None:
+            peak = max(peak, read_memory(process.pid))
+            elapsed = time.perf_counter() - start
+            if elapsed > SECONDS or peak > GIBIBYTES * 1024:
+                why = f"ended: over {SECONDS} s" if elapsed > SECONDS else f"ended: over {GIBIBYTES} GiB"
+                process.kill()
+            time.sleep(0.1)
+    elapsed = time.perf_counter() - start
+    told = out.read_text(encoding="utf-8", errors="replace")
+    if process.returncode and not why:
+        sys.exit(f"the dry run failed:\n{told[-3000:]}")
+    jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", told, re.MULTILINE)}
+    jobs.pop("total", None)
+    return elapsed, peak, jobs, why
+
+
+def read_memory(pid: int) -> float:
+    """Largest resident memory of a process so far [MiB]; 0 where it has ended."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    except OSError:
+        return 0.0
+    found = re.search(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)
+    return int(found[1]) / 1024 if found else 0.0
+
+
+def read_costs(results: Path) -> dict[str, float]:
+    """What a finished study says of one simulated point, one robot and test-cycle, and one robot.
+
+    Returns
+    -------
+    dict
+        ``point_seconds`` and ``cell_seconds`` (test quantities, by point), ``check_seconds`` (by robot and
+        test-cycle), ``screen_seconds`` (by robot), all processor time [s]; ``point_bytes`` of a recording.
+    """
+    seconds: dict[str, float] = {}
+    jobs: dict[str, int] = {}
+    for file in results.glob("benchmarks/**/*.tsv"):
+        rule = file.relative_to(results / "benchmarks").parts[0].removesuffix(".tsv")
+        with open(file, encoding="utf-8") as text:
+            row = next(csv.DictReader(text, delimiter="\t"))
+        seconds[rule] = seconds.get(rule, 0.0) + float(row["cpu_time"])
+        jobs[rule] = jobs.get(rule, 0) + 1
+    recordings = [file.stat().st_size for file in results.glob("traces/*/*/*/*/recording.parquet")]
+    needed = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
+    if not recordings or not needed <= seconds.keys():
+        sys.exit(
+            f"{results}: holds no finished study; run one, e.g. snakemake --configfile config/quick.yaml"
+        )
+    quantified = [
+        file
+        for set in ("identification", "validation", "filling", "checking", "nominal")
+        for file in results.glob(f"traces/*/*/{set}/*/recording.parquet")
+    ]
+    return {
+        "point_seconds": seconds["simulate_points"] / len(recordings),
+        "cell_seconds": seconds["compute_test_quantities"] / len(quantified),
+        "check_seconds": seconds["check_cycle"] / jobs["check_cycle"],
+        "screen_seconds": seconds["screen_robot"] / jobs["screen_robot"],
+        "point_bytes": sum(recordings) / len(recordings),
+    }
+
+
+def count_jobs(robots: int, cycles: int, points: int, chunk: int) -> int:
+    """Jobs of `write_study`'s study: what is once a robot, once a robot and test-cycle, and once."""
+    chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
+    return robots * (2 + cycles * (2 + chunks)) + 11
+
+
+def plan(
+    costs: Mapping[str, float], robots: int, cycles: int, points: int, job_seconds: float
+) -> list[float]:
+    """Simulations, jobs, files, GB and core-hours of a study, from measured costs."""
+    chunk = max(1, round(job_seconds / costs["point_seconds"]))
+    cells, runs = robots * cycles, robots * cycles * (points + 1)
+    jobs = count_jobs(robots, cycles, points, chunk)
+    seconds = runs * (costs["point_seconds"] + costs["cell_seconds"])
+    seconds += cells * costs["check_seconds"] + robots * costs["screen_seconds"]
+    # A recording a point; a job writes about an output, a log, a benchmark and two digests.
+    return [runs, jobs, runs + 5 * jobs, runs * costs["point_bytes"] / 1e9, seconds / 3600]
+
+
+def main() -> None:
+    """Dry-run studies of some robots, then print the plan of the large ones."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--robots", type=int, nargs="*", default=[10, 30, 100])
+    parser.add_argument("--job-seconds", type=float, default=600.0)
+    parser.add_argument("--results", type=Path, help="folder of a finished study")
+    given = parser.parse_args()
+    if given.robots:
+        print(f"| robots | jobs | dry run [s] | peak [MiB] | limits: {SECONDS} s, {GIBIBYTES} GiB |")
+        print("|---|---|---|---|---|")
+    for robots in given.robots:
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary)
+            study = write_study(folder, robots, GOAL["points"], given.job_seconds)
+            elapsed, peak, jobs, why = dry_run(folder, study)
+        print(
+            f"| {robots} | {sum(jobs.values()) or '-'} | {elapsed:.0f} | {peak:.0f} | {why or 'held'} |",
+            flush=True,
+        )
+    if given.results:
+        costs = read_costs(given.results)
+        print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))
+        runs = DIRECT["cells"] * DIRECT["runs"]
+        studies = {
+            f"{GOAL['robots']} robots x {GOAL['cycles']} x {GOAL['points']}": list(GOAL.values()),
+            "one partition: 20 robots": [20, GOAL["cycles"], GOAL["points"]],
+            f"direct Monte Carlo, {runs:,} runs": [2, 6, runs // 12],
+        }
+        print("\n| study | simulations | jobs | files | GB | core-hours | hours on 1,000 cores |")
+        print("|---|---|---|---|---|---|---|")
+        for name, numbers in studies.items():
+            runs, jobs, files, gigabytes, hours = plan(costs, *numbers, given.job_seconds)
+            print(
+                f"| {name} | {runs:,.0f} | {jobs:,.0f} | {files:,.0f} | {gigabytes:,.0f} | {hours:,.0f} "
+                f"| {hours / 1000:.2f} |"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""The smallest study through the cluster profiles: same bytes as on this machine alone."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from one_node_slurm import NoSlurm, find_obstacle, start_slurm
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+
+PROFILES = ("slurm", "kubernetes")
+
+
+def read_profile(name: str) -> dict:
+    return yaml.safe_load((clones.ROOT / "profiles" / name / "config.yaml").read_text())
+
+
+def dry_run(*arguments: str) -> str:
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "-n",
+        "--configfile",
+        f"{clones.TINY}/config.yaml",
+        *arguments,
+    ]
+    done = subprocess.run(command, cwd=clones.ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_profile_only_sets_what_snakemake_and_its_plugin_know(name):
+    pytest.importorskip(f"snakemake_executor_plugin_{name}", reason="make cluster installs it")
+    assert read_profile(name)["executor"] == name
+    parser = subprocess.run(
+        [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True, check=True
+    )
+    known = set(re.findall(r"--([a-z][a-z-]+)", parser.stdout))
+    assert read_profile(name).keys() <= known
+
+
+def test_what_every_job_asks_for_grows_when_it_is_tried_anew():
+    defaults = dict(text.split("=", 1) for text in read_profile("default")["default-resources"])
+    assert defaults.keys() == {"mem_mb", "runtime"}
+    assert all("attempt" in text for text in defaults.values())
+    assert all(read_profile(name)["retries"] > 0 for name in PROFILES)
+
+
+def test_jobs_are_longer_on_a_cluster():
+    pytest.importorskip("snakemake_executor_plugin_slurm", reason="make cluster installs it")
+    here, there = (
+        int(re.search(r"^simulate_points +(\d+)$", dry_run(*arguments), re.MULTILINE)[1])
+        for arguments in (["--cores", "1"], ["--profile", "profiles/slurm"])
+    )
+    sets = {"identification", "validation", "filling", "checking", "nominal", "audit", "direct"}
+    assert here > there == len(sets)
+
+
+@pytest.mark.long
+def test_one_node_slurm_writes_the_same_bytes(tmp_path):
+    if obstacle := find_obstacle():
+        pytest.skip(obstacle)
+    pytest.importorskip("snakemake_executor_plugin_slurm", reason="make cluster installs it")
+    target = os.environ.get("WEARSCOPE_SLURM_TARGET", "all")
+    here, there = clones.copy_tree(tmp_path / "here"), clones.copy_tree(tmp_path / "there")
+    start = time.monotonic()
+    clones.run_well(here, target)
+    local = time.monotonic() - start
+    # The tree's own code, not an installed one; and a one-node SLURM answers at once, without accounting.
+    options = ["--slurm-status-command=squeue", "--slurm-init-seconds-before-status-checks=1"]
+    options += ["--seconds-between-status-checks=1", "--jobs=1", "--slurm-keep-successful-logs"]
+    command = [sys.executable, "-m", "snakemake", target, "--configfile", f"{clones.TINY}/config.yaml"]
+    command += ["--profile", "profiles/slurm", *options]
+    try:
+        with start_slurm(tmp_path / "slurm") as environment:
+            start = time.monotonic()
+            done = subprocess.run(
+                command, cwd=there, env=environment, capture_output=True, text=True, check=False
+            )
+            cluster = time.monotonic() - start
+    except NoSlurm as reason:
+        pytest.skip(str(reason))
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    jobs = len(list((there / ".snakemake" / "slurm_logs").rglob("*.log")))
+    print(f"local {local:.0f} s, SLURM {cluster:.0f} s, {jobs} SLURM jobs")
+    assert jobs > 5, "the jobs did not go through SLURM"
+    assert clones.digests(there) == clones.digests(here) != {}
+    markers = [len(list(Path(folder).rglob("_chunk-*.json"))) for folder in (here, there)]
+    assert markers[1] < markers[0], "the cluster's jobs are no longer than the local ones"
