@@ -21,9 +21,9 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
 
-# Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md.
-test-kills: setup
-	$(BIN)/python -m pytest -m long tests/workflow $(ARGS)
+# Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md; SLURM, as below.
+test-kills: cluster
+	$(BIN)/python -m pytest -m long -rs tests/workflow $(ARGS)
 
 # The smallest study through a SLURM of one node, started for it: docs/cluster.md. Skips, saying why, where it cannot.
 test-cluster: cluster

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.config import StudyConfig, label, load_config, make_schema
+from wearscope.config import SimulationSettings, StudyConfig, label, load_config, make_schema
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError
@@ -217,3 +217,15 @@ def test_both_sides_of_a_reevaluation_are_given_or_none(paper):
 def test_the_wear_of_a_tested_axis_is_a_fault(paper):
     assert load_config(paper).tested_factors() == ["f", "w1", "w2"]
     assert load_config({**paper, "axes": [2]}).tested_factors() == ["w1"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "points"),
+    [
+        ({"chunk": 8}, 8),
+        ({"chunk": 8, "job_seconds": 600, "point_seconds": 0.5}, 1200),
+        ({"job_seconds": 1, "point_seconds": 7}, 1),
+    ],
+)
+def test_a_job_s_seconds_replace_its_points(settings, points):
+    assert SimulationSettings(**settings).points_per_job() == points

@@ -66,6 +66,13 @@ def test_jobs_are_longer_on_a_cluster():
     assert here > there == len(sets)
 
 
+def test_kubernetes_plans_the_study_on_its_volume():
+    for plugin in ("executor_plugin_kubernetes", "storage_plugin_fs"):
+        pytest.importorskip(f"snakemake_{plugin}", reason="make cluster installs it")
+    text = dry_run("--profile", "profiles/kubernetes", "--default-storage-prefix", str(clones.ROOT))
+    assert re.search(r"^simulate_points +7$", text, re.MULTILINE)
+
+
 @pytest.mark.long
 def test_one_node_slurm_writes_the_same_bytes(tmp_path):
     if obstacle := find_obstacle():
