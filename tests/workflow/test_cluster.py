@@ -85,7 +85,7 @@ def test_one_node_slurm_writes_the_same_bytes(tmp_path):
     local = time.monotonic() - start
     # The tree's own code, not an installed one; and a one-node SLURM answers at once, without accounting.
     options = ["--slurm-status-command=squeue", "--slurm-init-seconds-before-status-checks=1"]
-    options += ["--seconds-between-status-checks=1", "--jobs=1", "--slurm-keep-successful-logs"]
+    options += ["--seconds-between-status-checks=1", "--jobs=10", "--slurm-keep-successful-logs"]
     command = [sys.executable, "-m", "snakemake", target, "--configfile", f"{clones.TINY}/config.yaml"]
     command += ["--profile", "profiles/slurm", *options]
     try:
