@@ -66,7 +66,8 @@ class Detector(Protocol):
     """A batch fault detector (the paper's FDA) for one axis; it never sees factor values.
 
     A detector is made with its options as keyword arguments, fitted once for a robot, test-cycle and axis,
-    and then asked for one number a batch. Any class with these two methods is a detector.
+    and then asked for one number a batch. Any class with these two methods is a detector. A class attribute
+    ``unit`` says what y is in, for figures and thresholds; without it nothing is said.
     """
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: "RobotModel") -> None:

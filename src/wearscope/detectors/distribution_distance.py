@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,9 @@ class DistributionDistance:
     floor : float
         Weight of the uniform density, in (0, 1).
     """
+
+    unit: ClassVar[str] = "-"
+    """Unit of the test quantity."""
 
     bandwidth: float | None = None
     grid_size: int = 512

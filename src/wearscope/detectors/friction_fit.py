@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -44,6 +44,9 @@ class FrictionFit:
     window : float
         Length of the acceleration filter [s].
     """
+
+    unit: ClassVar[str] = "N m"
+    """Unit of the test quantity."""
 
     weights: Sequence[float] = (1.0, 1.0, 1.0)
     low_speed_share: float = 0.1

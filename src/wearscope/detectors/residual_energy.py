@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,6 +34,9 @@ class ResidualEnergy:
         For ``start``: smallest share of the signature that a batch must cover; a shorter one raises
         ValueError.
     """
+
+    unit: ClassVar[str] = "-"
+    """Unit of the test quantity."""
 
     align: str = "start"
     rest_share: float = 0.01

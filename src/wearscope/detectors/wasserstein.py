@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.stats import wasserstein_distance
@@ -19,6 +19,9 @@ class Wasserstein:
     In N m: the mean distance that torque must be moved. No bandwidth, grid or floor; the order of the samples
     does not matter. Villani, Topics in Optimal Transportation, AMS 2003, sec. 2.2.
     """
+
+    unit: ClassVar[str] = "N m"
+    """Unit of the test quantity."""
 
     axis: int = field(default=0, init=False)
     nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,9 @@ class WearTemperatureFit:
         Length of the acceleration filter [s].
     max_iterations : int
     """
+
+    unit: ClassVar[str] = "-"
+    """Unit of the test quantity."""
 
     estimate_payload: bool = True
     start_temperature: float = 50.0
