@@ -19,7 +19,7 @@ def find_browser():
 
 @contextmanager
 def open_page(file, width=1280, scheme="light"):
-    """A page in a headless browser, once it is ready; what it complains of or loads is an error at the end."""
+    """A page in a headless browser, once ready; what it complains of or loads is an error at the end."""
     path = find_browser()
     from playwright.sync_api import sync_playwright
 

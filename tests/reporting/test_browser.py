@@ -1,12 +1,12 @@
-"""Pages in a headless browser: nothing complains, nothing is loaded, filters work, numbers are the tables'."""
+"""Pages in a headless browser: nothing complains, nothing is loaded, filters work, numbers are right."""
 
 import csv
 
 import numpy as np
 import pandas as pd
 import pytest
-
 from reporting.browser import find_browser, open_page
+
 from wearscope.reporting.charts.base import CELL_KEYS
 from wearscope.reporting.charts.scope import detection_cases
 from wearscope.reporting.charts.study import study_tables

@@ -96,10 +96,9 @@ def _detect(
     null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels, centre)
     scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
     fixed = spread(null) <= scale
-    columns = [np.where(fixed, null[..., 0] + scale, threshold(null, one)) for one in wanted]
-    h = np.stack(columns, axis=-1)
-    p_d = np.stack([tail_probability(alternatives, column[:, None]) for column in columns], axis=-1)
-    return h, p_d
+    level = null[..., 0] + scale
+    h = np.where(fixed[:, None], level[:, None], threshold(null[:, None, :], wanted))
+    return h, tail_probability(alternatives[:, :, None, :], h[:, None, :])
 
 
 def _detect_tabulated(

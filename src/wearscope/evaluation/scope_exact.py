@@ -72,7 +72,7 @@ def spread(quadratic: ArrayLike) -> Array:
     return np.hypot(quadratic[..., 1], np.sqrt(2.0) * quadratic[..., 2])
 
 
-def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -> Array:
+def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 200) -> Array:
     """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
 
     The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
@@ -81,7 +81,7 @@ def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -
     Parameters
     ----------
     quadratic : array (..., 3)
-    probability : float
+    probability : float or array (...,)
     iterations : int
         Upper bound; it stops when no bracket shrinks further.
 

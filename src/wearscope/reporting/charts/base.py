@@ -197,16 +197,19 @@ def unpack_table(text: str) -> dict[str, list[Any]]:
     }
 
 
-def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | int | None]:
-    """Values to some significant digits; None where they are not finite, whole ones without a point."""
-    found: list[float | int | None] = []
-    for value in values.tolist():
-        if not np.isfinite(value):
-            found.append(None)
-        else:
-            short = float(f"{value:.{digits}g}")
-            found.append(int(short) if short == int(short) and abs(short) < 1e15 else short)
-    return found
+def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]:
+    """Values (N,) to some significant digits; None where they are not finite.
+
+    >>> round_digits(np.array([3.14159265, 123456.0, np.nan]), 3)
+    [3.14, 123000.0, None]
+    """
+    known = np.isfinite(values)
+    size = np.where(known & (values != 0), np.abs(values), 1.0)
+    shift = digits - 1 - np.floor(np.log10(size)).astype(int)
+    # A division or product of whole numbers is the double nearest to the decimal, which prints short.
+    up, down = 10.0 ** np.maximum(shift, 0), 10.0 ** np.maximum(-shift, 0)
+    short = np.round(np.where(known, values, 0.0) * up / down) / up * down
+    return [value if there else None for value, there in zip(short.tolist(), known.tolist(), strict=True)]
 
 
 @cache
