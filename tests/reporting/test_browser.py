@@ -1,15 +1,21 @@
 """Pages in a headless browser: nothing complains, nothing is loaded, filters work, numbers are right."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from reporting.browser import find_browser, open_page
+from reporting.test_closed_loop_page import VERDICT, write
 
+from wearscope import tables
+from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.reporting.charts.base import CELL_KEYS
 from wearscope.reporting.charts.scope import detection_cases
 from wearscope.reporting.charts.study import study_tables
+from wearscope.reporting.closed_loop import STAGES
+from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
 
@@ -61,15 +67,15 @@ def test_every_chart_is_drawn_and_nothing_complains(file, width, scheme):
 
 
 def test_numbers_shown_are_those_of_the_tables(file, asked):
-    tables = study_tables(asked) | {"detection": detection_cases(asked)[0]}
+    drawn = study_tables(asked) | {"detection": detection_cases(asked)[0]}
     with open_page(file) as page:
-        check_equal(rows_of(page, "snr"), tables["snr"], KEYS)
-        assert (tables["snr"]["snr"].to_numpy() == asked.snr["snr_exact"].to_numpy()).sum() >= 22
-        check_equal(rows_of(page, "snr", "rankings"), tables["rankings"], ["robot", "fda"])
-        weights = tables["weights"]
+        check_equal(rows_of(page, "snr"), drawn["snr"], KEYS)
+        assert (drawn["snr"]["snr"].to_numpy() == asked.snr["snr_exact"].to_numpy()).sum() >= 22
+        check_equal(rows_of(page, "snr", "rankings"), drawn["rankings"], ["robot", "fda"])
+        weights = drawn["weights"]
         check_equal(rows_of(page, "weights"), weights[weights["kind"] == "direct"], [*KEYS, "term"])
-        check_equal(rows_of(page, "fits"), tables["fits"], KEYS)
-        check_equal(rows_of(page, "audit"), tables["audit"], [*KEYS, "point"])
+        check_equal(rows_of(page, "fits"), drawn["fits"], KEYS)
+        check_equal(rows_of(page, "audit"), drawn["audit"], [*KEYS, "point"])
         for key, value in zip(KEYS, ("large", "b", "2", "A"), strict=True):
             page.select_option(f".filters [name={key}]", value)
         page.select_option("#response [data-key=factor]", "w3")
@@ -187,3 +193,66 @@ def test_it_prints(file):
     with open_page(file) as page:
         content = page.pdf(format="A4")
         assert content.startswith(b"%PDF") and content.count(b"/Type /Page\n") < 30
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory):
+    """Folder of a loop made by hand, with its page."""
+    find_browser()
+    folder = tmp_path_factory.mktemp("loop")
+    write(folder, VERDICT)
+    residual = tables.read_table(folder / "residual.parquet")
+    for stage in STAGES:
+        residual[f"predicted_{stage}"] = residual["measured"] - residual[f"residual_{stage}"]
+    tables.write_table(folder / "residual.parquet", residual)
+    signals = tables.read_table(folder / "signals.parquet")
+    tables.write_table(folder / "profiles.parquet", profile_residuals(residual, signals))
+    write_closed_loop_page(folder)
+    return folder
+
+
+@pytest.mark.parametrize("width, scheme", [(1280, "dark"), (390, "light")])
+def test_every_chart_of_a_loop_is_drawn(loop, width, scheme):
+    with open_page(loop / "report.html", width, scheme) as page:
+        assert page.locator("figure.chart .view svg").count() == 7
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_numbers_of_a_loop_are_those_of_its_tables(loop):
+    residual = tables.read_table(loop / "residual.parquet")
+    profiles = tables.read_table(loop / "profiles.parquet")
+    own = residual[(residual["joint"] == "b") & (residual["run"] == "runs/r2.parquet")]
+    counted = own["counts"].to_numpy(dtype=bool)
+    with open_page(loop / "report.html") as page:
+        page.select_option(".filters [name=joint]", "b")
+        page.select_option(".filters [name=run]", "runs/r2.parquet")
+        columns = ["t", "measured", "predicted_before", "predicted_after"]
+        check_equal(rows_of(page, "torque")[columns], own[columns], ["t"])
+        shown = rows_of(page, "residual-chart")
+        expected = np.where(counted, own["residual_after"], np.nan)
+        assert shown["residual_after"].to_numpy(float) == pytest.approx(expected, rel=1e-4, nan_ok=True)
+        page.select_option("#against [data-key=choice]", "load")
+        lines = profiles[(profiles["joint"] == "b") & (profiles["signal"] == "load_b")]
+        shown = rows_of(page, "against", "profiles")
+        check_equal(shown, lines[["stage", "x", "median", "low", "high", "n"]], ["stage", "x"])
+        title = page.locator("#against .view svg").text_content()
+        assert "rigid-body torque of b [N m]" in title and "residual [N m]" in title
+        errors = rows_of(page, "errors-chart").set_index("kind")
+        assert errors.loc["before", "value"] == 1.5 and errors.loc["after", "value"] == 1.6
+        assert "noise floor" not in errors.index
+        assert set(page.locator("#errors tr[data-cell]:visible td:first-child").all_inner_texts()) == {"b"}
+
+
+FINISHED = sorted(Path("results").glob("*/report.html")) + sorted(
+    Path("results").glob("*/closed_loop/*/report.html")
+)
+
+
+@pytest.mark.parametrize("path", FINISHED, ids=str)
+def test_pages_of_finished_studies_open(path):
+    if 'id="settings"' not in path.read_text(encoding="utf-8"):
+        pytest.skip("made by an earlier release")
+    assert path.stat().st_size <= 6e6
+    with open_page(path.absolute()) as page:
+        charts = page.locator("figure.chart:not(.empty)").count()
+        assert page.locator("figure.chart .view svg").count() == charts > 0

@@ -89,7 +89,7 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 20
     -------
     array (...,)
     """
-    quadratic = np.asarray(quadratic, dtype=float)
+    quadratic, wanted = np.asarray(quadratic, dtype=float), np.asarray(probability, dtype=float)
     shifted = quadratic.copy()
     shifted[..., 0] = 0.0
     b, c = np.abs(quadratic[..., 1]), quadratic[..., 2]
@@ -103,7 +103,7 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 20
         middle = 0.5 * (low + high)
         if np.all((middle <= low) | (middle >= high)):
             break
-        above = tail_probability(shifted, middle) > probability
+        above = tail_probability(shifted, middle) > wanted
         low = np.where(above, middle, low)
         high = np.where(above, high, middle)
     return quadratic[..., 0] + high

@@ -86,10 +86,11 @@ const wearscope = (() => {
 
   const label = (key, value) => labels[key]?.[value] ?? String(value);
 
-  /* Text of a title such as "⟦factor⟧": the label of what is chosen. */
+  /* Text of a title such as "⟦factor⟧": the label of what is chosen, of two choices joined by "|". */
   function fill(text, chart) {
-    return text.replace(/⟦(\w+)(?:\.(\w+))?⟧/g, (_, key, kind) =>
-      label(kind ? `${key}.${kind}` : key, chart.asked[key] ?? choiceOf(chart, key)).replace(/["\\]/g, ""),
+    const chosen = (key) => chart.asked[key] ?? choiceOf(chart, key);
+    return text.replace(/⟦([\w+]+)(?:\.(\w+))?⟧/g, (_, key, kind) =>
+      label(kind ? `${key}.${kind}` : key, key.split("+").map(chosen).join("|")).replace(/["\\]/g, ""),
     );
   }
 
