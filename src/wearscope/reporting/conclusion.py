@@ -24,7 +24,7 @@ def conclude(study: Study, one: Conclusion) -> str:
     sure = "" if one.shown_sure else "by the estimates alone, "
     many = "" if one.cells_sure == one.cells else f" in {one.cells_sure} of {one.cells} cells"
     text = (
-        f"{where}Use {one.detector}: {sure}it finds a change of {factor_name(fault)} of "
+        f"{where}Use {one.detector}{_tie(one)}: {sure}it finds a change of {factor_name(fault)} of "
         f"{quantity_text(one.wear, fault.unit)} or more{many} {_while(study, one)}"
     )
     return f"{text}{_threshold(study, one)}."
@@ -64,6 +64,11 @@ def certainty(one: Conclusion) -> str:
         return "bad"
     sure = one.shown_sure and one.cells_sure == one.cells and not one.tied_with
     return "good" if sure else "unsure"
+
+
+def _tie(one: Conclusion) -> str:
+    """The detectors that it is not told apart from, in brackets."""
+    return f" (SNR not told apart from {join_words(one.tied_with, 'or')})" if one.tied_with else ""
 
 
 def _while(study: Study, one: Conclusion) -> str:

@@ -153,7 +153,8 @@ def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind:
 
 def unbreak(text: str) -> str:
     """Text whose numbers stay on the line of their unit, and signs on that of their number."""
-    return re.sub(r"(?<=[\d>]) (?=%|°C)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])", "\N{NO-BREAK SPACE}", text)
+    pattern = r"(?<=[\d>]) (?=%|°C|N m\b)|(?<=\bN) (?=m\b)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])"
+    return re.sub(pattern, "\N{NO-BREAK SPACE}", text)
 
 
 def badge(text: str, kind: str = "neutral") -> Markup:

@@ -1,7 +1,6 @@
 """Charts of Q-3: scope matrices, and detection at the reader's own probability of false alarm."""
 
 import altair as alt
-import numpy as np
 import pandas as pd
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source, cell_tips, colour, named
@@ -97,29 +96,45 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
         for (name, sigma), key in keys.items()
     ]
     table["case"] = [keys[pair] for pair in zip(table["factor"], table["sigma"], strict=True)]
-    changes = sorted(table["change"].unique())
+    changes = sorted(float(one) for one in table["change"].unique())
     fault = study.factor("f")
-    alarms = sorted(table["p_f"].unique())
-    middle = texts[(len(texts) // max(1, len(set(cases["factor"])))) // 2][0]
+    alarms = sorted(float(one) for one in table["p_f"].unique())
+    factor, sigma, change = _asked_first(study, cases, changes)
     return table.drop(columns=["factor", "sigma"]), [
-        Choice("case", "Varying", texts, middle, shared=True),
+        Choice("case", "Varying", texts, keys[factor, sigma], shared=True),
         Choice(
             "change",
             "Change of wear",
-            [(float(one), quantity_text(one, fault.unit, 3)) for one in changes],
-            float(changes[len(changes) // 2]),
+            [(one, quantity_text(one, fault.unit, 3)) for one in changes],
+            change,
             slides=True,
             shared=True,
         ),
         Choice(
             "p_f",
             "Your P_f",
-            [(float(one), f"{100 * one:g} %") for one in alarms],
-            float(alarms[int(np.argmin(np.abs(np.array(alarms) - study.config["scope"]["p_f"])))]),
+            [(one, f"{100 * one:g} %") for one in alarms],
+            _nearest(alarms, study.config["scope"]["p_f"]),
             slides=True,
             shared=True,
         ),
     ]
+
+
+def _asked_first(study: Study, cases: pd.DataFrame, changes: list[float]) -> tuple[str, float, float]:
+    """Factor, variation and change of wear nearest to the conclusion's; the middle ones without any."""
+    conclusion = study.conclusions[0] if study.conclusions else None
+    if conclusion is not None and conclusion.bounds:
+        bound = conclusion.bounds[0]
+        own = cases.loc[cases["factor"] == bound.factor, "sigma"].to_list()
+        return bound.factor, _nearest(own, bound.sigma), _nearest(changes, conclusion.wear)
+    factor = str(cases["factor"].iloc[0])
+    own = cases.loc[cases["factor"] == factor, "sigma"].to_list()
+    return factor, float(own[len(own) // 2]), changes[len(changes) // 2]
+
+
+def _nearest(values: list[float], wanted: float) -> float:
+    return min(values, key=lambda value: abs(value - wanted))
 
 
 def chart_roc(study: Study, choices: list[Choice]) -> Chart:

@@ -44,7 +44,8 @@ def draw_heat(
     )
     sns.heatmap(
         np.where(known, values, np.nan), ax=ax, mask=~known, norm=norm, cmap=cmap, cbar=False, linewidths=0.5,
-        linecolor="white", annot=None if written is None else np.array(written), fmt="", annot_kws={"fontsize": size},
+        linecolor="white", annot=None if written is None else np.array(written), fmt="",
+        annot_kws={"fontsize": size},
         xticklabels=list(columns), yticklabels=list(rows),
     )  # fmt: skip
     ax.tick_params(length=0, labelrotation=0)

@@ -66,12 +66,12 @@ class Paper(StudySection):
         asked = [one for one in self.findings if one.verdict != "not asked"]
         table = pd.DataFrame(
             {
-                "the paper": [one.paper for one in asked],
-                "this study": [one.here for one in asked],
                 # As objects: a column of strings would forget that these are HTML.
                 "verdict": pd.Series(
                     [badge(one.verdict, VERDICT_KINDS[one.verdict]) for one in asked], dtype=object
                 ),
+                "the paper": [one.paper for one in asked],
+                "this study": [one.here for one in asked],
             }
         )
         speed = render_speed(self.study) if not self.study.costs.empty else ""
