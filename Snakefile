@@ -3,6 +3,8 @@
 #   snakemake --cores 2                                     the paper's study, config/config.yaml
 #   snakemake --cores 2 --configfile config/quick.yaml      a small one
 #   snakemake --cores 2 snr                                 up to one stage
+#
+# `wearscope run` and its sisters call these targets; `wearscope new study` makes a folder that includes this file.
 import os
 
 from snakemake.utils import min_version
@@ -11,8 +13,11 @@ min_version("9.27")
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.
 if not workflow.config_settings.configfiles:
+    STUDY_FILE = "config/config.yaml"
+    if not os.path.isfile(STUDY_FILE):
+        STUDY_FILE = os.path.join(str(workflow.current_basedir), STUDY_FILE)
 
-    configfile: "config/config.yaml"
+    configfile: STUDY_FILE
 
 
 report: "workflow/report/workflow.rst"
@@ -27,6 +32,9 @@ include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/audit.smk"
 include: "workflow/rules/direct.smk"
 include: "workflow/rules/closed_loop.smk"
+include: "workflow/rules/detect.smk"
+include: "workflow/rules/track.smk"
+include: "workflow/rules/reevaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/archive.smk"
 

@@ -268,6 +268,57 @@ class DirectSettings(Section):
     """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""
 
 
+class CarryOverSettings(Section):
+    """Wear and temperature that a robot's model lacks, taken from another robot."""
+
+    source: str
+    """Robot that lends them, as `robots` names one. What it lends is scaled to the joint's own friction and
+    marked `assumed` in `results/<study>/robots/<robot>.yaml`, which is what is simulated."""
+    effects: Annotated[list[Literal["wear", "temperature"]], Field(min_length=1)] = ["wear", "temperature"]
+    """What is carried over, to joints that do not depend on it yet."""
+    reference: float = 50.0
+    """Temperature [deg C] at which the model's own friction holds."""
+
+
+class ReevaluateSettings(Section):
+    """What a correction changes: the study's questions asked of models before and after, side by side."""
+
+    enabled: bool = True
+    """Whether it is part of the report; the target `reevaluate` runs it either way."""
+    before: list[str] = []
+    """Models before, as `robots` names one: the first is the model, the others are what its uncertainty
+    allows, each as likely. Left out, they are the closed loop's: of `dataset`, or of the demonstration."""
+    after: list[str] = []
+    """Models after, in the same way."""
+    carry_over: CarryOverSettings | None = CarryOverSettings(source="medium")
+    """Where all these models take wear and temperature from; null where they have their own."""
+    cycles: list[str] = []
+    """Test-cycles, among the study's; the first one where left out."""
+    points: Annotated[int, Field(ge=8)] = 22
+    """Points of a Latin hypercube, a model and test-cycle."""
+    question_points: Annotated[int, Field(ge=0)] = 3
+    """Points for each axis on the lines that the scope asks about."""
+    replicates: Annotated[int, Field(ge=1)] = 4
+    """Points simulated once more with other sensor noise."""
+    checking_points: Annotated[int, Field(ge=2)] = 8
+    """Points on which the surrogates' fit is stated."""
+    draws: Annotated[int, Field(ge=0)] = 5
+    """Models of each side drawn from what the closed loop leaves open: intervals and equivalent names.
+    Each is simulated at few points, half as many again as a linear model has coefficients, and takes the rest
+    of its response from the side's own model."""
+
+    @model_validator(mode="after")
+    def _both_sides(self) -> "ReevaluateSettings":
+        if bool(self.before) != bool(self.after):
+            missing = "after" if self.before else "before"
+            raise ValueError(f"{missing}: is missing; name models of both sides, or of none")
+        if self.replicates > self.points:
+            raise ValueError(
+                f"replicates {self.replicates} are more than the {self.points} points; give fewer"
+            )
+        return self
+
+
 class ClosedLoopSettings(Section):
     """The loop closed with measured data."""
 
@@ -293,6 +344,13 @@ class ClosedLoopSettings(Section):
         return value
 
 
+class TrackingSettings(Section):
+    """What changed since a machine was healthy."""
+
+    false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
+
+
 class BoardSettings(Section):
     """The attribution board: planted effects over regimes, their verdicts scored."""
 
@@ -304,11 +362,38 @@ class BoardSettings(Section):
     """Wall time of a case in seconds; beyond it the case counts as failed."""
 
 
+class DetectSettings(Section):
+    """The study's detectors on the recordings of a data set (target `detect`)."""
+
+    model: str | None = None
+    """Path of the corrected model; that of the loop closed on the same data set where left out."""
+    nominal: Literal["measured", "simulated"] = "measured"
+    """What the detectors are fitted to before they judge: the nominal recordings (those of the data set's
+    `reference` sessions, or else its training runs), or as many simulated runs."""
+    p_f: Probability = 0.01
+    """Wanted probability of false alarm."""
+    p_d: Probability = 0.99
+    """Probability of detection from which on a wear counts as detected."""
+    sigma: Annotated[float, Field(gt=0)] = 0.25
+    """Standard deviation of temperature and payload mass error in the simulated runs, coded, as in (20)."""
+    runs: Annotated[int, Field(ge=10)] = 400
+    """Simulated runs without wear of each motion; a threshold takes at least 1 / p_f - 1."""
+    worn_runs: Annotated[int, Field(ge=20)] = 100
+    """Simulated runs with wear of each motion, spread over the fault's range."""
+
+
 def _short_detectors(value: Any) -> Any:
     """Allow `A: residual_energy` for `A: {use: residual_energy}`."""
     if not isinstance(value, Mapping):
         return value
     return {name: {"use": one} if isinstance(one, str) else one for name, one in value.items()}
+
+
+def _short_sources(value: Any) -> Any:
+    """Allow `model_after: medium` for `model_after: {source: medium}`."""
+    if not isinstance(value, Mapping):
+        return value
+    return {name: {"source": one} if isinstance(one, str) else one for name, one in value.items()}
 
 
 #: Settings of earlier releases that are no more, by section.
@@ -334,6 +419,12 @@ class StudyConfig(Section):
     """Root of all random numbers."""
     robots: Annotated[list[str], Field(min_length=1)]
     """Names of folders of `config/robots/`, or paths of a robot folder or model file."""
+    carry_over: Annotated[dict[str, CarryOverSettings], BeforeValidator(_short_sources)] = {}
+    """Robots, by the name they have in tables, whose model lacks wear or temperature, e.g. the
+    `model_after.yaml` of a closed loop: `model_after: medium` lets the robot `medium` lend them."""
+    screening: Literal["refuse", "drop"] = "refuse"
+    """What becomes of a factor that moves no torque of a robot: the study is refused, or the factor is
+    dropped from that robot's answers and the report says so. The wear of a tested axis is never dropped."""
     cycles: Annotated[list[str], Field(min_length=1)]
     """Names of modules of `wearscope.cycles`, or paths of .py files that define `CYCLE`."""
     axes: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(min_length=1)] = [1, 2, 3]
@@ -368,6 +459,12 @@ class StudyConfig(Section):
     """Direct Monte Carlo."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
+    detect: DetectSettings = DetectSettings()
+    """Detectors on recordings."""
+    tracking: TrackingSettings = TrackingSettings()
+    """Sessions tracked."""
+    reevaluate: ReevaluateSettings = ReevaluateSettings()
+    """What the correction changes."""
     attribution_board: BoardSettings = BoardSettings()
     """The attribution board."""
     allow_code: bool | list[str] = False
@@ -375,8 +472,13 @@ class StudyConfig(Section):
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
     may come from someone else."""
     dataset: str | None = None
-    """Folder of a measured data set for the target `closed_loop`; usually given as `--config dataset=PATH`.
-    Left out, `closed_loop` runs the demonstration."""
+    """Folder of a measured data set for the targets `closed_loop`, `detect` and `track`; usually given as
+    `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
+
+    def tested_factors(self) -> list[str]:
+        """Wear factors that are the fault of a tested axis."""
+        wear = [name for name, factor in self.factors.items() if factor.kind == "wear"]
+        return [wear[axis - 1] for axis in self.axes]
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
@@ -424,7 +526,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
@@ -468,6 +570,18 @@ class StudyConfig(Section):
             elif model not in self.surrogates.models:
                 raise ValueError(f"{section}.model: {model} is not among surrogates.models; add it there")
         names = [label(robot) for robot in self.robots], [label(cycle) for cycle in self.cycles]
+        for robot in self.carry_over:
+            if robot not in names[0]:
+                raise ValueError(
+                    f"carry_over.{robot}: there is no such robot in this study; choose among "
+                    f"{', '.join(names[0])}"
+                )
+        for cycle in self.reevaluate.cycles:
+            if cycle not in names[1]:
+                raise ValueError(
+                    f"reevaluate.cycles: {cycle} is no test-cycle of this study; choose among "
+                    f"{', '.join(names[1])}"
+                )
         for field, labels in zip(("robots", "cycles"), names, strict=True):
             for one in labels:
                 if labels.count(one) > 1:
@@ -507,20 +621,37 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
         raise InputError(_explain(error)) from error
 
 
+def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
+    """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    try:
+        StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        return [_explain_one(one, "") for one in _order(error)]
+    return []
+
+
 def _explain(error: ValidationError) -> str:
-    first, more = error.errors()[0], error.error_count() - 1
-    path = ".".join(str(part) for part in first["loc"] if part != "[key]")
-    tail = f" ({more} more like this)" if more else ""
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(first["loc"][:-1])
-        close = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+    more = error.error_count() - 1
+    return _explain_one(_order(error)[0], f" ({more} more like this)" if more else "")
+
+
+def _order(error: ValidationError) -> list[Any]:
+    """Errors, unknown settings first: what is missing is often misspelt."""
+    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+
+
+def _explain_one(breach: Any, tail: str) -> str:
+    path = ".".join(str(part) for part in breach["loc"] if part != "[key]")
+    if breach["type"] == "extra_forbidden":
+        known = _known_keys(breach["loc"][:-1])
+        close = difflib.get_close_matches(str(breach["loc"][-1]), known, n=1)
         remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}."
         return f"config: {path} is no known setting{tail}; {remedy}"
-    if first["type"] == "missing":
+    if breach["type"] == "missing":
         return f"config: {path} is missing{tail}; add it."
-    message = first["msg"].removeprefix("Value error, ")
+    message = breach["msg"].removeprefix("Value error, ")
     where = f"{path}: " if path else ""
-    given = "" if first["type"] == "value_error" else f", not {first['input']!r}"
+    given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"
     return f"config: {where}{message[0].lower() if where else message[0]}{message[1:]}{given}{tail}."
 
 

@@ -77,10 +77,6 @@ def test_a_joint_without_friction_is_given_none(record):
     assert named == {("b", "coulomb"), ("b", "viscous")}
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="falling Stribeck and rising viscous friction cancel: viscous is dropped by the standard stage",
-)
 def test_richer_friction_comes_after_its_simple_parents(record):
     planted = [(0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})]
     folder = record(planted, declared=["rigid_body"], robot=UNSTATED, seed=7, runs=4, duration=8.0)

@@ -195,3 +195,24 @@ def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper):
 )
 def test_code_of_a_data_set_runs_only_where_it_is_allowed(paper, change, allowed):
     assert load_config(paper | change).may_run_code() is allowed
+
+
+def test_a_robot_may_borrow_wear_in_one_word_or_in_full(paper):
+    paper["carry_over"] = {"medium": "large"}
+    assert load_config(paper).carry_over["medium"].effects == ["wear", "temperature"]
+    paper["carry_over"] = {"medium": {"source": "large", "effects": ["wear"], "reference": 40}}
+    assert load_config(paper).carry_over["medium"].reference == 40.0
+    refuse({**paper, "carry_over": {"arm": "large"}}, "carry_over.arm", "medium, large")
+    refuse({**paper, "carry_over": {"medium": {"source": "large", "effects": ["rust"]}}}, "carry_over.medium")
+
+
+def test_both_sides_of_a_reevaluation_are_given_or_none(paper):
+    refuse({**paper, "reevaluate": {"before": ["medium"]}}, "reevaluate: after: is missing")
+    refuse({**paper, "reevaluate": {"cycles": ["dance"]}}, "reevaluate.cycles: dance", "point_to_point")
+    study = load_config({**paper, "reevaluate": {"before": ["medium"], "after": ["large"]}})
+    assert study.reevaluate.before == ["medium"]
+
+
+def test_the_wear_of_a_tested_axis_is_a_fault(paper):
+    assert load_config(paper).tested_factors() == ["f", "w1", "w2"]
+    assert load_config({**paper, "axes": [2]}).tested_factors() == ["w1"]

@@ -26,6 +26,12 @@ def friction(s: Signals) -> np.ndarray:
     return np.column_stack([sign, bump, T * bump, v, T * v, worn, f * v])
 
 
+def warming(s: Signals, speed: float, slope: float, power: float, reference: float) -> np.ndarray:
+    v, sign, T = s.v[:, J], s.sign[:, J], s.temperature[:, J]
+    warm, still = (sign * np.exp(-((np.abs(v) / (speed + slope * x)) ** power)) for x in (T, reference))
+    return np.column_stack([warm - still, T * warm - reference * still, (T - reference) * v])
+
+
 # Shape parameters and the regressors at joint J, one a coefficient.
 FORMULAS = {
     "rotor_inertia": ((), lambda s: s.a[:, [J]]),
@@ -59,6 +65,7 @@ FORMULAS = {
     ),
     "cross_coupling": ((2.0,), lambda s: np.column_stack([s.v[:, 2], s.sign[:, 2], s.a[:, 2]])),
     "wear": ((0.004, 1.3), lambda s: friction(s)[:, 5:]),
+    "friction_temperature": ((0.02, 0.001, 1.3, 41.0), lambda s: warming(s, 0.02, 0.001, 1.3, 41.0)),
     "torque_constant_error": ((), lambda s: s.torque[:, [J]]),
 }
 # Tested below, each in its own way.

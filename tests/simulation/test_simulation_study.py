@@ -209,7 +209,7 @@ def made_trace(dt=1e-3, count=400):
     t = np.arange(count) * dt
     grid = np.arange(count + 1)[:, None] * dt
     q = np.hstack([np.sin(3.0 * grid), grid**2])
-    v = np.vstack([(q[:1] - q[1:2]) / -dt, np.diff(q, axis=0) / dt])
+    v = np.hstack([3.0 * np.cos(3.0 * grid), 2.0 * grid])[:-1]
     return Trace(t, q, v, np.column_stack([np.cos(20.0 * t), 5.0 * t]), np.full((count, 2), np.nan))
 
 
@@ -219,7 +219,7 @@ def test_sensors_quantise_delay_and_scale():
     ideal = record(trace, dt, 250.0, zero, zero, zero, zero, None)
     np.testing.assert_array_equal(ideal.t, trace.t[::4])
     np.testing.assert_array_equal(ideal.tau, trace.torque[::4])
-    np.testing.assert_allclose(ideal.qd[1:, 0], 3.0 * np.cos(3.0 * ideal.t[1:]), atol=2e-5)
+    np.testing.assert_allclose(ideal.qd[:, 0], 3.0 * np.cos(3.0 * ideal.t), atol=1e-12)
     real = record(
         trace, dt, 250.0, np.array([1e-3, 0.0]), zero, np.array([0.1, 0.0]), np.array([0.0, 0.01]), None
     )
@@ -227,6 +227,11 @@ def test_sensors_quantise_delay_and_scale():
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
     assert np.abs(real.q[:, 0] - ideal.q[:, 0]).max() <= 0.5e-3
     np.testing.assert_array_equal(real.q[:, 1], ideal.q[:, 1])
+    # The drive takes the speed from encoder steps 2 ms apart, whatever the simulation's step.
+    steps = real.qd[:, 0] / (1e-3 / 2e-3)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert np.abs(real.qd[:, 0] - ideal.qd[:, 0]).max() <= 0.5
+    np.testing.assert_allclose(real.qd[:, 1], ideal.qd[:, 1], atol=1e-12)
     np.testing.assert_allclose(real.tau[:, 0], 1.1 * ideal.tau[:, 0])
     np.testing.assert_allclose(real.tau[3:, 1], 5.0 * (ideal.t[3:] - 0.01), atol=1e-12)
     # A negative delay leads.

@@ -1,6 +1,8 @@
 import os
 import re
 import subprocess
+import tomllib
+from itertools import chain
 from pathlib import Path
 
 import yaml
@@ -81,3 +83,10 @@ def test_ci_runs_make_test():
     script = ROOT / ".ci" / "run-long"
     assert script.stat().st_mode & 0o111
     assert "make --no-print-directory test-kills" in script.read_text()
+
+
+def test_package_declares_what_the_lock_is_made_from():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    text = re.sub(r"#.*", "", (ENVS / "requirements.in").read_text())
+    assert sorted(declared) == sorted(text.split())

@@ -10,7 +10,7 @@ rule audit:
 
 rule choose_audit_points:
     input:
-        scope=f"{R}/scope.parquet",
+        scope=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
         code=code("choose_audit_points"),
     output:
         f"{R}/design/audit.parquet",

@@ -10,6 +10,7 @@ TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.attribution_board.tw
 DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
 BOARD = "results/attribution_board"
 LOOP_OPTIONS = dict(
+    draws=STUDY.reevaluate.draws,
     policy=STUDY.closed_loop.policy.model_dump(mode="json"),
     effects=STUDY.closed_loop.effects,
     allow_code=STUDY.may_run_code(),
@@ -20,6 +21,12 @@ if STUDY.dataset is None:
 else:
     LOOP_FOLDER = f"results/closed_loop/{dataset_name(STUDY.dataset)}"
 LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
+
+
+def drawn_files(folder):
+    """Models that a closed loop draws beside those before and after."""
+    paths = [drawn_path(stage, k + 1) for stage in ("before", "after") for k in range(STUDY.reevaluate.draws)]
+    return [f"{folder}/{path}" for path in paths]
 
 
 rule closed_loop:
@@ -72,6 +79,7 @@ rule close_demonstration:
         code=code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
+        drawn_files(TWIN),
     log:
         f"{R}/logs/close_demonstration.log",
     benchmark:
@@ -122,6 +130,7 @@ if STUDY.dataset is not None:
             code=code("close_loop", *effect_files()),
         output:
             LOOP,
+            drawn_files(LOOP_FOLDER),
         log:
             f"{LOOP_FOLDER}/close_loop.log",
         benchmark:

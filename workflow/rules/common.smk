@@ -9,13 +9,16 @@ from pathlib import Path
 
 import yaml
 
-SRC = os.path.join(workflow.basedir, "src")
-sys.path.insert(0, SRC)
-# Scripts run in other interpreters (with --sdm conda, in another environment): they find the package here,
-# and compute with one thread each, so that results do not depend on the number of cores.
+# The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
+HOME = str(Path(str(workflow.current_basedir)).parents[1])
+SRC = os.path.join(HOME, "src")
 inherited = dict(os.environ)
+# Scripts run in other interpreters (with --sdm conda, in another environment): they find a
+# clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
+if os.path.isdir(SRC):
+    sys.path.insert(0, SRC)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")]))
 os.environ.update(
-    PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])),
     OMP_NUM_THREADS="1",
     OPENBLAS_NUM_THREADS="1",
     MKL_NUM_THREADS="1",
@@ -23,7 +26,8 @@ os.environ.update(
 )
 
 from wearscope.closed_loop.intake.data_folder import find_inside
-from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
+from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, take_label
+from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, identify_process
@@ -35,7 +39,9 @@ from wearscope.robots.model_file import (
     read_model_file,
     read_text,
 )
+from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_sources, plugin_file
+from wearscope.tracking.session_names import Tracked, name_sessions
 
 # A job ends with this process, also where it alone is killed.
 os.environ[MAIN] = identify_process(os.getpid())
@@ -49,7 +55,16 @@ config = STUDY.model_dump(mode="json")
 R = f"results/{STUDY.study}"
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
-ROBOTS = {label(reference): reference for reference in STUDY.robots}
+# Robots as the configuration names them, and as they are simulated: with what is carried over to them.
+NAMED_ROBOTS = {label(reference): reference for reference in STUDY.robots}
+ROBOTS = {
+    robot: f"{R}/robots/{robot}.yaml" if robot in STUDY.carry_over else reference
+    for robot, reference in NAMED_ROBOTS.items()
+}
+#: Model files that a rule makes, with the models that they are made from.
+MADE_MODELS = {
+    ROBOTS[robot]: [NAMED_ROBOTS[robot], carried.source] for robot, carried in STUDY.carry_over.items()
+}
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
 N_POINTS = STUDY.design.count_points(STUDY.factors)
@@ -69,6 +84,11 @@ RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED 
 STUDY_SETS = [*RUN_SETS, "nominal"]
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
+SCREENINGS = [f"{R}/screening/{robot}.parquet" for robot in ROBOTS]
+# What a correction changes is asked where a loop is closed, or models of both sides are given.
+REEVALUATED = STUDY.reevaluate.enabled and bool(
+    STUDY.closed_loop.demonstration or STUDY.dataset is not None or STUDY.reevaluate.before
+)
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
@@ -90,7 +110,7 @@ CATEGORIES = {
 REPORT_FILES = sorted(
     os.path.relpath(file)
     for pattern in ("*.mplstyle", "templates/*", "templates/*/*")
-    for file in glob.glob(f"{SRC}/wearscope/reporting/{pattern}")
+    for file in glob.glob(f"{PACKAGE}/reporting/{pattern}")
     if os.path.isfile(file)
 )
 
@@ -100,6 +120,7 @@ wildcard_constraints:
     cycle="|".join(map(re.escape, CYCLES)),
     set="|".join(POINTS),
     chunk=r"\d+",
+    side="before|after|truth",
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
@@ -107,7 +128,11 @@ wildcard_constraints:
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"workflow/scripts/{script}.py", "workflow/scripts/job.py"]
+    files = [f"{HOME}/workflow/scripts/{script}.py"]
+    for file in files:  # which grows by the scripts that a script imports
+        imported = re.findall(r"^from (\w+) import", Path(file).read_text(encoding="utf-8"), re.MULTILINE)
+        shared = [f"{HOME}/workflow/scripts/{name}.py" for name in imported]
+        files += [name for name in shared if os.path.isfile(name) and name not in files]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
     return sorted({os.path.relpath(file) for file in find_sources(*files)})
 
@@ -126,6 +151,8 @@ def read_robot(reference):
 
 def robot_files(reference):
     """Model file and URDF of a robot."""
+    if reference in MADE_MODELS:
+        return [reference, str(Path(reference).with_suffix(".urdf"))]
     path, content = read_robot(reference)
     urdf = os.path.join(path.parent, content["urdf"])
     if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
@@ -136,7 +163,9 @@ def robot_files(reference):
 
 
 def robot_effects(reference):
-    """Files of the effects that a robot's model lists."""
+    """Files of the effects that a robot's model lists, or may list where a rule makes it."""
+    if reference in MADE_MODELS:
+        return [*effect_files(), *{file for one in MADE_MODELS[reference] for file in robot_effects(one)}]
     path, content = read_robot(reference)
     names = list_effects(content, str(path))
     return [plugin_file(locate_effect(name, path.parent), "effects") for name in names]
@@ -154,10 +183,13 @@ def cycle_files():
 
 def own_files():
     """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
-    files = [file for reference in ROBOTS.values() for file in robot_files(reference)]
-    files += [file for reference in ROBOTS.values() for file in robot_effects(reference)]
+    named = {*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())}
+    files = [file for reference in named for file in robot_files(reference)]
+    files += [file for reference in named for file in robot_effects(reference)]
     files += [*cycle_files(), *detector_files()]
-    return sorted({os.path.relpath(file) for file in files if not os.path.abspath(file).startswith(SRC)})
+    return sorted(
+        {os.path.relpath(file) for file in files if PACKAGE not in Path(os.path.abspath(file)).parents}
+    )
 
 
 def traces(robot, cycle, *sets):
@@ -172,9 +204,7 @@ def chunks(set):
 
 def effect_files():
     """Files of all effects: whatever closes the loop may try each."""
-    return sorted(
-        os.path.join(SRC, "wearscope/effects", name) for name in os.listdir(f"{SRC}/wearscope/effects")
-    )
+    return sorted(str(file) for file in (PACKAGE / "effects").iterdir())
 
 
 def own_effects():
@@ -207,7 +237,11 @@ def dataset_name(path):
 
 def dataset_files(path):
     """URDF, runs and own effects that a data set names and that are there; the loop says which is missing."""
-    content, folder = read_dataset(path), os.path.dirname(dataset_file(path))
+    return list_dataset_files(read_dataset(path), os.path.dirname(dataset_file(path)))
+
+
+def list_dataset_files(content, folder):
+    """Files that a data set's fields name and that are there."""
     robot, runs = content.get("robot"), content.get("runs")
     names = [robot.get("urdf")] if isinstance(robot, dict) else []
     names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
@@ -216,6 +250,40 @@ def dataset_files(path):
         names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
     paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
     return [path for path in paths if path is not None]
+
+
+def read_tracked(path):
+    """Sessions of a data set, or why there are none to track, which only the target `track` must know."""
+    read_dataset(path)
+    try:
+        return name_sessions(path)
+    except InputError as error:
+        return Tracked((), {}, str(error))
+
+
+def tracked_files():
+    """What the target `track` makes; ends the run in one sentence where there is nothing to track."""
+    if STUDY.dataset is None:
+        raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
+    if TRACKED.refusal:
+        raise SystemExit(TRACKED.refusal)
+    return [f"{TRACK_FOLDER}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
+
+
+def session_fields(path, sessions):
+    """What of a dataset.yaml the runs of some sessions depend on, as text."""
+    content = dict(read_dataset(path))
+    content.pop("reference", None)
+    listed = content.pop("runs", None)
+    runs = [run for run in listed if isinstance(run, dict)] if isinstance(listed, list) else []
+    own = [run for run in runs if str(take_label(run.get("session"))) in sessions]
+    return yaml.safe_dump({**content, "runs": own})
+
+
+def session_files(path, sessions):
+    """URDF, own effects and the runs of some sessions that a data set names and that are there."""
+    content = yaml.safe_load(session_fields(path, sessions))
+    return list_dataset_files(content, os.path.dirname(dataset_file(path)))
 
 
 def find_listed(folder, name):

@@ -19,6 +19,7 @@ rule scope:
 rule compute_sensitivity:
     input:
         surrogates=f"{R}/surrogates.parquet",
+        screening=SCREENINGS,
         code=code("compute_sensitivity"),
     output:
         f"{R}/sensitivity.parquet",
@@ -86,6 +87,7 @@ rule compute_scope:
 rule join_scope:
     input:
         parts=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
+        screening=SCREENINGS,
         code=code("join_scope"),
     output:
         scope=f"{R}/scope.parquet",

@@ -9,6 +9,7 @@ rule report:
         f"{R}/report.html",
         f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
+        [*REEVALUATION, f"{R}/reevaluation.html"] if REEVALUATED else [],
 
 
 rule figures:
@@ -83,6 +84,7 @@ rule draw_findings:
         ranking=f"{R}/ranking.parquet",
         scope=f"{R}/scope.parquet",
         fits=f"{R}/fit_table.parquet",
+        screening=SCREENINGS,
         code=code("draw_findings"),
         style=REPORT_FILES,
     output:
@@ -168,6 +170,7 @@ rule write_report:
         failures=f"{R}/failures.parquet",
         failed_simulations=f"{R}/failed_simulations.parquet",
         checks=f"{R}/design/checks.parquet",
+        screening=SCREENINGS,
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
         direct=DIRECT_TABLES[0] if DIRECT else [],
@@ -186,6 +189,8 @@ rule write_report:
             *(LOOP[:1] if STUDY.dataset is not None else []),
         ],
         truth=rules.record_demonstration.output.truth if TELLS_DEMONSTRATION else [],
+        reevaluation=REEVALUATION if REEVALUATED else [],
+        after=f"{RE}/models/after.yaml" if REEVALUATED else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=code("write_report", *detector_files()),
         style=REPORT_FILES,

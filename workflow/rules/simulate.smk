@@ -1,5 +1,6 @@
 rule check:
     input:
+        SCREENINGS,
         f"{R}/design/checks.parquet",
         f"{R}/check/detectors.json",
         expand("{R}/check/{robot}/{cycle}.json", R=R, robot=ROBOTS, cycle=CYCLES),
@@ -8,6 +9,62 @@ rule check:
 rule simulate:
     input:
         [marker for robot in ROBOTS for cycle in CYCLES for marker in traces(robot, cycle, *STUDY_SETS)],
+
+
+rule carry_over:
+    input:
+        robot=lambda w: robot_files(NAMED_ROBOTS[w.robot]),
+        source=lambda w: robot_files(STUDY.carry_over[w.robot].source),
+        code=lambda w: code("carry_over", *robot_effects(ROBOTS[w.robot])),
+    output:
+        model=f"{R}/robots/{{robot}}.yaml",
+        urdf=f"{R}/robots/{{robot}}.urdf",
+    log:
+        f"{R}/logs/carry_over/{{robot}}.log",
+    benchmark:
+        f"{R}/benchmarks/carry_over/{{robot}}.tsv"
+    priority: 100
+    conda:
+        ENV
+    params:
+        robot=lambda w: NAMED_ROBOTS[w.robot],
+        settings=lambda w: STUDY.carry_over[w.robot].model_dump(),
+        allow_code=STUDY.allow_code,
+    message:
+        "Carry wear and temperature over to {wildcards.robot}"
+    script:
+        "../scripts/carry_over.py"
+
+
+rule screen_robot:
+    input:
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code("screen_robot", *cycle_files(), *robot_effects(ROBOTS[w.robot])),
+    output:
+        f"{R}/screening/{{robot}}.parquet",
+    log:
+        f"{R}/logs/screen_robot/{{robot}}.log",
+    benchmark:
+        f"{R}/benchmarks/screen_robot/{{robot}}.tsv"
+    priority: 100
+    conda:
+        ENV
+    resources:
+        gate=GATE,
+    params:
+        robot=lambda w: ROBOTS[w.robot],
+        cycles=CYCLES,
+        ranges=STUDY.factor_ranges(),
+        tested=STUDY.tested_factors(),
+        screening=STUDY.screening,
+        step=STUDY.simulation.step,
+        sample_rate=STUDY.simulation.sample_rate,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
+    message:
+        "Screen which factors move the torque of {wildcards.robot}"
+    script:
+        "../scripts/screen_robot.py"
 
 
 # Checks come first by their priority, and hold the gate alone: nothing is simulated while one may still fail.
@@ -73,6 +130,7 @@ rule simulate_points:
     input:
         design=f"{R}/design/{{set}}.parquet",
         check=f"{R}/check/{{robot}}/{{cycle}}.json",
+        screening=f"{R}/screening/{{robot}}.parquet",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code(
             "simulate_points",

@@ -17,4 +17,5 @@ with run_job(snakemake) as say:
         progress=say,
         effects=params.effects,
         allow_code=params.allow_code,
+        draws=params.draws,
     )

@@ -1,6 +1,7 @@
 """The paper's Figs. 2, 3 and 4, and how well the surrogates fit."""
 
 from job import run_job
+from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.reporting.figures.fit import draw_fit
@@ -8,6 +9,7 @@ from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
 from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
 from wearscope.reporting.style import save_figure
+from wearscope.simulation.screening import drop_idle
 
 with run_job(snakemake) as say:
     params, given, out = snakemake.params, snakemake.input, snakemake.output
@@ -19,7 +21,7 @@ with run_job(snakemake) as say:
         save_figure(figure, out[f"{name}_svg"], out[f"{name}_png"])
         say(f"{name} is drawn")
 
-    surrogates = tables.read_table(given.surrogates)
+    surrogates = drop_idle(tables.read_table(given.surrogates), read_screening(given.screening), "term")
     save("sensitivity", draw_sensitivity(surrogates, params.model, params.sensitivity_by))
     save("snr", draw_snr(snr, tables.read_table(given.ranking), params.snr_by))
     save("snr_cells", draw_snr_cells(snr))

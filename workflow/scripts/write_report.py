@@ -4,8 +4,11 @@ import json
 from pathlib import Path
 
 from job import run_job
+from reevaluated import read_reevaluation
+from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.plugins import load
 from wearscope.provenance import describe_provenance, list_platform_files
@@ -37,6 +40,8 @@ with run_job(snakemake):
         factors=[Factor(**one) for one in params.factors],
         **{name: tables.read_table(given[name]) for name in TABLES},
         **audit,
+        screening=read_screening(given.screening),
+        reevaluation=read_reevaluation(given.reevaluation, given.after) if given.get("after") else None,
         chosen=tables.read_table(given.chosen) if given.get("chosen") else None,
         direct=tables.read_table(given.direct) if given.get("direct") else None,
         loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},
@@ -44,7 +49,7 @@ with run_job(snakemake):
         figures={Path(file).stem: Path(file) for file in given.figures},
         costs=read_costs(params.benchmarks),
         conclusions=[read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text())],
-        units={name: str(getattr(detector, "unit", "")) for name, detector in detectors.items()},
+        units={name: name_unit(detector, models.values()) for name, detector in detectors.items()},
         provenance={
             "wearscope": made["code"]["wearscope"],
             "commit": made["code"]["commit"],

@@ -103,7 +103,7 @@ class Recording:
         return [self.behave(number, [active]).plant_torque[every] for number in self.pick_training()]
 
 
-def _warm_up(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
+def warm_up(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
     """Joints warming from their start towards a balance of their own (N, n)."""
     start = plan.start_temperature + rng.uniform(-1.5, 1.5, n)
     rise, time = rng.uniform(2.0, 6.0, n), rng.uniform(15.0, 40.0, n)
@@ -121,7 +121,7 @@ def record(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str])
         motion = make_motion(machine, plan.kind, motion_seed, recipe.duration, fine, recipe.locked, plan.pace)
         rng = make_stream(seed, machine.name, "temperature", str(number))
         motions.append(motion)
-        temperatures.append(_warm_up(plan, len(machine.joints), motion.t, rng))
+        temperatures.append(warm_up(plan, len(machine.joints), motion.t, rng))
     loads = [body.torque(m.q, m.v, m.a) for m in motions]
     made = Recording(setting, body, recipe, motions, temperatures, loads, np.ones(len(machine.joints)))
     quiet = np.vstack([made.behave(number, []).tau for number in made.pick_training()])
@@ -173,6 +173,25 @@ def scale_plant(
     return amplitude, joint
 
 
+def plant_effects(
+    recording: Recording, planted: Sequence[Planted], seed: int
+) -> tuple[list[Active], list[dict[str, Any]]]:
+    """Plants with their amplitudes, and their entries of the truth."""
+    machine = recording.setting.machine
+    actives: list[Active] = []
+    entries: list[dict[str, Any]] = []
+    for number, plant in enumerate(planted):
+        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
+        made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
+        if plant.amplitude is None:
+            amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
+        else:
+            amplitude, joint = plant.amplitude, made.joint
+        actives.append(Active(made, amplitude))
+        entries.append(_describe(plant, made, amplitude, joint, machine))
+    return actives, entries
+
+
 def generate_dataset(
     folder: str | Path,
     robot: str | Machine,
@@ -221,17 +240,7 @@ def generate_dataset(
             )
     declared = declare_effects(recipe, planted)
     recording = record(machine, seed, recipe, declared)
-    actives: list[Active] = []
-    entries: list[dict[str, Any]] = []
-    for number, plant in enumerate(planted):
-        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
-        made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
-        if plant.amplitude is None:
-            amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
-        else:
-            amplitude, joint = plant.amplitude, made.joint
-        actives.append(Active(made, amplitude))
-        entries.append(_describe(plant, made, amplitude, joint, machine))
+    actives, entries = plant_effects(recording, planted, seed)
     with_temperature = recipe.temperatures
     if with_temperature is None:
         thermal = any(plant.effect in THERMAL for plant in planted)

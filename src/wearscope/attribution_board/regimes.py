@@ -188,10 +188,11 @@ def list_cases(part: str, cases: int, seed: int) -> list[Case]:
     seed : int
         Root of all seeds; 0 is a seed.
     """
-    return [_make_case(part, seed, number, axes) for number, axes in enumerate(draw_axes(part, cases, seed))]
+    return [make_case(part, seed, number, axes) for number, axes in enumerate(draw_axes(part, cases, seed))]
 
 
-def _make_case(part: str, seed: int, number: int, axes: dict[str, Any]) -> Case:
+def make_case(part: str, seed: int, number: int, axes: dict[str, Any]) -> Case:
+    """Case of given axes; everything else of it is drawn from part, seed and number."""
     rng = make_stream(seed, part, str(number), "case")
     machine = draw_machine(axes["machine"], rng)
     joints = len(machine.joints)

@@ -208,9 +208,12 @@ def diagnose(
     problem = Problem(prepared, declared, own)
     search = Search(problem, policy, progress)
     found = search.run()
-    terms = GenericTerms(prepared, problem.joined)
+    terms = GenericTerms(search.problem.prepared, search.problem.joined)
     found, left = explain_rest(search, terms, found)
     found, equivalent = name_terms(search, found)
+    found = search.settle_reversals(found)
+    problem = search.problem
+    prepared = problem.prepared
     before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
     after, kept = drop_undetermined(before, found, search.sigma)
     equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]

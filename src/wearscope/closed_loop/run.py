@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.drawing import draw_models
+from wearscope.closed_loop.names import drawn_path
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.robots.model import save_model
 
 
 def close_loop(
@@ -16,6 +19,7 @@ def close_loop(
     progress: Callable[[str], None] = lambda _: None,
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
+    draws: int = 0,
 ) -> dict[str, Any]:
     """Close the loop on a data set and write what was found.
 
@@ -28,6 +32,8 @@ def close_loop(
         ``model_after.yaml`` and, unless `light`, the tables of the diagnostics are written.
     light : bool
         Leave out forward simulation, diagnostics and the report.
+    draws : int
+        Models of each stage that the data allow, written to ``drawn/`` (`draw_models`).
     policy, progress, effects, allow_code
         As of `diagnose`.
 
@@ -47,4 +53,7 @@ def close_loop(
         from wearscope.closed_loop.diagnostics.examination import examine
 
         extra = examine(Path(out_dir), diagnosis, progress)
+    for stage in ("before", "after") if draws else ():
+        for number, model in enumerate(draw_models(diagnosis, stage, draws, diagnosis.policy.seed), start=1):
+            save_model(model, Path(out_dir) / drawn_path(stage, number))
     return diagnosis.write(out_dir, extra)

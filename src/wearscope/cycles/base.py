@@ -71,7 +71,7 @@ def list_cycles() -> list[str]:
 
 
 def required_torque(
-    reference: Reference, model: RobotModel, temperature: float, wear: float, payload_factor: float
+    reference: Reference, model: RobotModel, temperature: float, wear: float | Array, payload_factor: float
 ) -> Array:
     """Motor torque (N, n) along a reference: rigid body, rotors and the model's joint torque effects.
 
@@ -79,8 +79,8 @@ def required_torque(
     ----------
     temperature : float
         Of all joints [deg C].
-    wear : float
-        Level f of the wearing joints [-].
+    wear : float or array (n,)
+        Level f of the wearing joints [-]; that of others does not count.
     payload_factor : float
         True over declared payload mass.
     """
@@ -91,7 +91,7 @@ def required_torque(
     body = model.rigid_body(None if payload is None else payload.scaled(payload_factor))
     load = body.inverse_dynamics(reference.q, reference.v, reference.a)
     torque = load + model.rotor_inertia * reference.a
-    worn = np.array([wear if name in model.wear_joints else 0.0 for name in model.joints])
+    worn = np.where([name in model.wear_joints for name in model.joints], wear, 0.0)
     signals = Signals(
         t=reference.t,
         q=reference.q,

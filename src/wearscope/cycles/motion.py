@@ -61,6 +61,11 @@ class MotionPlan:
         """Number of joints."""
         return self.model.n
 
+    @property
+    def duration(self) -> float:
+        """Time of what is planned so far [s]."""
+        return sum(duration for duration, _ in self._segments)
+
     def posture_at(self, shares: ArrayLike) -> Array:
         """Posture (n,) at shares of the way from home (0) to the lower (-1) or upper (1) end of the range.
 

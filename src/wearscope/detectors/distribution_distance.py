@@ -39,13 +39,11 @@ class DistributionDistance:
         Weight of the uniform density, in (0, 1).
     """
 
-    unit: ClassVar[str] = "-"
-    """Unit of the test quantity."""
-
     bandwidth: float | None = None
     grid_size: int = 512
     margin: float = 0.25
     floor: float = 1e-3
+    unit: ClassVar[str] = "nat"
     axis: int = field(default=0, init=False)
     grid: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     kernel: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)

@@ -45,13 +45,11 @@ class FrictionFit:
         Length of the acceleration filter [s].
     """
 
-    unit: ClassVar[str] = "N m"
-    """Unit of the test quantity."""
-
     weights: Sequence[float] = (1.0, 1.0, 1.0)
     low_speed_share: float = 0.1
     rest_share: float = 0.01
     window: float = 0.03
+    unit: ClassVar[str] = "torque"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     top_speed: float = field(default=0.0, init=False)

@@ -160,7 +160,9 @@ def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[
                 yield "ask", (key, column)
                 yield (
                     "answer",
-                    _ask(detector, batch, f"{questions.name_cell(column)}, {set_name} point {key[1]}"),
+                    ask_detector(
+                        detector, batch, f"{questions.name_cell(column)}, {set_name} point {key[1]}"
+                    ),
                 )
         yield "batch", key
 
@@ -196,17 +198,23 @@ def _fit(detector: Detector, questions: Questions, column: int) -> None:
         detector.fit(questions.nominal, model.joints.index(model.wear_joints[axis - 1]), model)
     except (Exception, SystemExit) as error:
         raise InputError(
-            f"{questions.name_cell(column)}: cannot be fitted to the nominal batch, {_one_line(error)}; "
+            f"{questions.name_cell(column)}: cannot be fitted to the nominal batch, {tell_error(error)}; "
             "correct the detector or its data, or leave it out of the study."
         ) from error
 
 
-def _ask(detector: Detector, batch: Batch, where: str) -> Answer:
-    """Test quantity and status of one batch."""
+def ask_detector(detector: Detector, batch: Batch, where: str) -> Answer:
+    """Test quantity and status of one batch; NaN and the reason where the detector fails.
+
+    Raises
+    ------
+    InputError
+        Where it returns no single number.
+    """
     try:
         value = detector.test_quantity(batch)
     except (Exception, SystemExit) as error:
-        return math.nan, _one_line(error)
+        return math.nan, tell_error(error)
     number = np.asarray(value)
     if number.ndim or number.dtype.kind not in "iuf":
         kind = f"an array of shape {number.shape}" if number.ndim else f"{type(value).__name__}"
@@ -217,5 +225,6 @@ def _ask(detector: Detector, batch: Batch, where: str) -> Answer:
     return (y, OK) if math.isfinite(y) else (math.nan, f"returned {y}")
 
 
-def _one_line(error: BaseException) -> str:
+def tell_error(error: BaseException) -> str:
+    """Kind and message of an error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

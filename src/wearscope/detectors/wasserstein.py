@@ -20,9 +20,7 @@ class Wasserstein:
     does not matter. Villani, Topics in Optimal Transportation, AMS 2003, sec. 2.2.
     """
 
-    unit: ClassVar[str] = "N m"
-    """Unit of the test quantity."""
-
+    unit: ClassVar[str] = "torque"
     axis: int = field(default=0, init=False)
     nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 

@@ -16,9 +16,7 @@ from wearscope.detectors.motion import (
     estimate_acceleration,
 )
 from wearscope.effects.base import Effect, Signals, load_effect
-from wearscope.effects.friction_wear_temperature import EFFECT
 
-FRICTION_LAW = EFFECT.name
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64
@@ -42,7 +40,8 @@ class WearTemperatureFit:
 
     over the samples in motion: r is the residual of the tested axis (recorded torque minus inverse dynamics
     with the declared payload, rotor inertia and the other declared effects), :math:`\tau_f` the declared
-    eq. (17) of Samuelsson et al. (2014), :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
+    friction that wear or temperature change, eq. (17) of Samuelsson et al. (2014) as a whole or its parts as
+    effects of their own, :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
     payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out
     (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in
     f and T: damped Gauss-Newton (Marquardt, 1963) starts at the best place of a grid, and its damping follows
@@ -76,15 +75,13 @@ class WearTemperatureFit:
     max_iterations : int
     """
 
-    unit: ClassVar[str] = "-"
-    """Unit of the test quantity."""
-
     estimate_payload: bool = True
     start_temperature: float = 50.0
     temperature_limit: float = 150.0
     rest_share: float = 0.01
     window: float = 0.03
     max_iterations: int = 60
+    unit: ClassVar[str] = "1"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     law: dict[str, float] = field(default_factory=dict, init=False, repr=False)
@@ -109,11 +106,6 @@ class WearTemperatureFit:
         self.axis, self.model = axis, model
         joint = model.joints[axis]
         entries = [entry for entry in model.effects if entry.joint == joint]
-        laws = [entry.parameters for entry in entries if entry.effect == FRICTION_LAW]
-        if len(laws) != 1:
-            raise ValueError(f"the model declares {len(laws)} effects {FRICTION_LAW} at {joint}, 1 is needed")
-        self.law = dict(laws[0])
-        self.lowest = self._lowest_temperature()
         self.varying, self.steady = [], []
         for entry in entries:
             effect = load_effect(entry.effect)
@@ -123,6 +115,11 @@ class WearTemperatureFit:
             if changes and not set(effect.depends_on) <= SPEED_ONLY:
                 raise ValueError(f"{entry.effect} depends on more than speed, temperature and wear")
             (self.varying if changes else self.steady).append((effect, entry.parameters))
+        for what, signal in (("wear", "wear_{joint}"), ("temperature", "temp_{joint}")):
+            if not any(signal in effect.depends_on for effect, _ in self.varying):
+                raise ValueError(f"the model declares no effect at {joint} that depends on {what}")
+        self.law = {name: value for _, values in self.varying for name, value in values.items()}
+        self.lowest = self._lowest_temperature()
         speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
         self.rest_speed = self.rest_share * float(np.quantile(speed, 0.99))
         if not self.rest_speed > 0:
@@ -133,16 +130,14 @@ class WearTemperatureFit:
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
     def _lowest_temperature(self) -> float:
-        start, slope = self.law.get("eta3", 0.0), self.law.get("eta4", 0.0)
-        at_start = start + slope * self.start_temperature
-        if not at_start > 0:
-            raise ValueError(
-                f"the declared Stribeck speed is {at_start:g} at {self.start_temperature:g} deg C, not > 0"
-            )
-        if slope < 0:
+        """Lowest temperature searched: of the range down to where the law ends, all but a hundredth."""
+        limits = [effect.temperatures(values) for effect, values in self.varying]
+        low, high = max(low for low, _ in limits), min(high for _, high in limits)
+        if not low < self.start_temperature < high:
+            raise ValueError(f"the declared friction law does not hold at {self.start_temperature:g} deg C")
+        if np.isfinite(high):
             raise ValueError("the declared Stribeck speed falls with temperature")
-        lowest = self.start_temperature - 100.0
-        return max(lowest, (0.01 * at_start - start) / slope) if slope > 0 else lowest
+        return float(max(self.start_temperature - 100.0, low + 0.01 * (self.start_temperature - low)))
 
     def estimate(self, batch: Batch) -> tuple[float, float]:
         """Wear level f [-] and temperature T [deg C] of a batch.

@@ -72,6 +72,8 @@ class Effect:
         Effects of which one must be in the model of the joint before this one is a candidate.
     contains : tuple of str
         Effects of which it leaves nothing to find: their columns are in its span.
+    parts : mapping of str to tuple of str
+        Effects that are a part of it, each with the parameters that it shares with them.
     corrects : str
         Declared effect with given values whose error this is: a candidate only beside that one.
     given_by : str
@@ -129,6 +131,7 @@ class Effect:
     empirical: bool = False
     parents: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
+    parts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     corrects: str = ""
     given_by: str = ""
     repeatable: bool = False

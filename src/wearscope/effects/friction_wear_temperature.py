@@ -28,7 +28,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array([(fastest * share, 0.0, 1e-3, 1.0) for share in (0.02, 0.05, 0.1, 0.2, 0.4)])
 
 
-def _limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
+def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
     """Temperatures at which the Stribeck speed eta3 + eta4 T is positive."""
     start, slope = values["eta3"], values["eta4"]
     if slope == 0.0:
@@ -61,6 +61,10 @@ EFFECT = Effect(
     search=_search,
     candidate=False,
     contains=("coulomb", "viscous", "stribeck", "temperature_dependent_friction", "wear"),
-    limit_temperature=_limit_temperature,
+    parts={
+        "wear": ("eta7", "eta8", "eta9", "alpha"),
+        "friction_temperature": ("eta1", "eta2", "eta3", "eta4", "eta6", "alpha"),
+    },
+    limit_temperature=limit_temperature,
     excitation=TEMPERATURE,
 )

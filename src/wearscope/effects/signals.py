@@ -36,6 +36,9 @@ class Signals:
         Torque through each gear, where more is known of it than `load`.
     lag : ndarray (n,) or None
         Delay [s] of each torque channel about which one is sought; about none where None.
+    reversal : ndarray (N, n, 3) or None
+        What would change in `sign`: by the logarithm of the speed over which it changes, and with each of two
+        other forms of that change in full.
     channels : mapping of str to ndarray (N,)
         Further measured channels by column name, in the unit that the data set gives them.
     """
@@ -53,6 +56,7 @@ class Signals:
     bandwidth: float = np.inf
     transmitted: np.ndarray | None = None
     lag: np.ndarray | None = None
+    reversal: np.ndarray | None = None
     channels: Mapping[str, np.ndarray] = field(default_factory=dict)
     _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
 

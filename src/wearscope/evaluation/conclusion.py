@@ -138,23 +138,22 @@ def draw_conclusion(
     chosen = max(candidates, key=lambda name: (float(reach.get(name, 0.0)), -candidates.index(name)))
     own = exact[exact["fda"] == chosen]
     cells = len(own[CELL].drop_duplicates())
-    wear, bounds, count = _smallest_change(own, factors, cells)
+    wear, bounds, count = _smallest_change(own, factors)
     return Conclusion(
         robot, chosen, sorted(set(candidates) - {chosen}), sorted(withheld), wear, bounds, cells, count,
         shown_sure, p_f, p_d,
     )  # fmt: skip
 
 
-def _smallest_change(
-    own: pd.DataFrame, factors: Sequence[Factor], cells: int
-) -> tuple[float, list[Bound], int]:
+def _smallest_change(own: pd.DataFrame, factors: Sequence[Factor]) -> tuple[float, list[Bound], int]:
     """Change of wear, bounds of the factors, and in how many cells; NaN where nothing is found."""
     by_name = {factor.name: factor for factor in factors}
     for share in SHARES:
-        needed = int(np.ceil(share * cells))
         borne, ends, deltas = {}, {}, np.zeros(0)
         for name, rows in own.groupby("factor", sort=True):
             wide = rows.pivot_table(index="delta", columns="sigma", values="sure", aggfunc="sum")
+            # A factor that moves nothing of a robot has no scope there, and holds it back in nothing.
+            needed = int(np.ceil(share * len(rows[CELL].drop_duplicates())))
             deltas, sigmas = wide.index.to_numpy(float), wide.columns.to_numpy(float)
             borne[str(name)] = tolerated(wide.to_numpy(float) >= needed, sigmas)
             ends[str(name)] = float(sigmas[-1])
@@ -168,7 +167,7 @@ def _smallest_change(
         sure = pd.Series(True, index=at[CELL].drop_duplicates().set_index(CELL).index)
         for name, values in borne.items():
             rows = at[(at["factor"] == name) & (at["sigma"] <= values[k] * (1 + 1e-9))]
-            sure &= rows.groupby(CELL)["sure"].min().astype(bool)
+            sure &= rows.groupby(CELL)["sure"].min().reindex(sure.index, fill_value=1.0).astype(bool)
         bounds = [
             Bound(name, float(values[k] * natural_step(by_name[name])), bool(values[k] >= ends[name]))
             for name, values in borne.items()

@@ -141,7 +141,7 @@ def tabulated_kde(
     return result
 
 
-def sampled_confidence(
+def sampled_passes(
     surrogate: ChosenSurrogate,
     mean: Array,
     points: Callable[[Array], Array],
@@ -153,8 +153,8 @@ def sampled_confidence(
     false_alarm: float,
     detection: float,
     centre: float,
-) -> Array:
-    """Share (S, J) of the response functions that the runs allow for which a grid cell passes.
+) -> NDArray[np.bool_]:
+    """Which grid cells pass for response functions that the runs allow, shape (draws, S, J).
 
     Their difference to the mean response, which is smooth, is drawn at a few fault levels and interpolated.
     """
@@ -164,8 +164,9 @@ def sampled_confidence(
     away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
     left, share = interpolation(coarse, faults)
     away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-    passes = [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
-    return np.mean(passes, axis=0)
+    return np.array(
+        [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
+    )
 
 
 def sampled_scope_table(
@@ -238,10 +239,11 @@ def sampled_scope_table(
                     p_d = tabulated_scope(mean, nodes, sigmas, false_alarm, centre)
                     if draws:
                         rng = generator_for(seed, "sampled scope", cell_name(key), factor)
-                        sure = sampled_confidence(
+                        passes = sampled_passes(
                             surrogate, mean, points, faults, nodes, sigmas, rng, draws, false_alarm,
                             detection, centre,
                         )  # fmt: skip
+                        sure = passes.mean(axis=0)
                 else:
                     identity = (cell_name(key), factor)
                     p_d = tabulated_kde(

@@ -10,6 +10,7 @@ import pandas as pd
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
     from wearscope.evaluation.conclusion import Conclusion
+    from wearscope.reporting.reevaluation import Reevaluation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +30,12 @@ class Study:
         None where the audit is switched off.
     chosen : DataFrame or None
         Chosen surrogate of every cell; None where none is chosen.
+    screening : DataFrame or None
+        ``robot``, ``factor``, ``kind``, ``dropped``: which factors move no torque of a robot.
     direct : DataFrame or None
         SNR by direct Monte Carlo; None where it was not asked.
+    reevaluation : Reevaluation or None
+        What the correction changes; None where it was not asked.
     loops : mapping of str to mapping
         Content of ``verdict.json`` by data set; the demonstration's is called ``twin``.
     planted : mapping or None
@@ -74,7 +79,9 @@ class Study:
     audit_verdicts: pd.DataFrame | None = None
     audit_answers: pd.DataFrame | None = None
     chosen: pd.DataFrame | None = None
+    screening: pd.DataFrame | None = None
     direct: pd.DataFrame | None = None
+    reevaluation: "Reevaluation | None" = None
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None
     figures: Mapping[str, Path] = field(default_factory=dict)

@@ -9,13 +9,13 @@ from wearscope.reporting.labels import count_text
 from wearscope.reporting.page import render_page
 from wearscope.reporting.sections.background import Paper, Provenance, Simulated, Trust
 from wearscope.reporting.sections.base import StudySection
-from wearscope.reporting.sections.loops import Loops
+from wearscope.reporting.sections.loops import Correction, Loops
 from wearscope.reporting.sections.questions import Detectors, Factors, Scope
 from wearscope.reporting.sections.summary import Summary
 from wearscope.reporting.study import Study
 
 SECTIONS: tuple[type[StudySection], ...] = (
-    Summary, Factors, Detectors, Scope, Trust, Loops, Paper, Simulated, Provenance,
+    Summary, Factors, Detectors, Scope, Trust, Loops, Correction, Paper, Simulated, Provenance,
 )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text
+from wearscope.reporting.labels import count_text, factor_name
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -123,6 +123,17 @@ def failed_simulations(study: Study) -> list[str]:
         f"{count_text(len(failed), 'simulation')} failed, the first at {first['robot']}, "
         f"{first['cycle']}, {first['set']} point {first['point']}: {first['reason']}. No detector has "
         "a value there; surrogates, validation and all that follows rest on the other points."
+    ]
+
+
+def dropped_factors(study: Study) -> list[str]:
+    """Factors that move no torque of a robot and were dropped from its answers; [] where there is none."""
+    if study.screening is None:
+        return []
+    return [
+        f"{factor_name(study.factor(row.factor)).capitalize()} moves no recorded torque of {row.robot} and "
+        "was dropped from the answers on factors and scope."
+        for row in study.screening[study.screening["dropped"]].itertuples()
     ]
 
 

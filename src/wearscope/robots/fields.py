@@ -78,3 +78,5 @@ class EffectEntry(Section):
     effect: str
     parameters: dict[str, Finite] = {}
     source: str = "assumed"
+    assumed: bool = False
+    """Whether it was carried over from elsewhere, not identified on this robot."""

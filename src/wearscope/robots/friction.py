@@ -9,7 +9,7 @@ from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import RobotModel
 
 #: Effects that are torque against speed at a joint, whatever its position and load.
-_SPEED_SIGNALS = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
+SPEED_SIGNALS = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 
 
 def friction_curves(
@@ -56,7 +56,7 @@ def friction_curves(
                             "speed": speed,
                             "temperature": float(temperature),
                             "wear": float(level),
-                            "torque": _friction(model, joint, speed, temperature, level),
+                            "torque": friction_torque(model, joint, speed, temperature, level),
                             "speed_unit": f"{model.position_units[joint]}/s",
                             "torque_unit": model.torque_units[joint],
                         }
@@ -65,9 +65,10 @@ def friction_curves(
     return pd.concat(parts, ignore_index=True)
 
 
-def _friction(
-    model: RobotModel, joint: int, speed: np.ndarray, temperature: float, level: float
+def friction_torque(
+    model: RobotModel, joint: int, speed: np.ndarray, temperature: float, level: float = 0.0
 ) -> np.ndarray:
+    """Friction torque (N,) of a joint at speeds (N,), a temperature [deg C] and a wear level f [-]."""
     zero = np.zeros((len(speed), model.n))
     v = zero.copy()
     v[:, joint] = speed
@@ -84,6 +85,6 @@ def _friction(
     torque = np.zeros(len(speed))
     for entry in model.effects:
         effect = load_effect(entry.effect)
-        if entry.joint == model.joints[joint] and effect.row and set(effect.depends_on) <= _SPEED_SIGNALS:
+        if entry.joint == model.joints[joint] and effect.row and set(effect.depends_on) <= SPEED_SIGNALS:
             torque += effect.torque(signals, joint, entry.parameters)
     return torque

@@ -197,7 +197,7 @@ def make_model(
     try:
         model = RobotModel.model_validate(dict(fields))
     except ValidationError as error:
-        raise InputError(f"{where}: {_first_breach(error)}") from None
+        raise InputError(f"{where}: {_explain_breach(error.errors()[0])}") from None
     if len(set(model.joints)) != model.n:
         raise InputError(f"{where}: joints: a joint is named twice; name each once.")
     _check_lists(model, where)
@@ -210,17 +210,25 @@ def make_model(
     return model
 
 
-def _first_breach(error: ValidationError) -> str:
-    first = error.errors()[0]
+def _explain_breach(breach: Any) -> str:
     place = ""
-    for part in first["loc"]:
+    for part in breach["loc"]:
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
-    if first["type"] == "extra_forbidden":
+    if breach["type"] == "extra_forbidden":
         return f"{place}: there is no such key; remove it or correct its spelling."
-    if first["type"] == "missing":
+    if breach["type"] == "missing":
         return f"{place}: is missing; add it."
-    given = "" if isinstance(first["input"], dict) else f" (given: {first['input']!r})"
-    return f"{place}: {first['msg'][0].lower() + first['msg'][1:]}{given}; correct it."
+    given = "" if isinstance(breach["input"], dict) else f" (given: {breach['input']!r})"
+    return f"{place}: {breach['msg'][0].lower() + breach['msg'][1:]}{given}; correct it."
+
+
+def list_breaches(fields: Mapping[str, Any], where: str) -> list[str]:
+    """Every field of a model file that breaks a rule of its own, a sentence each."""
+    try:
+        RobotModel.model_validate(dict(fields))
+    except ValidationError as error:
+        return [f"{where}: {_explain_breach(one)}" for one in error.errors()]
+    return []
 
 
 def _check_lists(model: RobotModel, where: str) -> None:

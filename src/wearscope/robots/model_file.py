@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from wearscope.errors import InputError
+from wearscope.home import find_home
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
 #: A model file or URDF that is larger is not read [bytes].
@@ -25,18 +26,21 @@ def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> P
     InputError
         Where there is none.
     """
-    folder = DEFAULT_ROBOTS_DIR if robots_dir is None else Path(robots_dir)
+    folders = (
+        [DEFAULT_ROBOTS_DIR, find_home() / DEFAULT_ROBOTS_DIR] if robots_dir is None else [Path(robots_dir)]
+    )
     path = Path(reference)
-    for candidate in (path, path / "model.yaml", folder / path / "model.yaml"):
+    for candidate in (path, path / "model.yaml", *(folder / path / "model.yaml" for folder in folders)):
         try:
             if candidate.is_file():
                 return candidate
         except ValueError:  # a path that no system has
             break
-    known = ", ".join(sorted(file.parent.name for file in folder.glob("*/model.yaml"))) or "none"
+    there = {file.parent.name for folder in folders for file in folder.glob("*/model.yaml")}
+    known = ", ".join(sorted(there)) or "none"
     raise InputError(
-        f"robot {str(reference)!r}: no such model file, nor folder with a model.yaml, nor robot in {folder} "
-        f"(there: {known}); correct the name."
+        f"robot {str(reference)!r}: no such model file, nor folder with a model.yaml, nor robot in "
+        f"{folders[0]} (there: {known}); correct the name."
     )
 
 

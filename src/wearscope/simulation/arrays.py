@@ -15,12 +15,11 @@ INNER: dict[str, Any] = {
 
 
 class Law(NamedTuple):
-    """Controller: in step k ``feedforward[k] + stiffness (position[k+1] - q) + damping (speed[k] - y)``.
+    """Controller: at t_k ``feedforward[k] + stiffness (position[k] - q) + damping (speed[k] - y)``.
 
     Attributes
     ----------
-    feedforward, speed : ndarray (N, n)
-    position : ndarray (N + 1, n)
+    feedforward, position, speed : ndarray (N, n)
     stiffness, damping, limit : ndarray (n,)
     """
 
@@ -48,14 +47,12 @@ class State(NamedTuple):
 
     Attributes
     ----------
-    q, v : ndarray
-        Links.
-    gap : ndarray
-        Motor minus link position.
-    y : ndarray
-        Motor speed.
+    q, gap : ndarray
+        Link position, and motor minus link position, at the instant of the step.
+    v, y : ndarray
+        Speeds of links and of motors half a step before it.
     a, a_motor, a_before : ndarray
-        Acceleration of the links and of the motors in the step before, and of the motors one earlier.
+        Acceleration of the links and of the motors in the part before, and of the motors one earlier.
     mode : ndarray of int
         Direction of the motor's motion, 0 at rest.
     slope : ndarray
@@ -80,6 +77,17 @@ class Work(NamedTuple):
     """Vectors (n,), and matrices (n, n), that a step works in."""
 
     x: np.ndarray
+    rate: np.ndarray
+    start: np.ndarray
+    middle: np.ndarray
+    speed: np.ndarray
+    torque: np.ndarray
+    turning: np.ndarray
+    ahead: np.ndarray
+    fed: np.ndarray
+    wanted: np.ndarray
+    gap: np.ndarray
+    give: np.ndarray
     held: np.ndarray
     change: np.ndarray
     residual: np.ndarray
@@ -98,8 +106,7 @@ class Work(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What the steps leave: motor position, motor speed at the step's end, motor torque (N, n), and the joint
-    torque for PyBullet (N, n)."""  # noqa: D205, D209
+    """What the steps leave, each (N, n): motor position, speed and torque at t_k, and what PyBullet gets."""
 
     position: np.ndarray
     speed: np.ndarray
@@ -136,8 +143,9 @@ def make_state(n: int) -> State:
 
 def make_work(n: int) -> Work:
     """Work arrays for `n` joints."""
-    shapes = [(n, n) if name in ("matrix", "jacobian") else (n,) for name in Work._fields]
-    return Work(*(np.zeros(shape) for shape in shapes))
+    shapes = {"matrix": (n, n), "jacobian": (n, n)}
+    kinds = {"turning": np.int64, "old_mode": np.int64}
+    return Work(*(np.zeros(shapes.get(f, n), dtype=kinds.get(f, np.float64)) for f in Work._fields))
 
 
 def make_motion(n: int) -> Motion:

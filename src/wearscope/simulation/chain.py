@@ -1,6 +1,7 @@
 """The robot's rigid bodies as arrays for the compiled step, and as the URDF that PyBullet loads."""
 
-import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +9,8 @@ import numpy as np
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
-from wearscope.robots.urdf import replace_inertias
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import make_link
+from wearscope.robots.urdf_file import Tree, parse_urdf, write_urdf
 
 
 class Chain(NamedTuple):
@@ -79,6 +80,32 @@ def list_inertias(body: RigidBody, extra: Array | None = None) -> dict[str, Iner
     return {name: Inertia.from_parameters(row) for name, row in zip(body.names, parameters, strict=True)}
 
 
+#: A robot's URDF is the same from run to run; its tree is only read.
+_read_tree = lru_cache(maxsize=16)(parse_urdf)
+
+
+@lru_cache(maxsize=16)
+def _find_frames(urdf_text: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """What a chain has from the kinematics alone."""
+    tree = _read_tree(urdf_text)
+    joints = {joint.name: joint for joint in tree.joints}
+    carried_by = {joint.child: name for name, joint in joints.items()}
+    parent = np.array(
+        [names.index(carried_by[joints[n].parent]) if joints[n].parent in carried_by else -1 for n in names]
+    )
+    order: list[int] = []
+    while len(order) < len(names):
+        order += [j for j in range(len(names)) if j not in order and (parent[j] < 0 or parent[j] in order)]
+    return {
+        "order": np.array(order),
+        "parent": parent,
+        "prismatic": np.array([joints[n].kind == "prismatic" for n in names]),
+        "offset": np.array([joints[n].pose.xyz for n in names], dtype=float),
+        "turn": np.array([rpy_to_matrix(joints[n].pose.rpy) for n in names]),
+        "axis": np.array([joints[n].axis for n in names], dtype=float),
+    }
+
+
 def build_chain(body: RigidBody, extra: Array | None = None) -> Chain:
     """Arrays of a robot's bodies.
 
@@ -94,24 +121,9 @@ def build_chain(body: RigidBody, extra: Array | None = None) -> Chain:
     InputError
         As `list_inertias`.
     """
-    tree = parse_urdf(body.urdf_text())
-    joints = {joint.name: joint for joint in tree.joints}
-    carried_by = {joint.child: name for name, joint in joints.items()}
-    names = body.names
-    parent = np.array(
-        [names.index(carried_by[joints[n].parent]) if joints[n].parent in carried_by else -1 for n in names]
-    )
-    order: list[int] = []
-    while len(order) < len(names):
-        order += [j for j in range(len(names)) if j not in order and (parent[j] < 0 or parent[j] in order)]
-    inertias = list_inertias(body, extra)
+    names, inertias = body.names, list_inertias(body, extra)
     return Chain(
-        order=np.array(order),
-        parent=parent,
-        prismatic=np.array([joints[n].kind == "prismatic" for n in names]),
-        offset=np.array([joints[n].pose.xyz for n in names], dtype=float),
-        turn=np.array([rpy_to_matrix(joints[n].pose.rpy) for n in names]),
-        axis=np.array([joints[n].axis for n in names], dtype=float),
+        **_find_frames(body.urdf_text(), tuple(names)),
         mass=np.array([inertias[n].mass for n in names]),
         com=np.array([inertias[n].com for n in names]),
         tensor=np.array([inertias[n].tensor for n in names]),
@@ -124,7 +136,11 @@ def write_plant_urdf(body: RigidBody) -> str:
 
     PyBullet turns limits into contacts; a run that leaves its limits is refused instead.
     """
-    robot = ET.fromstring(replace_inertias(body.urdf_text(), list_inertias(body)))
-    for limit in robot.iter("limit"):
-        limit.attrib.update(lower="1.0", upper="-1.0")
-    return ET.tostring(robot, encoding="unicode")
+    tree = _read_tree(body.urdf_text())
+    carried = {joint.name: joint.child for joint in tree.joints}
+    links = dict(tree.links)
+    if body.payload is not None:
+        last = body.names[-1]
+        links[carried[last]] = make_link(carried[last], list_inertias(body)[last])
+    joints = [replace(joint, lower=1.0, upper=-1.0) for joint in tree.joints]
+    return write_urdf(Tree(tree.name, tree.root, links, joints))

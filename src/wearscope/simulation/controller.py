@@ -1,6 +1,6 @@
 """The controller: feed-forward from the declared model along the reference, and feedback of each joint.
 
-Its feedback acts on the motor's position and speed at the end of the step, as an analog one would; it has no
+Its feedback acts on the motor's position and speed at each instant, as an analog one would; it has no
 integrator, no delay and no quantisation of its own.
 """
 
@@ -113,13 +113,14 @@ def make_law(
     some = np.linspace(0, len(reference.q) - 1, 25).astype(int)
     inertia = np.mean([np.diag(body.mass_matrix(q)) for q in reference.q[some]], axis=0) + armature
     dt = find_step(reference.t)
-    # One instant beyond the end: the motion goes on as it ends.
-    position = np.vstack([reference.q, reference.q[-1:] + dt * reference.v[-1:]])
+    # Speeds as the steps have them, means over two: a motor on its reference then needs no feedback.
+    ends = dt * np.stack([reference.v[0], reference.v[-1]])
+    around = np.vstack([reference.q[1] - 2.0 * ends[0], reference.q, reference.q[-2] + 2.0 * ends[1]])
     contiguous = np.ascontiguousarray
     return Law(
         feedforward=contiguous(feedforward, dtype=float),
-        position=contiguous(position, dtype=float),
-        speed=contiguous(np.diff(position, axis=0) / dt),
+        position=contiguous(reference.q, dtype=float),
+        speed=contiguous((around[2:] - around[:-2]) / (2.0 * dt)),
         stiffness=contiguous(omega**2 * inertia),
         damping=contiguous(2.0 * damping * omega * inertia),
         limit=contiguous(torque_limit, dtype=float),

@@ -15,7 +15,7 @@ from wearscope.simulation.chain import Chain
 
 
 class Scratch(NamedTuple):
-    """Arrays that `mass_and_bias` works in, and its results `mass_matrix` (n, n) and `bias` (n,)."""
+    """Arrays that `mass_and_bias` works in; its results: `mass_matrix` (n, n), `bias`, `start_bias` (n,)."""
 
     turn: np.ndarray
     place: np.ndarray
@@ -23,16 +23,28 @@ class Scratch(NamedTuple):
     velocity: np.ndarray
     acceleration: np.ndarray
     force: np.ndarray
+    start_force: np.ndarray
     composite: np.ndarray
     mass_matrix: np.ndarray
     bias: np.ndarray
+    start_bias: np.ndarray
 
 
 def make_scratch(n: int) -> Scratch:
     """Scratch for `n` joints."""
     z = np.zeros
     return Scratch(
-        z((n, 9)), z((n, 3)), z((n, 6)), z((n, 6)), z((n, 6)), z((n, 6)), z((n, 10)), z((n, n)), z(n)
+        turn=z((n, 9)),
+        place=z((n, 3)),
+        screw=z((n, 6)),
+        velocity=z((2, n, 6)),
+        acceleration=z((2, n, 6)),
+        force=z((n, 6)),
+        start_force=z((n, 6)),
+        composite=z((n, 10)),
+        mass_matrix=z((n, n)),
+        bias=z(n),
+        start_bias=z(n),
     )
 
 
@@ -125,10 +137,10 @@ def _apply_inertia(g, j, x0, x1, x2, x3, x4, x5):
 
 
 @njit(cache=True, **INNER)
-def _newton_euler(chain: Chain, qd, w, j):
+def _newton_euler(chain: Chain, qd, w, v, a, f, j):
     """Velocity, acceleration without joint acceleration, and the force that link `j` needs."""
     p = chain.parent[j]
-    v, a, s, f = w.velocity, w.acceleration, w.screw, w.force
+    s = w.screw
     rate = qd[j]
     x0, x1, x2, x3, x4, x5 = (
         s[j, 0] * rate,
@@ -170,36 +182,42 @@ def _newton_euler(chain: Chain, qd, w, j):
     f[j, 5] = f5 + u0 * l1 - u1 * l0
 
 
+@njit(cache=True, **INNER)
+def _project(s, f, j):
+    return (
+        s[j, 0] * f[j, 0]
+        + s[j, 1] * f[j, 1]
+        + s[j, 2] * f[j, 2]
+        + s[j, 3] * f[j, 3]
+        + s[j, 4] * f[j, 4]
+        + s[j, 5] * f[j, 5]
+    )
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
-def mass_and_bias(chain: Chain, q, qd, w):
-    """Write the mass matrix and the Coriolis, centrifugal and gravity torque at (q, qd) into `w`.
+def mass_and_bias(chain: Chain, q, qd, start, w):
+    """Write the mass matrix and the Coriolis, centrifugal and gravity torque at two speeds into `w`.
 
     Parameters
     ----------
     chain : Chain
-    q, qd : ndarray (n,)
+    q, qd, start : ndarray (n,)
     w : Scratch
-        Receives `mass_matrix` [kg m^2 or kg] and `bias` [N m or N].
+        Receives `mass_matrix` [kg m^2 or kg], and `bias` at `qd` and `start_bias` at `start` [N m or N].
     """
     n = len(q)
-    mass, bias = w.mass_matrix, w.bias
+    mass, s, g = w.mass_matrix, w.screw, w.composite
     for i in range(n):
         j = chain.order[i]
         _place(chain, q, w, j)
         _place_inertia(chain, w, j)
-        _newton_euler(chain, qd, w, j)
+        _newton_euler(chain, qd, w, w.velocity[0], w.acceleration[0], w.force, j)
+        _newton_euler(chain, start, w, w.velocity[1], w.acceleration[1], w.start_force, j)
     for i in range(n - 1, -1, -1):
         j = chain.order[i]
         p = chain.parent[j]
-        s, f, g = w.screw, w.force, w.composite
-        bias[j] = (
-            s[j, 0] * f[j, 0]
-            + s[j, 1] * f[j, 1]
-            + s[j, 2] * f[j, 2]
-            + s[j, 3] * f[j, 3]
-            + s[j, 4] * f[j, 4]
-            + s[j, 5] * f[j, 5]
-        )
+        w.bias[j] = _project(s, w.force, j)
+        w.start_bias[j] = _project(s, w.start_force, j)
         y0, y1, y2, y3, y4, y5 = _apply_inertia(g, j, s[j, 0], s[j, 1], s[j, 2], s[j, 3], s[j, 4], s[j, 5])
         k = j
         while k >= 0:
@@ -209,6 +227,7 @@ def mass_and_bias(chain: Chain, q, qd, w):
             k = chain.parent[k]
         if p >= 0:
             for k in range(6):
-                f[p, k] += f[j, k]
+                w.force[p, k] += w.force[j, k]
+                w.start_force[p, k] += w.start_force[j, k]
             for k in range(10):
                 g[p, k] += g[j, k]

@@ -167,7 +167,7 @@ def trace_forward(
     law = make_law(declared, fine, feedforward, known_body, known_plant.armature, model.torque_limit)
     parts = (len(fine.t) - 1) // (len(reference.t) - 1)
     repeat = lambda x: np.repeat(x, parts, axis=0) if np.ndim(x) == 2 else x  # noqa: E731
-    start = (fine.q[0], fine.v[0] - 0.5 * dt * fine.a[0])
+    start = (fine.q[0], fine.v[0])
     with World() as world:
         prove_world(world, body, dt)
         trace = run_motion(

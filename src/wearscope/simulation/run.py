@@ -18,7 +18,7 @@ from wearscope.simulation.terms import pack_terms
 from wearscope.simulation.world import World
 
 #: Steps between two readings of PyBullet's state.
-BLOCK = 50
+BLOCK = 200
 #: Largest difference at a block's end between PyBullet's state and the solution, over 1 + its size.
 AGREEMENT = 1e-7
 #: A motor further than this from its reference [rad or m] has lost it.
@@ -35,10 +35,10 @@ class Trace:
         [s]
     q : ndarray (N + 1, n)
         Motor position, as joint position.
-    v : ndarray (N + 1, n)
-        Motor speed over the step that ends at `t`; row 0 is that of the start.
+    v : ndarray (N, n)
+        Motor speed.
     torque : ndarray (N, n)
-        Motor torque, as joint torque, in the step that begins at `t`.
+        Motor torque, as joint torque.
     link_q : ndarray (N, n)
         Position of the links, where PyBullet was read (each `BLOCK` steps), else NaN.
     """
@@ -56,7 +56,7 @@ def start_state(state: State, motion: Motion, gears: Gears, chain, q: Array, v: 
     still = np.zeros(len(q))
     gap = np.zeros(len(q))
     for _ in range(20):
-        mass_and_bias(chain, q - gap, still, scratch)
+        mass_and_bias(chain, q - gap, still, still, scratch)
         for j in np.flatnonzero(gears.flexible):
             gap[j] = deflection(
                 scratch.bias[j], gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
@@ -84,7 +84,7 @@ def run_motion(
     wear: Array | float,
     start: tuple[Array, Array],
     t0: float = 0.0,
-    block: int = BLOCK,
+    block: int | None = None,
 ) -> Trace:
     """Simulate one run.
 
@@ -104,15 +104,15 @@ def run_motion(
         Motor position and speed.
     t0 : float
         Time of the first step [s].
-    block : int
-        Steps solved ahead of PyBullet.
+    block : int, optional
+        Steps solved ahead of PyBullet, `BLOCK` by default.
 
     Raises
     ------
     SimulationError
         Where a step has no solution, a motor loses its reference, or PyBullet does not arrive there.
     """
-    n, count = body.n, len(law.feedforward)
+    n, count, block = body.n, len(law.feedforward), BLOCK if block is None else block
     scale = np.where(np.isfinite(law.limit), law.limit, 0.0)
     scale = np.where(scale > 0.0, scale, np.abs(law.feedforward).max(axis=0) + 1.0)
     gears = build_gears(plant, scale)
@@ -148,7 +148,7 @@ def run_motion(
     return Trace(
         t=t0 + dt * np.arange(count, dtype=np.float64),
         q=np.vstack([log.position, end]),
-        v=np.vstack([start[1], log.speed]),
+        v=log.speed,
         torque=log.torque,
         link_q=link_q,
     )

@@ -9,6 +9,9 @@ from wearscope.robots.spatial import Array
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace
 
+#: Half the time over which a drive takes the difference of encoder steps for the speed [s].
+SPEED_TIME = 1e-3
+
 
 def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
     """Seed of one thing: it depends on the root seed and on what the thing is called, on nothing else.
@@ -51,6 +54,12 @@ def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
     )
 
 
+def _encode(position: Array, resolution: Array) -> Array:
+    """Positions (N, n) in whole encoder steps, as they are where the resolution is 0."""
+    steps = np.where(resolution > 0.0, resolution, 1.0)
+    return np.where(resolution > 0.0, steps * np.rint(position / steps), position)
+
+
 def record(
     trace: Trace,
     dt: float,
@@ -63,8 +72,8 @@ def record(
 ) -> Recording:
     """Record a run as a drive does, sampling every signal at the same instants without filtering it.
 
-    Positions are encoder steps; speeds are their central difference over two steps of the simulation; torques
-    are the motor's, with gain error, lag and white noise.
+    Positions are encoder steps; speeds are the difference of those `SPEED_TIME` before and after; torques are
+    the motor's, with gain error, lag and white noise.
 
     Parameters
     ----------
@@ -88,18 +97,14 @@ def record(
     """
     stride = find_stride(dt, sample_rate)
     count = len(trace.torque)
-    position = trace.q
-    for j in np.flatnonzero(encoder_resolution > 0.0):
-        steps = np.rint(position[:, j] / encoder_resolution[j])
-        position = np.array(position) if position is trace.q else position
-        position[:, j] = steps * encoder_resolution[j]
-    # Before the start the motors moved on as they start.
-    first = position[:1] - dt * trace.v[:1]
-    speed = (position[1:] - np.vstack([first, position[:-2]])) / (2.0 * dt)
+    kept = slice(0, count, stride)
+    q, moved = trace.q[:count][kept], SPEED_TIME * trace.v[kept]
+    speed = (_encode(q + moved, encoder_resolution) - _encode(q - moved, encoder_resolution)) / (
+        2.0 * SPEED_TIME
+    )
     torque = lag_torque(trace.torque, torque_delay, dt) * (1.0 + torque_gain)
     tau = torque[::stride].copy()
     if seed is not None:
         rng = np.random.default_rng(seed)
         tau += torque_noise * rng.standard_normal(tau.shape)
-    kept = slice(0, count, stride)
-    return Recording(t=trace.t[kept].copy(), q=position[:count][kept].copy(), qd=speed[kept].copy(), tau=tau)
+    return Recording(t=trace.t[kept].copy(), q=_encode(q, encoder_resolution), qd=speed, tau=tau)

@@ -95,7 +95,7 @@ class Simulator:
 
     Notes
     -----
-    PyBullet's world is built anew for each run, so that a run's bytes do not depend on what ran before it.
+    PyBullet's robot is built anew for each run, so that a run's bytes do not depend on what ran before it.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class Simulator:
             dt,
             conditions.temperature,
             wear,
-            (reference.q[0], reference.v[0] - 0.5 * dt * reference.a[0]),
+            (reference.q[0], reference.v[0]),
             float(reference.t[0]),
         )
         lower, upper = model.position_limits

@@ -21,8 +21,8 @@ class Terms(NamedTuple):
     width : ndarray of int (m,)
         Number of coefficients of each term.
     coefficients, shape : ndarray (m, widest)
-    state, next_state, spare : ndarray (m, most states)
-        Memory of the terms, what it becomes after the step, and a place for what is thrown away.
+    state, next_state : ndarray (m, most states)
+        Memory of the terms, and what it becomes.
     remembers : ndarray of bool (m,)
     coupled : ndarray of bool (n,)
         Whether a term of the joint depends on the motion of another joint.
@@ -35,7 +35,6 @@ class Terms(NamedTuple):
     shape: np.ndarray
     state: np.ndarray
     next_state: np.ndarray
-    spare: np.ndarray
     remembers: np.ndarray
     coupled: np.ndarray
     out: np.ndarray
@@ -91,7 +90,6 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
         shape=shape,
         state=np.zeros((max(m, 1), memory)),
         next_state=np.zeros((max(m, 1), memory)),
-        spare=np.zeros((max(m, 1), memory)),
         remembers=np.array([t.n_states > 0 for t in ordered], dtype=bool),
         coupled=coupled,
         out=np.zeros(widest),
@@ -112,18 +110,6 @@ def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
     return torque
 
 
-@njit(cache=True, **INNER)
-def _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear):
-    """Add the torque on either side of rest; leave the memory of rest itself."""
-    motion.sign[j] = -1.0
-    low[j] += _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
-    motion.sign[j] = 1.0
-    high[j] += _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
-    motion.sign[j] = 0.0
-    if terms.remembers[i]:
-        _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
-
-
 @njit(cache=True, error_model="numpy")
 def _probe_slopes(row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear):
     """Add the slopes of a term's torque against the speeds that it may depend on."""
@@ -133,7 +119,7 @@ def _probe_slopes(row, terms, i, here, mode, speed_before, jacobian, j, t, dt, m
         speed, probe = motion.speed[other], PROBE * mode[other]
         motion.speed[other] = speed + probe
         motion.acceleration[other] = (speed + probe - speed_before[other]) / dt
-        probed = _evaluate(row, terms, i, terms.spare, j, t, dt, motion, temperature, wear)
+        probed = _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
         motion.speed[other] = speed
         motion.acceleration[other] = (speed - speed_before[other]) / dt
         jacobian[j, other] += (probed - here) / probe
@@ -161,7 +147,7 @@ def evaluate_terms(
     low, high : ndarray (n,)
         Receive the torque; both sides of rest for a joint at rest.
     t, dt : float
-        [s]
+        Time, and that since the memory's [s].
     temperature, wear : ndarray (n,)
     """
     n = len(mode)
@@ -172,18 +158,24 @@ def evaluate_terms(
             jacobian[j, :] = 0.0
     for i in range(len(terms.joint)):
         j, row = terms.joint[i], rows[i]
-        if mode[j] == 0:
-            _evaluate_at_rest(row, terms, i, j, t, dt, motion, low, high, temperature, wear)
-            continue
-        # Called here and not through `_evaluate`: handing a row on doubles the time of its call.
-        row(
-            j, t, dt, motion.sign, motion.position, motion.speed, motion.acceleration, motion.load,
-            temperature, wear, terms.shape[i], terms.state[i], terms.next_state[i], terms.out,
-        )  # fmt: skip
         here = 0.0
-        for c in range(terms.width[i]):
-            here += terms.coefficients[i, c] * terms.out[c]
+        # At rest, first the side below and then, as in motion, the one that counts as high.
+        for side in range(1 if mode[j] != 0 else 2):
+            if mode[j] == 0:
+                low[j] += here
+                here = 0.0
+                motion.sign[j] = 2.0 * side - 1.0
+            # Called here and not through `_evaluate`: handing a row on doubles the time of its call.
+            row(
+                j, t, dt, motion.sign, motion.position, motion.speed, motion.acceleration, motion.load,
+                temperature, wear, terms.shape[i], terms.state[i], terms.next_state[i], terms.out,
+            )  # fmt: skip
+            for c in range(terms.width[i]):
+                here += terms.coefficients[i, c] * terms.out[c]
         high[j] += here
+        if mode[j] == 0:
+            motion.sign[j] = 0.0
+            continue
         if terms.coupled[j] or np.isnan(slope[j]):
             _probe_slopes(
                 row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear
@@ -195,3 +187,15 @@ def evaluate_terms(
                 slope[j] = jacobian[j, j]
         elif low[j] > high[j]:
             low[j], high[j] = high[j], low[j]
+
+
+@njit(**INNER)
+def remember(rows, terms, motion, t, dt, temperature, wear):
+    """Carry the terms' memory on by `dt` [s] of a motion."""
+    for i in range(len(terms.joint)):
+        if not terms.remembers[i]:
+            continue
+        _evaluate(rows[i], terms, i, terms.next_state, terms.joint[i], t, dt, motion, temperature, wear)
+        # One by one: the assignment of a whole row takes 3 s more to compile.
+        for c in range(terms.state.shape[1]):
+            terms.state[i, c] = terms.next_state[i, c]

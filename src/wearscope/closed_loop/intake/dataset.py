@@ -138,6 +138,20 @@ def _check_run(path: Path, run: Run, joints: list[str]) -> None:
             )
 
 
+def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
+    """What is wrong with each recording by itself, a sentence a recording."""
+    found = []
+    for entry in fields.runs:
+        try:
+            find_inside(folder, entry.file, f"{folder / 'dataset.yaml'}: runs[].file")
+            run = _read_run(folder, entry, fields)
+            _check_run(folder / entry.file, run, fields.robot.joints)
+            split_at_gaps(run, fields.sample_rate, str(folder / run.file))
+        except InputError as error:
+            found.append(str(error))
+    return found
+
+
 def _read_records(folder: Path, fields: DatasetFields) -> tuple[list[RunRecord], list[Signature]]:
     """Read and check the recordings one at a time, keeping what tells them apart."""
     records, signatures = [], []
@@ -219,7 +233,9 @@ def _check_units(path: Path, fields: DatasetFields, prismatic: list[bool]) -> tu
     return ["m" if s else "rad" for s in prismatic], ["N" if s else "N m" for s in prismatic]
 
 
-def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
+def read_dataset(
+    folder: str | Path, prismatic: Any, choose: Callable[[DatasetFields], list[RunFields]] | None = None
+) -> Dataset:
     """Read a data-set folder.
 
     Parameters
@@ -229,6 +245,8 @@ def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
     prismatic : callable
         Called with the URDF's path and the joint names; says of each joint whether it is prismatic, and
         refuses joints that the URDF does not have.
+    choose : callable, optional
+        ``choose(fields)`` gives the runs to read, at least one of use ``train``; all where None.
 
     Raises
     ------
@@ -240,6 +258,8 @@ def read_dataset(folder: str | Path, prismatic: Any) -> Dataset:
     notes: list[str] = []
     fields = read_fields(path, notes)
     accepted, told = check_fields(path, fields)
+    if choose is not None:
+        fields = fields.model_copy(update={"runs": choose(fields)})
     urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
     check_file(urdf, "correct robot.urdf in dataset.yaml")
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))

@@ -2,7 +2,9 @@
 
 import difflib
 import re
+from collections.abc import Callable
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,11 +32,12 @@ def _refuse_bool(value: Any) -> Any:
 _Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
 
 
-def _take_label(value: Any) -> Any:
+def take_label(value: Any) -> Any:
+    """Label of a session: YAML reads a date as one."""
     return value.isoformat() if isinstance(value, date) else value
 
 
-_Label = Annotated[str, BeforeValidator(_take_label)]
+_Label = Annotated[str, BeforeValidator(take_label)]
 _PositionUnit = Literal["rad", "m"]
 _TorqueUnit = Literal["N m", "N"]
 
@@ -125,9 +128,28 @@ def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
         notes.append(f"{where}: field '{key}' is not known and was not used.")
 
 
-def _explain(path: Path, content: dict, error: ValidationError) -> InputError:
-    """Sentence about the first field that is wrong; a misspelt name of it is looked for at its place."""
-    first = error.errors()[0]
+def list_breaches(path: Path) -> list[str]:
+    """Every field of a `dataset.yaml` that is wrong by itself, a sentence each.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read.
+    """
+    content = load_yaml(path)
+    if not isinstance(content, dict):
+        return [f"{path}: holds no fields; write them as 'field: value'."]
+    try:
+        DatasetFields.model_validate(content)
+    except ValidationError as error:
+        return list(dict.fromkeys(str(_explain(path, content, one)) for one in error.errors()))
+    except (RecursionError, ValueError, OverflowError) as error:
+        return [f"{path}: holds a value that cannot be read ({str(error)[:100]})."]
+    return []
+
+
+def _explain(path: Path, content: dict, first: Any) -> InputError:
+    """Sentence about a field that is wrong; a misspelt name of it is looked for at its place."""
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
     siblings: Any = content
@@ -186,7 +208,7 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     try:
         fields = DatasetFields.model_validate(content)
     except ValidationError as error:
-        raise _explain(path, content, error) from error
+        raise _explain(path, content, error.errors()[0]) from error
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
     folder_name(fields.name, str(path))
@@ -227,6 +249,24 @@ def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[st
         told = f"robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."
         notes.append(accepted.refuse(str(path), told, "size gravity"))
     return accepted, notes
+
+
+def list_conflicts(path: Path, fields: DatasetFields) -> list[str]:
+    """Everything that `check_fields` refuses, a sentence each."""
+    checks: list[Callable[[], object]] = [
+        partial(_check_by_joint, path, fields.robot),
+        partial(_check_effects, path, fields),
+        partial(_check_channels, path, fields),
+        partial(_check_runs, path, fields),
+        partial(check_fields, path, fields),
+    ]
+    found = []
+    for check in checks:
+        try:
+            check()
+        except InputError as error:
+            found.append(str(error))
+    return list(dict.fromkeys(found))
 
 
 def _check_by_joint(path: Path, robot: RobotFields) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy import interpolate
 
 from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE
 from wearscope.closed_loop.intake.dataset import Dataset
@@ -24,7 +25,11 @@ from wearscope.closed_loop.intake.filtering import (
     rows,
     thin,
 )
-from wearscope.closed_loop.intake.reversals import choose_reversal_widths, soften_direction
+from wearscope.closed_loop.intake.reversals import (
+    choose_reversal_widths,
+    soften_direction,
+    vary_direction,
+)
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
@@ -64,6 +69,10 @@ class PreparedRun:
     piece : int
         Number of the piece of the recording from 1; 0 where it is whole.
     session : str or None
+    resting : ndarray (N, n) of bool
+        Samples of a rest, at which there is no direction of motion.
+    factor : int
+        Every how many samples of the recording are kept.
     """
 
     file: str
@@ -78,6 +87,8 @@ class PreparedRun:
     start: float = 0.0
     piece: int = 0
     session: str | None = None
+    resting: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    factor: int = 1
 
     @property
     def label(self) -> str:
@@ -106,6 +117,8 @@ class Prepared:
     notes : list of str
     reversal_width : ndarray (n,)
         Speed over which each joint's direction of motion changes [rad/s or m/s].
+    top_speed : ndarray (n,)
+        Largest speed of each joint in the training runs [rad/s or m/s].
     """
 
     dataset: Dataset
@@ -115,6 +128,7 @@ class Prepared:
     moving: np.ndarray
     notes: list[str]
     reversal_width: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n(self) -> int:
@@ -124,6 +138,18 @@ class Prepared:
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
+
+    def reverse_over(self, widths: np.ndarray) -> "Prepared":
+        """The same data set with directions of motion that change over other speeds.
+
+        Parameters
+        ----------
+        widths : ndarray (n,)
+            As `reversal_width`.
+        """
+        return replace(
+            self, runs=[_reverse_over(run, widths) for run in self.runs], reversal_width=np.array(widths)
+        )
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
@@ -155,8 +181,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     rate, inertia = dataset.fields.sample_rate, known_inertia(dataset)
     edge = choose_motion_cutoff([s.run for s in sources if s.run.use == "train"], rate)
     factor = choose_factor(rate, edge, 0.0)
-    rough = [_make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
-    sources, rough = _bridge_gaps(dataset, sources, rough, factor, notes)
+    rough = [make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
+    sources, rough = bridge_gaps(dataset, sources, rough, factor, notes)
     band = _choose_band(rough, motion.moving, rate, edge, factor)
     widths = _choose_widths(rough, motion.moving, band, factor)
     del rough
@@ -164,10 +190,10 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     band = replace(band, rate=rate / factor)
     runs = []
     while sources:
-        runs.append(_finish_run(sources.pop(0), rate, band, factor, inertia, widths, motion))
-    runs = _leave_out_short(dataset, runs, band, notes)
+        runs.append(finish_run(sources.pop(0), rate, band, factor, inertia, widths, motion))
+    runs = leave_out_short(dataset, runs, band, notes)
     notes += _describe(dataset, band, rate, factor)
-    return Prepared(dataset, urdf, runs, band, motion.moving, notes, widths)
+    return Prepared(dataset, urdf, runs, band, motion.moving, notes, widths, motion.top_speed)
 
 
 def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
@@ -178,7 +204,7 @@ def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
     return write_urdf(tree), told
 
 
-def _make_rough(
+def make_rough(
     source: Source, rate: float, cutoff: float, factor: int, inertia: np.ndarray, motion: MovingJoints
 ) -> RoughRun:
     """What the rough model needs of a run, at a `factor`-th of its rate."""
@@ -205,7 +231,7 @@ def _thin_marks(marked: np.ndarray, factor: int) -> np.ndarray:
     return marked if factor == 1 else spread_out(marked, factor)[::factor]
 
 
-def _bridge_gaps(
+def bridge_gaps(
     dataset: Dataset, sources: list[Source], rough: list[RoughRun], factor: int, notes: list[str]
 ) -> tuple[list[Source], list[RoughRun]]:
     """Find clipped torques and bridge all that are no measurements, along the rough model's prediction.
@@ -273,7 +299,7 @@ def _find_rest(slow: np.ndarray, band: Band) -> np.ndarray:
     return keep_lasting(slow, int(0.5 * band.rate / band.torque))
 
 
-def _finish_run(
+def finish_run(
     source: Source,
     rate: float,
     band: Band,
@@ -285,7 +311,7 @@ def _finish_run(
     """Signals of one run and the rows of it that count."""
     run = source.run
     made = differentiate_run(run, rate, band.motion, motion.top_speed)
-    signals, known = _make_signals(source, made, rate, band, factor, inertia, widths)
+    signals, known, resting = _make_signals(source, made, rate, band, factor, inertia, widths)
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
@@ -302,6 +328,8 @@ def _finish_run(
         start=run.start,
         piece=run.piece,
         session=run.session,
+        resting=resting,
+        factor=factor,
     )
 
 
@@ -313,16 +341,13 @@ def _make_signals(
     factor: int,
     inertia: np.ndarray,
     widths: np.ndarray,
-) -> tuple[Signals, np.ndarray]:
-    """Signals of one run at `band.rate`, and the known torque (N, n) along them.
+) -> tuple[Signals, np.ndarray, np.ndarray]:
+    """Signals of one run at `band.rate`, the known torque (N, n) along them, and which samples rest.
 
     The direction of motion is taken at the recording's rate.
     """
     rest = _find_rest(np.abs(made.v) < made.sure_speed, replace(band, rate=rate))
-    sharp = np.where(rest, 0.0, np.sign(made.v))
-    sign = np.column_stack(
-        [soften_direction(v, width, s) for v, width, s in zip(made.v.T, widths, sharp.T, strict=True)]
-    )
+    sign, reversal = _take_direction(made.v, rest, widths)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     load = source.body.inverse_dynamics(q, v, a)
     known = load + inertia * a
@@ -332,6 +357,7 @@ def _make_signals(
         v=v,
         a=a,
         sign=decimate(sign, factor),
+        reversal=decimate(reversal, factor),
         load=load,
         temperature=decimate(made.temperature, factor),
         wear=np.zeros_like(load),
@@ -340,7 +366,33 @@ def _make_signals(
         bandwidth=band.torque,
         channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
-    return signals, known
+    return signals, known, rest[::factor]
+
+
+def _take_direction(v: np.ndarray, rest: np.ndarray, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Direction of motion (N, n) that changes over a speed, and what other reversals change in it."""
+    sharp = np.where(rest, 0.0, np.sign(v))
+    each = list(zip(v.T, widths.tolist(), sharp.T, strict=True))
+    return (
+        np.column_stack([soften_direction(*one) for one in each]),
+        np.stack([vary_direction(*one) for one in each], axis=1),
+    )
+
+
+def _reverse_over(run: PreparedRun, widths: np.ndarray) -> PreparedRun:
+    """A run with directions of motion that change over other speeds.
+
+    They are taken at the recording's rate, as at first: speeds are smooth between the samples kept.
+    """
+    v, rest = run.signals.v, run.resting
+    if run.factor > 1:
+        at = np.arange(len(v)) * run.factor
+        every = np.arange(at[-1] + 1)
+        v = interpolate.CubicSpline(at, v)(every)
+        rest = rest[every // run.factor]
+    sign, reversal = _take_direction(v, rest, widths)
+    signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
+    return replace(run, signals=signals)
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:
@@ -357,7 +409,7 @@ def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -
     return bad
 
 
-def _leave_out_short(
+def leave_out_short(
     dataset: Dataset, runs: list[PreparedRun], band: Band, notes: list[str]
 ) -> list[PreparedRun]:
     """Runs with rows enough; pieces without are left out.

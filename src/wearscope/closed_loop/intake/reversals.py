@@ -18,7 +18,7 @@ from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded
 from wearscope.closed_loop.intake.saturation import spread_out
 
 #: Widths that are tried, over the joint's largest speed in the training runs.
-WIDTHS = (0.0, *np.geomspace(5e-4, 0.06, 15).tolist())
+WIDTHS = (0.0, *np.geomspace(5e-4, 0.25, 19).tolist())
 #: Speeds over which friction that grows towards rest falls off, over the largest one.
 _STRIBECK = (0.02, 0.1)
 #: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
@@ -33,6 +33,26 @@ _CLEAR = 0.1
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
     """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
     return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
+
+
+def vary_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
+    """What a reversal of another width or form would change in `soften_direction`, (N, 3).
+
+    Its derivative by the logarithm of the width, and the differences to x / sqrt(1 + x^2) and to
+    2/pi arctan(pi x / 2), x = v / width, which approach full friction ever more slowly; zero at rest.
+    """
+    if not width > 0:
+        return np.zeros((len(v), 3))
+    x = np.clip(v / width, -1e4, 1e4)
+    now = np.tanh(x)
+    changes = np.column_stack(
+        [
+            -x / np.cosh(np.clip(x, -300.0, 300.0)) ** 2,
+            x / np.sqrt(1.0 + x**2) - now,
+            2.0 / np.pi * np.arctan(0.5 * np.pi * x) - now,
+        ]
+    )
+    return np.where(sign[:, None] == 0.0, 0.0, changes)
 
 
 def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:

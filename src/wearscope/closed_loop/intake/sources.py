@@ -12,7 +12,7 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 
 #: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
-_MOVES, _RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
+_MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,24 @@ def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
     return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
 
 
-def clean_runs(dataset: Dataset, urdf: str, notes: list[str]) -> list[Source]:
-    """Read every recording, split it at its gaps, bring it to a uniform grid and clean it."""
+def clean_runs(
+    dataset: Dataset, urdf: str, notes: list[str], reach: np.ndarray | None = None
+) -> list[Source]:
+    """Read every recording, split it at its gaps, bring it to a uniform grid and clean it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    urdf : str
+    notes : list of str
+        Gets what was corrected.
+    reach : ndarray (n,), optional
+        Span of each joint's position in other runs, which counts too.
+    """
     slides = [unit == "m" for unit in dataset.position_unit]
     rate = dataset.fields.sample_rate
-    reach = np.max([record.reach for record in dataset.runs], axis=0)
+    own = np.max([record.reach for record in dataset.runs], axis=0)
+    reach = own if reach is None else np.maximum(own, reach)
     sources = []
     for record in dataset.runs:
         where = str(dataset.folder / record.file)
@@ -98,7 +111,7 @@ def leave_out_rest(
     usual = float(np.quantile(furthest[furthest >= _LEAST_MOTION], 0.75))
     kept = []
     for source, far in zip(sources, furthest, strict=True):
-        if far < _RESTS * usual:
+        if far < RESTS * usual:
             notes.append(f"{source.run.label}: the robot stands still; the run is left out.")
         else:
             kept.append(source)

@@ -1,5 +1,6 @@
 """Models before and after as files that the simulator loads."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,24 @@ def _limits(prepared: Prepared) -> dict[str, list[float]]:
     }
 
 
+def estimate_torque_noise(prepared: Prepared) -> list[float]:
+    """Standard deviation of white noise on each joint's recorded torque, from its third differences.
+
+    Motion is smooth from sample to sample and noise is not; the median leaves reversals out.
+    """
+    differences = [np.diff(run.tau, 3, axis=0) for run in prepared.runs]
+    size = np.median(np.abs(np.concatenate(differences)), axis=0) * 1.4826 / np.sqrt(20.0)
+    # Recordings that were decimated lost the noise above their new rate.
+    kept = prepared.band.rate / prepared.dataset.fields.sample_rate
+    return [float(value) for value in size / np.sqrt(min(kept, 1.0))]
+
+
 def make_corrected_model(
-    prepared: Prepared, model: Regression, estimates: list[Estimate], stage: str
+    prepared: Prepared,
+    model: Regression,
+    estimates: Sequence[Estimate | Mapping[str, float]],
+    stage: str,
+    theta: np.ndarray | None = None,
 ) -> RobotModel:
     """Complete robot model of one stage.
 
@@ -40,10 +57,12 @@ def make_corrected_model(
     ----------
     prepared : Prepared
     model : Regression
-    estimates : list of Estimate
-        Of the model's entries.
+    estimates : sequence of Estimate or of mapping
+        Of the model's entries, or their parameters alone.
     stage : str
         ``before`` or ``after``; part of the name.
+    theta : ndarray (p,), optional
+        Coefficients; those of the fit within their physical bounds where left out.
     """
     dataset = prepared.dataset
     robot = dataset.fields.robot
@@ -56,14 +75,15 @@ def make_corrected_model(
     effects: list[dict[str, object]] = [
         {"joint": joint, "effect": "rigid_body", "source": "declared"} for joint in dataset.joints
     ]
-    theta = model.solve_bounded()
-    for estimate, span in zip(estimates, model.spans, strict=True):
-        names = [estimate.entry.effect.coefficients[k].name for k in estimate.entry.subset]
+    theta = model.solve_bounded() if theta is None else theta
+    for entry, estimate, span in zip(model.entries, estimates, model.spans, strict=True):
+        names = [entry.effect.coefficients[k].name for k in entry.subset]
+        values: Mapping[str, float] = estimate.values if isinstance(estimate, Estimate) else estimate
         effects.append(
             {
-                "joint": dataset.joints[estimate.entry.joint],
-                "effect": estimate.entry.effect.label,
-                "parameters": estimate.values | dict(zip(names, theta[span].tolist(), strict=True)),
+                "joint": dataset.joints[entry.joint],
+                "effect": entry.effect.label,
+                "parameters": {**values, **dict(zip(names, theta[span].tolist(), strict=True))},
                 "source": f"fitted on {', '.join(run.file for run in train)}",
             }
         )
@@ -76,23 +96,26 @@ def make_corrected_model(
         "joints": list(dataset.joints),
         "gravity": list(robot.gravity),
         "drive": drive,
-        "sensors": {"sample_rate": dataset.fields.sample_rate},
+        "sensors": {
+            "torque_noise": estimate_torque_noise(prepared),
+            "sample_rate": dataset.fields.sample_rate,
+        },
         "payload": None if payload is None else {"mass": payload.mass, "com": list(payload.com)},
         "home": train[0].signals.q[0].tolist(),
         "lower": np.min([run.signals.q.min(axis=0) for run in prepared.runs], axis=0).tolist(),
         "upper": np.max([run.signals.q.max(axis=0) for run in prepared.runs], axis=0).tolist(),
         "effects": effects,
     }
-    return make_model(fields, corrected_urdf(prepared, model), f"model_{stage}.yaml", strict=False)
+    return make_model(fields, corrected_urdf(prepared, model, theta), f"model_{stage}.yaml", strict=False)
 
 
-def corrected_urdf(prepared: Prepared, model: Regression) -> str:
-    """URDF with the refitted inertial parameters, physically consistent; as it is where they stand."""
+def corrected_urdf(prepared: Prepared, model: Regression, theta: np.ndarray) -> str:
+    """URDF with the inertial parameters of `theta` (p,), physically consistent; as it is where they stand."""
     if not model.inertial:
         return prepared.urdf
     dataset = prepared.dataset
     body = RigidBody(prepared.urdf, dataset.joints, tuple(dataset.fields.robot.gravity))
-    parameters = body.inertial_parameters + model.solve()[: 10 * prepared.n]
+    parameters = body.inertial_parameters + theta[: 10 * prepared.n]
     hessian = model.moments()[0][: 10 * prepared.n, : 10 * prepared.n]
     return body.with_inertial_parameters(
         nearest_consistent(parameters, body.inertial_parameters, hessian)

@@ -15,6 +15,32 @@ _INFORMED = 1e-3
 
 
 @dataclass
+class JointFit:
+    """What the data say of all free values of a model at once.
+
+    Attributes
+    ----------
+    theta : ndarray (p,)
+        Coefficients, those of the inertial parameters first.
+    covariance : ndarray (p + s, p + s)
+        Of the coefficients, then of the free shapes.
+    width : ndarray (p + s,)
+        Half of each value's 95 % interval.
+    owners : list of (int, int)
+        Entry and shape parameter of each free shape.
+    told, carried : ndarray (p + s,)
+        Information on each value; the number of clusters that carry it.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    width: np.ndarray
+    owners: list[tuple[int, int]]
+    told: np.ndarray
+    carried: np.ndarray
+
+
+@dataclass
 class Estimate:
     """Parameters of one entry.
 
@@ -34,6 +60,34 @@ class Estimate:
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     p_value: float
+
+
+#: Step of the logarithm of a reversal's width for its derivative.
+_STEP = 0.02
+
+
+def _reversal_gradients(model: Regression, theta: np.ndarray) -> list[np.ndarray]:
+    """Derivative of the prediction with respect to the logarithm of each reversal's width, (M, n, K) by run.
+
+    The widths were fitted to the same runs, so that what is not known of them is not known of friction.
+    """
+    prepared, train = model.prepared, model.prepared.runs_for("train")
+    widths = prepared.reversal_width
+    wide = np.flatnonzero(widths > 0.0) if len(widths) else np.zeros(0, dtype=int)
+    moved = prepared.reverse_over(widths * np.exp(_STEP)).runs_for("train") if len(wide) else train
+    gradients = []
+    for r, (run, other) in enumerate(zip(train, moved, strict=True)):
+        slopes = np.zeros((len(run.t), prepared.n, len(wide)))
+        at = {int(j): k for k, j in enumerate(wide)}
+        for term, span in zip(model.entries, model.spans, strict=True):
+            if term.joint not in at or term.effect.spread or term.is_measurement_error or term.is_deflection:
+                continue
+            shape, pick = np.array([term.shape]), list(term.subset)
+            x = reduce_columns(term.effect, term.joint, shape, other)[:, pick]
+            change = (x - model.columns[r][:, term.joint, span]) @ theta[span] / _STEP
+            slopes[:, term.joint, at[term.joint]] += change
+        gradients.append(slopes)
+    return gradients
 
 
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
@@ -64,24 +118,21 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     ], owners
 
 
-def estimate(model: Regression) -> list[Estimate]:
-    """Estimates of all entries of a model.
+def estimate_jointly(model: Regression) -> JointFit:
+    """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
     1986), scaled by B/(B - p) for B blocks; intervals take Student's t with the number of clusters that
     carry the parameter's information, less one, as degrees of freedom. Where a regressor was made from the
     measured torque, its noise-free instrument takes its place in the scores.
-
-    Returns
-    -------
-    list of Estimate
-        In the order of the model's entries.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
+    reversals = _reversal_gradients(model, theta)
+    extra = [np.concatenate(both, axis=2) for both in zip(extra, reversals, strict=True)]
     instruments = make_instruments(model, model.held)
     residuals = model.residuals(theta)
-    p = model.p + len(owners)
+    p = model.p + extra[0].shape[2]
     blocks = len(model.blocks)
     hessian = np.zeros((p, p))
     hessian[: model.p, : model.p] = model.weak_prior
@@ -106,6 +157,13 @@ def estimate(model: Regression) -> list[Estimate]:
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
+    return JointFit(theta, covariance, width, owners, told, carried)
+
+
+def estimate(model: Regression) -> list[Estimate]:
+    """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
+    joint = estimate_jointly(model)
+    theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
         values: dict[str, float] = {}
@@ -125,9 +183,57 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        own = covariance[span, span]
+        own = joint.covariance[span, span]
         wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
-        clusters = max(float(carried[span].max()) - 1.0, 1.0)
+        clusters = max(float(joint.carried[span].max()) - 1.0, 1.0)
         p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
         estimates.append(Estimate(entry, values, intervals, p_value))
     return estimates
+
+
+def draw_parameters(
+    model: Regression, joint: JointFit, rng: np.random.Generator, draws: int
+) -> list[tuple[np.ndarray, list[dict[str, float]]]]:
+    """Parameters that the data allow: normal, with the estimate's correlations and each value's own interval.
+
+    Parameters
+    ----------
+    model : Regression
+    joint : JointFit
+        Of the model, from `estimate_jointly`.
+    rng : numpy.random.Generator
+    draws : int
+
+    Returns
+    -------
+    list of (ndarray (p,), list of dict)
+        Coefficients within their physical bounds, and every parameter in use by entry.
+    """
+    variance = np.diag(joint.covariance)
+    error = np.sqrt(np.maximum(variance, 1e-300))
+    correlation = joint.covariance / np.outer(error, error)
+    values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # Student's t widens each interval by its own degrees of freedom; where nothing informs, nothing varies.
+    spread = np.where((variance > 0.0) & np.isfinite(joint.width), joint.width / stats.norm.ppf(0.975), 0.0)
+    best = model.solve_bounded()
+    drawn = []
+    for _ in range(draws):
+        away = spread * (root @ rng.standard_normal(len(spread)))
+        theta = best + away[: model.p]
+        for entry, span in zip(model.entries, model.spans, strict=True):
+            used = [entry.effect.coefficients[k] for k in entry.subset]
+            theta[span] = np.clip(theta[span], [p.lower for p in used], [p.upper for p in used])
+        named = []
+        for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
+            own = dict(
+                zip([entry.effect.coefficients[k].name for k in entry.subset], theta[span], strict=True)
+            )
+            for k, parameter in enumerate(entry.effect.shape):
+                value = entry.shape[k]
+                if (i, k) in joint.owners:
+                    value += away[model.p + joint.owners.index((i, k))]
+                own[parameter.name] = float(np.clip(value, parameter.lower, parameter.upper))
+            named.append({name: float(value) for name, value in own.items()})
+        drawn.append((theta, named))
+    return drawn

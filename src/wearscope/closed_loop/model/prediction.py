@@ -89,12 +89,19 @@ def find_operating_point(model: Regression) -> list[Signals]:
     theta = model.solve()
     made = []
     for run in model.prepared.runs_for("train"):
-        solved = solve_gears(model, theta, run)
-        signals = replace(run.signals, transmitted=solved)
-        motor = predict_motor(model, theta, run, signals)
-        gears = measure_gears(model, theta, run, solved, _record(model, theta, signals, motor))
-        made.append(replace(signals, torque=motor, lag=find_lags(model, theta), transmitted=gears))
+        signals = find_signals(model, theta, run)
+        assert signals.torque is not None
+        recorded = _record(model, theta, signals, signals.torque)
+        gears = measure_gears(model, theta, run, signals.transmitted, recorded)
+        made.append(replace(signals, transmitted=gears))
     return made
+
+
+def find_signals(model: Regression, theta: np.ndarray, run: PreparedRun) -> Signals:
+    """Signals of a run with the motors' and the gears' torque that a model gives along its motion."""
+    signals = replace(run.signals, transmitted=solve_gears(model, theta, run))
+    motor = predict_motor(model, theta, run, signals)
+    return replace(signals, torque=motor, lag=find_lags(model, theta))
 
 
 def refit(base: Regression, entries: list[ModelTerm]) -> Regression:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds
 from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -119,35 +119,34 @@ class Regression:
             self.signals = [run.signals for run in self.prepared.runs_for("train")]
         self.weights = [run.keep / self.sigma for run in self.prepared.runs_for("train")]
         self.spans: list[slice] = []
-        self._inertial_columns = self._make_inertial() if self.inertial else None
         self._assemble()
-
-    def _make_inertial(self) -> list[np.ndarray]:
-        made = []
-        for run, s in zip(self.prepared.runs_for("train"), self.signals or [], strict=True):
-            made.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
-        return made
 
     def _assemble(self) -> None:
         runs = self.prepared.runs_for("train")
-        parts: list[list[np.ndarray]] = [[] for _ in runs]
         self.spans = []
-        start = 0
-        if self._inertial_columns is not None:
-            start = self._inertial_columns[0].shape[2]
-            for r in range(len(runs)):
-                parts[r].append(self._inertial_columns[r])
+        start = 10 * self.prepared.n if self.inertial else 0
         for entry in self.entries:
             self.spans.append(slice(start, start + len(entry.subset)))
             start += len(entry.subset)
-            for r, run in enumerate(runs):
-                parts[r].append(run.reduce(entry.columns((self.signals or [])[r])))
-        self.columns = [
-            np.concatenate(p, axis=2) if p else np.zeros((len(run.t), self.prepared.n, 0))
-            for p, run in zip(parts, runs, strict=True)
-        ]
+        self.columns = [self.take_columns(run, s) for run, s in zip(runs, self.signals or [], strict=True)]
         self.target = [run.measured - run.reduce(run.known) for run in runs]
         self.sum_blocks()
+
+    def take_columns(self, run: PreparedRun, signals: Signals) -> np.ndarray:
+        """Reduced regressors (M, n, P) of all terms along one run's signals."""
+        parts = [np.zeros((len(run.t), self.prepared.n, 0))]
+        if self.inertial:
+            s = signals
+            parts.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
+        for entry in self.entries:
+            if entry.effect.spread:
+                parts.append(run.reduce(entry.columns(signals)))
+                continue
+            own = entry.effect.columns(signals, entry.joint, np.array(entry.shape))[:, list(entry.subset)]
+            full = np.zeros((len(run.t), self.prepared.n, own.shape[1]))
+            full[:, entry.joint] = run.reduce(own)
+            parts.append(full)
+        return np.concatenate(parts, axis=2)
 
     def sum_blocks(self) -> None:
         """Sum products of columns and target by block."""
@@ -206,6 +205,15 @@ class Regression:
     def solve(self, mask: np.ndarray | None = None) -> np.ndarray:
         """Parameters (P,) from the blocks of `mask` (all blocks where None)."""
         return np.linalg.solve(*self.moments(mask))
+
+    def solve_without(self, index: int) -> np.ndarray:
+        """Parameters (P,) with those of one entry held at zero and all others fitted to all blocks."""
+        a, b = self.moments()
+        free = np.ones(self.p, dtype=bool)
+        free[self.spans[index]] = False
+        theta = np.zeros(self.p)
+        theta[free] = np.linalg.solve(a[np.ix_(free, free)], b[free])
+        return theta
 
     def solve_bounded(self) -> np.ndarray:
         """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.

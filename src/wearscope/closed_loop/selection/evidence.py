@@ -7,7 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums
 from wearscope.closed_loop.selection.significance import adjust, flip_scores, score_chance
 
 #: Share of the information on a candidate from which a run or part of one is asked whether it agrees.
@@ -105,10 +105,25 @@ class Evidence:
         return self.chosen.candidate.effect.complexity(self.chosen.subset)
 
 
-def weigh(assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray) -> Evidence:
-    """Evidence on one subset of a candidate's coefficients, p-value and refusal left open."""
+def weigh(
+    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray,
+    sums: Sums | None = None,
+) -> Evidence:  # fmt: skip
+    """Evidence on one subset of a candidate's coefficients, p-value and refusal left open.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model.
+    candidate : Candidate
+    subset : tuple of int
+    flips : ndarray (F, B)
+        Random signs of the blocks.
+    sums : Sums, optional
+        Of all the candidate's columns, where they are there.
+    """
     layout = assembly.layout
-    sums = assembly.sum_products(candidate).select(subset)
+    sums = (sums or assembly.sum_products(candidate)).select(subset)
     added = assembly.add(sums)
     best = int(np.argmax(added.gain))
     beta, inner = added.beta[best], added.inner[best]
@@ -164,6 +179,11 @@ def _losses_where_felt(
     if len(candidate.joints) == 1:
         j = candidate.joints[0]
         return {j: (float(-np.nansum(change)), float(before[j]))}
+    total = float(-np.nansum(change))
+    if total <= 0.0:
+        # What gains nothing in all need not be told apart by joint.
+        own = candidate.joint if candidate.joint in candidate.joints else candidate.joints[0]
+        return {own: (total, float(before[own]))}
     after = Assembly(assembly.layout, assembly.target, (*assembly.chosen, chosen), assembly.sigma)
     gains = before - after.joint_losses[held].sum(axis=0)
     return {j: (float(gains[j]), float(before[j])) for j in candidate.joints}

@@ -15,6 +15,7 @@ from wearscope.closed_loop.model.inertials import inertial_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.layout import Layout
+from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import Effect, MeasurementEffect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
@@ -46,7 +47,7 @@ class Problem:
         self.target = np.concatenate([run.measured for run in self.train]) - self.known
         self.joined = join_signals(self.train)
         fields = prepared.dataset.fields
-        self.declared = list(declared)
+        self.declared, self.own = list(declared), list(own)
         self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
         stated = {name for name, value in fields.robot if value is not None}
         self.given = given_effects(self.declared, stated)
@@ -78,7 +79,28 @@ class Problem:
         for term in self.declared_terms:
             candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
             chosen.append(Chosen(candidate, term.subset))
+        for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversal_width > 0.0)).tolist():
+            chosen.append(make_reversal(self.prepared, joint))
         return tuple(chosen)
+
+    def reverse_over(self, widths: np.ndarray) -> "Problem":
+        """The same problem with frictions that reverse over other speeds (n,)."""
+        old = self.prepared.reversal_width
+        other = Problem(self.prepared.reverse_over(widths), self.declared, self.own)
+        same = {j for j in range(self.prepared.n) if widths[j] == old[j]}
+        for (name, joint), made in self._made.items():
+            alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
+            if joint in same and alone:
+                other._made[name, joint] = made
+        return other
+
+    def remake(self, chosen: Chosen) -> Chosen:
+        """A term of a model along this problem's signals; errors of the record and bending are kept."""
+        made = chosen.candidate
+        if isinstance(made.effect, MeasurementEffect) or made.term(0, chosen.subset).is_deflection:
+            return chosen
+        again = make_candidate(made.effect, made.joint, self.prepared, np.array(made.shapes))
+        return Chosen(replace(again, penalty=made.penalty), chosen.subset)
 
     def candidate(self, effect: Effect, joint: int) -> Candidate | None:
         """Candidate of an effect at a joint along the motion; None where it cannot be asked for."""

@@ -16,8 +16,9 @@ _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
-#: How much more than a name the generic term must remove of what the standard model leaves.
-_GENERIC = 5.0
+#: How much more than a name the generic term must remove of what the standard model leaves, and must add to
+#: the torque.
+_GENERIC, _GENERIC_TORQUE = 5.0, 2.5
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -52,7 +53,8 @@ def judge(
     if not e.sine >= _ABSORBED:
         return Refusal.ABSORBED
     whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
-    if not (e.share >= share and e.torque >= policy.material_torque and e.whole >= whole):
+    torque = policy.material_torque * (_GENERIC_TORQUE if generic else 1.0)
+    if not (e.share >= share and e.torque * e.sine >= torque and e.whole >= whole):
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL

@@ -20,6 +20,7 @@ from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.reversal import refine_widths
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import drift_p_value
 from wearscope.effects.base import Effect, MeasurementEffect
@@ -28,6 +29,14 @@ from wearscope.effects.base import Effect, MeasurementEffect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
+#: Standard terms that only the revision drops.
+_FRICTION = ("coulomb", "viscous")
+#: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
+_HOPELESS = 0.4
+#: What is said of a term that stays unless another one is better.
+_KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
+#: Change of a reversal's width, of itself, from which models are made anew.
+_SETTLED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,20 +131,40 @@ class Search:
                     made.append(candidate)
         return made
 
-    def weigh_all(self, assembly: Assembly, candidates: Iterable[Candidate]) -> list[Evidence]:
+    def weigh_all(
+        self,
+        assembly: Assembly,
+        candidates: Iterable[Candidate],
+        least: Callable[[Candidate], float] = lambda _: 0.0,
+    ) -> list[Evidence]:
         """Evidence on all variants of the candidates beside a model, p-values over all, judged by the rule.
 
         What is asked again beside a model that is the same where the candidate is felt is not weighed again.
+
+        Parameters
+        ----------
+        assembly : Assembly
+        candidates : iterable of Candidate
+        least : callable
+            Reduction of the loss, on the rows that it is fitted on, below which a candidate is counted among
+            those tried and not weighed.
         """
         by_run = self.problem.layout.folds.by_run
         weighed = []
+        count = 0
         for candidate in candidates:
-            effect = candidate.effect
-            for subset in list_subsets(effect, by_run):
+            sums = None
+            for subset in list_subsets(candidate.effect, by_run):
+                count += 1
                 key = self._key(assembly, candidate, subset)
                 if key not in self._weighed:
-                    self._weighed[key] = weigh(assembly, candidate, key[-1], self.flips)
+                    sums = sums or assembly.sum_products(candidate)
+                    if float(assembly.add(sums.select(subset)).gain.max()) < least(candidate):
+                        continue
+                    self._weighed[key] = weigh(assembly, candidate, subset, self.flips, sums)
                 weighed.append(self._weighed[key])
+        more = count / max(len(weighed), 1)
+        weighed = [replace(e, tried=e.tried * more) for e in weighed]
         return [replace(e, refusal=self.judge(e)) for e in self.compare_whole(adjust_p_values(weighed))]
 
     def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
@@ -161,11 +190,11 @@ class Search:
 
     def run(self) -> list[Found]:
         """Terms that the declared model lacks."""
-        found = self.find_standard()
+        found = self.settle_reversals(self.find_standard())
         self.sigma = self.scale(found)
         losses = np.nansum(self.assemble(found).joint_losses, axis=0)
         self.standard_loss = losses * self.sigma**2
-        found = self.extend(found)
+        found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
             revised = self.revise(found)
             grown = self.extend(revised)
@@ -174,8 +203,23 @@ class Search:
             found = grown
         return found
 
+    def settle_reversals(self, found: list[Found]) -> list[Found]:
+        """Fit the widths of the frictions' reversals beside the terms found, and make all anew along them."""
+        old = self.problem.prepared.reversal_width
+        widths = refine_widths(self.problem.prepared, self.assemble(found))
+        moved = np.abs(widths - old) > _SETTLED * old
+        if not moved.any():
+            return found
+        self.problem = self.problem.reverse_over(np.where(moved, widths, old))
+        self._weighed = {}
+        return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
+
     def find_standard(self) -> list[Found]:
-        """Standard terms that held-out runs need, of each joint as a group."""
+        """Standard terms that held-out runs need, of each joint as a group.
+
+        What is missing yet can hide friction that is there, or pose as its opposite: Coulomb and viscous
+        friction stay until the revision asks for them beside all that was found.
+        """
         problem = self.problem
         base = self.assemble(())
         offered = [c for c in self.candidates(base, (), range(problem.prepared.n)) if c.effect.standard]
@@ -192,7 +236,12 @@ class Search:
                 beside = Assembly(problem.layout, problem.target, every, self.sigma, reach)
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
-                if not self.is_needed(beside, e) and e.share < worst.get(e.joint, (np.inf, chosen))[0]:
+                stays = chosen.candidate.effect.name in _FRICTION
+                if (
+                    not stays
+                    and not self.is_needed(beside, e)
+                    and e.share < worst.get(e.joint, (np.inf, chosen))[0]
+                ):
                     worst[e.joint] = (e.share, chosen)
             if not worst:
                 break
@@ -227,7 +276,9 @@ class Search:
             self.sigma = self.scale(found)
             assembly = self.assemble(found)
             offered = self.candidates(assembly, found, range(self.problem.prepared.n))
-            weighed = self.weigh_all(assembly, offered)
+            # All are weighed once, for the table; later only what may be accepted.
+            first = self._step <= 1
+            weighed = self.weigh_all(assembly, offered, *([] if first else [self.find_least(assembly)]))
             taken = self.take(assembly, weighed)
             self.record(weighed, taken)
             if not taken:
@@ -235,6 +286,16 @@ class Search:
             for e in taken:
                 self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
             found = [*found, *(Found(e.chosen, e) for e in taken)]
+
+    def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
+        """Reduction of the loss below which a candidate cannot be material beside a model."""
+        losses, policy = assembly.sample_losses, self.policy
+
+        def least(candidate: Candidate) -> float:
+            share = policy.standard_share if candidate.effect.standard else policy.material_share
+            return _HOPELESS * share * float(losses[list(candidate.joints)].min())
+
+        return least
 
     def take(self, assembly: Assembly, weighed: list[Evidence]) -> list[Evidence]:
         """Terms to add at one step, no two of which are felt at a joint that the model couples."""
@@ -361,10 +422,12 @@ class Search:
         n = self.problem.prepared.n
         offered = self.candidates(beside, others, sorted({*joints, n - 1}))
         offered = [c for c in offered if set(c.joints) & set(joints)]
-        weighed = self.weigh_all(beside, offered)
         refused = self.judge(own)
+        keeps = refused in _KEEPING
+        least = _HOPELESS * own.gain
+        weighed = self.weigh_all(beside, offered, (lambda _: least) if keeps else self.find_least(beside))
         able = [e for e in weighed if e.refusal is Refusal.NONE]
-        if refused in (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES):
+        if keeps:
             chosen = rule.choose([own, *(self.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
             if chosen is None or chosen is own or (
                 chosen.term.effect is not f.effect and not rule.separates(chosen, own)

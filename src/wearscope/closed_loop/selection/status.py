@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
-from wearscope.closed_loop.model.prediction import predict_reduced, refit
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.model.joint_flexibility import find_jump_shares
+from wearscope.closed_loop.model.prediction import find_signals, predict_reduced
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
@@ -38,18 +39,28 @@ class Marked:
 
 
 def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]) -> list[Marked]:
-    """Predict the test runs with and without each term, all others refitted on the training runs."""
+    """Predict the test runs with and without each term, all others refitted on the training runs.
+
+    Where gears bend or the record errs, all is linear about what the whole model says of both.
+    """
     rows = max(4, int(4 * prepared.band.torque))
-    whole = _losses(prepared, after, rows)
+    theta = after.solve()
+    shares = find_jump_shares(after, theta)
+    runs = [_take_test_run(after, theta, shares, run) for run in prepared.runs_for("test")]
+    whole = np.concatenate([_sum_squares(run.left, run.keep, rows) for run in runs])
     scale = np.maximum(np.mean(whole, axis=0), 1e-300)
     pick = np.random.default_rng(np.random.SeedSequence([_SEED, len(whole)])).integers(
         0, len(whole), (_DRAWS, len(whole))
     )
     marked = []
     for term in terms:
-        without = refit(after, [t for t in after.entries if t is not term])
+        index = next(k for k, entry in enumerate(after.entries) if entry is term)
+        change = after.solve_without(index) - theta
+        without = np.concatenate(
+            [_sum_squares(run.left - run.columns @ change, run.keep, rows) for run in runs]
+        )
         joints = slice(None) if term.effect.spread else slice(term.joint, term.joint + 1)
-        own = (_losses(prepared, without, rows)[:, joints] / scale[joints]).sum(axis=1)
+        own = (without[:, joints] / scale[joints]).sum(axis=1)
         best = (whole[:, joints] / scale[joints]).sum(axis=1)
         drawn = 1.0 - best[pick].sum(axis=1) / np.maximum(own[pick].sum(axis=1), 1e-300)
         low, high = np.quantile(drawn, [0.025, 0.975])
@@ -58,12 +69,26 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
     return marked
 
 
-def _losses(prepared: Prepared, model: Regression, rows: int) -> np.ndarray:
-    """Squared residual summed over blocks of rows of the test runs, (blocks, n)."""
-    theta = model.solve()
-    losses = []
-    for run in prepared.runs_for("test"):
-        residual = (run.measured - predict_reduced(model, theta, run)) * run.keep
-        for start in range(0, len(residual), rows):
-            losses.append((residual[start : start + rows] ** 2).sum(axis=0))
-    return np.array(losses)
+@dataclass(frozen=True)
+class _TestRun:
+    """What a model leaves of a test run (M, n), its columns (M, n, P), and the rows that count."""
+
+    left: np.ndarray
+    columns: np.ndarray
+    keep: np.ndarray
+
+
+def _take_test_run(
+    model: Regression, theta: np.ndarray, shares: dict[int, float], run: PreparedRun
+) -> _TestRun:
+    residual = run.measured - predict_reduced(model, theta, run)
+    columns = model.take_columns(run, find_signals(model, theta, run))
+    for k, share in shares.items():
+        columns[..., model.spans[k]] *= share
+    return _TestRun(residual, columns, run.keep)
+
+
+def _sum_squares(residual: np.ndarray, keep: np.ndarray, rows: int) -> np.ndarray:
+    """Squared residual summed over blocks of rows, (blocks, n)."""
+    squares = residual**2 * keep
+    return np.add.reduceat(squares, np.arange(0, len(squares), rows), axis=0)

@@ -6,7 +6,14 @@ import numpy as np
 import pandas as pd
 
 from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
-from wearscope.reporting.labels import factor_label, factor_name, natural_step, term_name, unit_text
+from wearscope.reporting.labels import (
+    factor_label,
+    factor_name,
+    natural_step,
+    term_factors,
+    term_name,
+    unit_text,
+)
 from wearscope.reporting.study import Study
 
 _KEYS = list(CELL_KEYS)
@@ -97,6 +104,11 @@ def weight_table(study: Study) -> pd.DataFrame:
     """
     model = study.config["sensitivity"]["model"]
     rows = study.surrogates[(study.surrogates["model"] == model) & ~study.surrogates["term"].isin(["1", "f"])]
+    if study.screening is not None:
+        idle = study.screening[study.screening["dropped"]]
+        gone = set(zip(idle["robot"], idle["factor"], strict=True))
+        pairs = zip(rows["robot"], rows["term"], strict=True)
+        rows = rows[[not any((robot, one) in gone for one in term_factors(term)) for robot, term in pairs]]
     kinds = np.select(
         [rows["term"].str.contains(":"), rows["term"].str.contains("^", regex=False)],
         ["interaction", "square"],

@@ -51,6 +51,10 @@ def draw_scope(
     methods = [method for method in METHOD_NAMES if (rows["method"] == method).any()]
     compare = len(methods) == 2
     with figure_style():
+        if not groups:
+            figure = new_figure(5.0, 1.2)
+            figure.text(0.5, 0.5, f"{factor} moves no torque and was dropped on every robot", ha="center")
+            return figure
         figure = new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * (len(methods) + compare))
         axes = figure.subplots(len(methods) + compare, len(shown), squeeze=False, sharex=True, sharey=True)
         cells = max(_cells(group) for _, group in shown)

@@ -4,9 +4,25 @@ from typing import Any
 
 from wearscope.reporting.loop import draw_loop, joint_table, verdict_sentences
 from wearscope.reporting.page import embed_figure, format_number, render_table
+from wearscope.reporting.reevaluation_page import summarise_reevaluation
 from wearscope.reporting.sections.base import StudySection, say
 
 DEMONSTRATION = "twin"
+
+
+class Correction(StudySection):
+    """What the correction of a model changes in the study's answers."""
+
+    title, anchor, template = "What the correction changes", "correction", "correction.html"
+
+    def is_wanted(self) -> bool:
+        """Only where it was asked."""
+        return self.study.reevaluation is not None
+
+    def context(self) -> dict[str, Any]:
+        """Sentences and figure; the page of its own has the rest."""
+        assert self.study.reevaluation is not None
+        return {"told": summarise_reevaluation(self.study.reevaluation)}
 
 
 class Loops(StudySection):

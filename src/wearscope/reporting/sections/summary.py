@@ -31,7 +31,7 @@ class Summary(StudySection):
             ("Where does it work?", answers.effective_scope(study), "q3", "Scope, ROC, thresholds"),
             ("Can it be trusted?", self._trust(), "trust", "Fits, audit, assumptions"),
         ]
-        alarms = [*trust.doubts(study), *trust.failed_simulations(study)]
+        alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
         alarms += [] if study.failures.empty else [trust.failed_points(study)]
         return {
             "answer": say([conclude(study, first)])[0] if first else "",

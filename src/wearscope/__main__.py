@@ -1,0 +1,5 @@
+"""`python -m wearscope`."""
+
+from wearscope.cli.main import main
+
+main()

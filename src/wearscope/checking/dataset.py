@@ -1,0 +1,56 @@
+"""A measured data set: its fields, its recordings, and whether they can be what they say."""
+
+from pathlib import Path
+
+from wearscope.checking.findings import Findings
+from wearscope.closed_loop.diagnosis import find_prismatic, load_named_effects
+from wearscope.closed_loop.intake.data_folder import check_file, find_inside
+from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
+from wearscope.closed_loop.intake.dataset_fields import list_breaches, list_conflicts, read_fields
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.preprocessing import prepare
+
+
+def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
+    """Check a data set without looking for what its model lacks.
+
+    Parameters
+    ----------
+    path : path-like
+        Its folder or ``dataset.yaml``.
+    allow_code : bool
+        Whether effect files that it names may run.
+    """
+    path = Path(path)
+    folder = path.parent if path.suffix in (".yaml", ".yml") else path
+    file = folder / "dataset.yaml"
+    found = Findings(f"data set {folder}")
+    breaches = found.attempt(lambda: list_breaches(file))
+    found.add(*(breaches or ()))
+    if found.problems:
+        return found
+    fields = found.attempt(lambda: read_fields(file, found.notes))
+    if fields is None:
+        return found
+    found.add(*list_conflicts(file, fields))
+    urdf = found.attempt(lambda: find_inside(folder, fields.robot.urdf, f"{file}: robot.urdf"))
+    if urdf is not None and found.attempt(lambda: _is_file(urdf)):
+        found.attempt(lambda: find_prismatic(urdf, fields.robot.joints))
+    found.add(*list_run_problems(folder, fields))
+    if found.problems:
+        return found
+    found.notes.clear()
+    dataset = found.attempt(lambda: read_dataset(folder, find_prismatic))
+    if dataset is None:
+        return found
+    found.attempt(lambda: load_named_effects(dataset, (), allow_code))
+    prepared = found.attempt(lambda: prepare(dataset))
+    if prepared is not None:
+        found.attempt(lambda: check_plausibility(prepared))
+        found.notes += prepared.notes
+    return found
+
+
+def _is_file(path: Path) -> bool:
+    check_file(path, "correct robot.urdf in dataset.yaml")
+    return True

@@ -1,0 +1,133 @@
+"""A robot: its model file, its URDF, its effects, and whether it can do the platform's test-cycles."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from wearscope.checking.findings import Findings
+from wearscope.cycles.base import list_cycles, load_cycle
+from wearscope.effects.base import load_effect
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel, check_effects, list_breaches, load_model
+from wearscope.robots.model_file import Allowed, find_model, read_model_file
+from wearscope.simulation.errors import SelfTestError, SimulationError
+from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot
+from wearscope.simulation.study import Conditions, simulate_points
+
+#: Factors that a robot is checked with where no study says others.
+USUAL: dict[str, tuple[str, float, float]] = {
+    "f": ("wear", 0.0, 50.0),
+    "w3": ("temperature", 30.0, 70.0),
+    "w4": ("dwell", 25.0, 75.0),
+    "w5": ("payload_mass_error", -10.0, 10.0),
+}
+STEP = 0.001
+#: Test-cycle that is simulated.
+TRIED = "point_to_point"
+
+
+def check_model(reference: str | Path, found: Findings, allow_code: Allowed = False) -> RobotModel | None:
+    """Model of a robot; None, and all that is wrong with it among the problems, where it cannot be used."""
+    path = found.attempt(lambda: find_model(reference))
+    fields = found.attempt(lambda: read_model_file(path)) if path is not None else None
+    if path is None or fields is None:
+        return None
+    found.add(*list_breaches(fields, str(path)))
+    model = found.attempt(lambda: load_model(path, allow_code=allow_code))
+    if model is None:
+        return None
+    for entry in model.effects:
+        found.attempt(lambda entry=entry: check_effects(_with_effects(model, [entry])))  # type: ignore[misc]
+    found.attempt(lambda: check_effects(model))
+    return model
+
+
+def _with_effects(model: RobotModel, effects: Sequence) -> RobotModel:
+    """The same robot with other effects, not checked."""
+    return model.model_copy(update={"effects": list(effects)})
+
+
+def find_idle_factors(model: RobotModel, ranges: Ranges) -> list[str]:
+    """Factors on which nothing of the robot depends, a sentence each."""
+    signals: set[str] = set()
+    worn: set[str] = set()
+    for entry in model.effects:
+        try:
+            depends = load_effect(entry.effect).depends_on
+        except InputError:
+            continue
+        signals |= {name.split("_")[0] for name in depends}
+        if any(name.startswith("wear_") for name in depends):
+            worn.add(entry.joint)
+    idle = []
+    for name, (kind, _, _) in ranges.items():
+        if kind == "temperature" and "temp" not in signals:
+            idle.append(
+                f"factors.{name}: no effect of robot '{model.name}' depends on temperature; add "
+                "friction_wear_temperature to a joint, or drop the factor."
+            )
+        if kind == "payload_mass_error" and (model.payload is None or model.payload.mass == 0.0):
+            idle.append(
+                f"factors.{name}: robot '{model.name}' declares no payload; add one, or drop the factor."
+            )
+    wear = [name for name, (kind, _, _) in ranges.items() if kind == "wear"]
+    for name, joint in zip(wear, model.wear_joints, strict=False):
+        if joint not in worn:
+            idle.append(
+                f"factors.{name}: no effect of joint '{joint}' of robot '{model.name}' depends on wear; add "
+                "friction_wear_temperature or wear to it, or drop the factor."
+            )
+    return idle
+
+
+def check_factors(
+    model: RobotModel, ranges: Ranges, found: Findings, sample_rate: float | None = None
+) -> None:
+    """Add the factors that a robot does not cover, or on which nothing of it depends."""
+    wear = {name: one for name, one in ranges.items() if one[0] == "wear"}
+    parts: list[Mapping] = [wear, *({name: one} for name, one in ranges.items() if one[0] != "wear")]
+    for part in parts:
+        found.attempt(lambda part=part: check_robot(model, part, STEP, sample_rate))  # type: ignore[misc]
+    found.add(*find_idle_factors(model, ranges))
+
+
+def simulate_extremes(model: RobotModel, ranges: Ranges, found: Findings) -> None:
+    """Add what fails where a test-cycle is simulated new, and worn at each end of the other factors."""
+    of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
+    wear = (of_kind.get("wear", (0.0, 0.0))[1],) * min(len(model.wear_joints), 3)
+    cold, warm = of_kind.get("temperature", (50.0, 50.0))
+    light, heavy = (one / 100.0 for one in of_kind.get("payload_mass_error", (0.0, 0.0)))
+    motion = load_cycle(TRIED).build(model, of_kind.get("dwell", (25.0, 25.0))[0] / 1000.0, STEP)
+    points = [
+        (motion, one, 1)
+        for one in (Conditions(), Conditions(wear, cold, light), Conditions(wear, warm, heavy))
+    ]
+    try:
+        outcomes = list(simulate_points(model, points))
+    except SelfTestError as error:
+        outcomes = [error]
+    for outcome in outcomes:
+        if isinstance(outcome, SimulationError):
+            told = str(outcome).rstrip(".")
+            found.add(f"{model.name}: simulating {TRIED} fails, {told}; correct the model.")
+
+
+def check_robot_folder(reference: str | Path, allow_code: Allowed = False) -> Findings:
+    """Check a robot by itself, with the usual factors and the platform's test-cycles."""
+    found = Findings(f"robot {reference}")
+    model = check_model(reference, found, allow_code)
+    if model is None:
+        return found
+    ranges = {name: one for name, one in USUAL.items() if one[0] != "payload_mass_error" or model.payload}
+    check_factors(model, ranges, found)
+    for name in list_cycles():
+        found.attempt(lambda name=name: check_cycle(model, load_cycle(name), name, ranges, 0.01))  # type: ignore[misc]
+    if not found.problems:
+        found.attempt(lambda: simulate_extremes(model, ranges, found))
+    if not model.torque_noise.all():
+        found.notes.append(
+            f"{model.name}: sensors.torque_noise is 0 or missing; without noise an SNR means little."
+        )
+    if not found.problems:
+        done = ", ".join(list_cycles())
+        found.notes.append(f"{model.n} joints, {len(model.effects)} effects; can do {done}.")
+    return found

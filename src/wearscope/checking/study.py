@@ -1,0 +1,91 @@
+"""A study: its settings, robots, test-cycles and detectors, and whether they go together."""
+
+from collections.abc import Mapping
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+from wearscope.checking.findings import Findings
+from wearscope.checking.robot import STEP, check_factors, check_model
+from wearscope.config import StudyConfig, list_breaches, load_config
+from wearscope.cycles.base import Cycle, load_cycle
+from wearscope.detectors.base import load_detector
+from wearscope.errors import InputError
+from wearscope.robots.model_file import Allowed
+from wearscope.simulation.feasibility import check_cycle
+
+
+def check_study(config: Mapping[str, Any], what: str, folder: str | Path = ".") -> Findings:
+    """Check a study without simulating anything.
+
+    Parameters
+    ----------
+    config : mapping
+        As read from YAML.
+    what : str
+        What messages call it.
+    folder : path-like
+        Where its paths start.
+    """
+    found = Findings(what)
+    found.add(*list_breaches(config))
+    study = None if found.problems else load_config(config)
+    with chdir(folder):
+        _check_parts(config, study, found)
+    return found
+
+
+def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Findings) -> None:
+    """Check robots, test-cycles and detectors, of a configuration that is wrong elsewhere as well."""
+    allow: Allowed = study.allow_code if study else False
+    robots = [
+        found_one for name in _texts(config.get("robots")) if (found_one := check_model(name, found, allow))
+    ]
+    cycles: dict[str, Cycle] = {}
+    for name in _texts(config.get("cycles")):
+        cycle = found.attempt(lambda name=name: load_cycle(name))  # type: ignore[misc]
+        if cycle is not None:
+            cycles[name] = cycle
+    detectors = config.get("detectors")
+    for name, one in detectors.items() if isinstance(detectors, Mapping) else ():
+        use, options = (one, {}) if isinstance(one, str) else _use_of(one)
+        if use is not None:
+            _try_detector(str(name), use, options, found)
+    if study is None:
+        return
+    ranges = {name: (kind, low, high) for name, (kind, low, high) in study.factor_ranges().items()}
+    for model in robots:
+        if max(study.axes) > model.n:
+            found.add(f"axes: robot '{model.name}' has {model.n} axes; drop axis {max(study.axes)}.")
+        known = len(found.problems)
+        check_factors(model, ranges, found, study.simulation.sample_rate)
+        if len(found.problems) > known:
+            continue
+        for label, cycle in cycles.items():
+            found.attempt(
+                lambda model=model, cycle=cycle, label=label: check_cycle(
+                    model, cycle, label, ranges, 10 * STEP
+                )  # type: ignore[misc]
+            )
+    points = study.design.count_points(study.factors)
+    runs = points * 2 * len(robots) * len(cycles)
+    cells = len(robots) * len(cycles) * len(study.axes) * len(study.detectors)
+    found.notes.append(f"{cells} cells; {points} design points, {runs} simulations of the paper's design.")
+
+
+def _texts(value: Any) -> list[str]:
+    return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
+
+
+def _use_of(one: Any) -> tuple[str | None, dict[str, Any]]:
+    if not isinstance(one, Mapping) or not isinstance(one.get("use"), str):
+        return None, {}
+    options = one.get("options")
+    return one["use"], dict(options) if isinstance(options, Mapping) else {}
+
+
+def _try_detector(name: str, use: str, options: dict[str, Any], found: Findings) -> None:
+    try:
+        load_detector(use, options)
+    except InputError as error:
+        found.add(f"detectors.{name}: {error}")

@@ -1,0 +1,1 @@
+"""The command `wearscope`: makes, checks and runs what the rooms offer."""

@@ -1,0 +1,119 @@
+"""Everything that is wrong with a thing, in one list."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from wearscope.errors import InputError
+
+
+@click.command()
+@click.argument("things", nargs=-1, metavar="[THING]...")
+@click.option("--allow-code", is_flag=True, help="Let effect files that a model or data set names run.")
+@click.option("--robot", "robots", multiple=True, help="Robot that a test-cycle is for; may be repeated.")
+def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) -> None:
+    """Say everything that is wrong with each THING, in seconds and before anything is computed.
+
+    A THING is a robot, a data set, a study (folder or configuration), or a .py file with a detector,
+    test-cycle or effect, whose code then runs. Without any: the study that is here.
+
+    \b
+    Examples:
+      wearscope check arm
+      wearscope check arm-data my-study
+      wearscope check my_detector.py
+      wearscope check my_cycle.py --robot arm
+    """
+    wrong = 0
+    for thing in things or (".",):
+        found = inspect(thing, allow_code, robots)
+        for note in found.notes:
+            click.echo(f"  {note}")
+        for problem in found.problems:
+            click.echo(f"  wrong: {problem}")
+        count = len(found.problems)
+        wrong += count
+        outcome = (
+            "all well" if not count else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
+        )
+        click.echo(f"{found.what}: {outcome}")
+    if wrong:
+        sys.exit(1)
+
+
+def inspect(thing: str, allow_code: bool = False, robots: tuple[str, ...] = ()):  # type: ignore[no-untyped-def]
+    """Check a thing by what it is.
+
+    Parameters
+    ----------
+    thing : str
+        Path, or the name of a robot or study that comes along.
+    allow_code : bool
+    robots : tuple of str
+        That a test-cycle is for.
+
+    Returns
+    -------
+    wearscope.checking.findings.Findings
+
+    Raises
+    ------
+    InputError
+        Where it is none of the things that can be checked.
+    """
+    path = Path(thing)
+    if path.suffix == ".py":
+        from wearscope.checking.own_code import check_file
+
+        return check_file(path, robots)
+    kind = _tell_kind(path)
+    if kind == "dataset":
+        from wearscope.checking.dataset import check_dataset
+
+        return check_dataset(path, allow_code)
+    if kind == "robot" or (kind == "" and _is_robot(thing)):
+        from wearscope.checking.robot import check_robot_folder
+
+        return check_robot_folder(thing, allow_code)
+    from wearscope.checking.study import check_study
+    from wearscope.cli.study import find_study, read_yaml
+
+    place = find_study(None if thing == "." else thing)
+    return check_study(read_yaml(place.config), f"study {place.config}", place.folder)
+
+
+def _tell_kind(path: Path) -> str:
+    """``dataset``, ``robot``, ``study``, or nothing where the path does not say."""
+    if path.is_dir():
+        for name, kind in (
+            ("dataset.yaml", "dataset"),
+            ("model.yaml", "robot"),
+            ("config/config.yaml", "study"),
+        ):
+            if (path / name).is_file():
+                return kind
+        return ""
+    if not path.is_file():
+        return ""
+    if path.name == "dataset.yaml":
+        return "dataset"
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{path}: is no robot, data set, study or .py file; name one of them.")
+    from wearscope.cli.study import read_yaml
+
+    content = read_yaml(path)
+    if "declared_effects" in content or "runs" in content:
+        return "dataset"
+    return "robot" if "urdf" in content or "joints" in content else "study"
+
+
+def _is_robot(thing: str) -> bool:
+    """Whether a robot of this name is found."""
+    from wearscope.robots.model_file import find_model
+
+    try:
+        find_model(thing)
+    except InputError:
+        return False
+    return True

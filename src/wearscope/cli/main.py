@@ -1,0 +1,82 @@
+"""The command's tree. What a command needs is imported when it runs, so that help comes at once."""
+
+import importlib
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from wearscope.errors import InputError
+
+#: Where each command is: module of `wearscope.cli` and name in it.
+COMMANDS = {
+    "new": "new:new",
+    "check": "check:check",
+    "run": "stages:run",
+    "diagnose": "stages:diagnose",
+    "track": "stages:track",
+    "detect": "stages:detect",
+    "reevaluate": "stages:reevaluate",
+    "report": "stages:report",
+    "show": "show:show",
+    "compare": "compare:compare",
+    "completion": "completion:completion",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are asked for.
+
+    Parameters
+    ----------
+    places : mapping of str to str
+        ``module:name`` in `wearscope.cli` by command, in the order of the help.
+    """
+
+    def __init__(self, *args: Any, places: Mapping[str, str], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.places = places
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands in the order of the help."""
+        return list(self.places)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in self.places:
+            return None
+        module, name = self.places[cmd_name].split(":")
+        command: click.Command = getattr(importlib.import_module(f"wearscope.cli.{module}"), name)
+        return command
+
+
+@click.group(
+    cls=LazyGroup,
+    places=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(package_name="wearscope")
+def wearscope() -> None:
+    """Will a fault detector find wear in a robot joint, and can the simulator that says so be trusted?
+
+    \b
+    Examples:
+      wearscope new study my-study               a folder with a study in it
+      wearscope run my-study                     run it
+      wearscope report my-study --open           look at it
+      wearscope new robot arm.urdf               a model of one's own robot
+      wearscope check arm                        all that is wrong with it, in seconds
+      wearscope diagnose arm-data                what the machine does beyond its model
+
+    Each of the commands that compute is a target of Snakemake, which can be called by itself just as well.
+    """
+
+
+def main() -> None:
+    """Run the command; bad input ends it in one sentence."""
+    try:
+        wearscope(prog_name="wearscope")
+    except InputError as error:
+        click.echo(str(error), err=True)
+        sys.exit(1)

@@ -1,0 +1,126 @@
+"""`wearscope new dataset`."""
+
+import re
+from pathlib import Path
+
+import click
+
+from wearscope.cli.new_robot import Numbers
+from wearscope.errors import InputError
+
+
+def _pattern(kind: str):  # type: ignore[no-untyped-def]
+    text = f"Columns of the {kind}, '*' for the joint's name or number."
+    return click.option(f"--{kind}", metavar="'NAME_*'", help=text)
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--urdf", required=True, type=click.Path(path_type=Path), help="Of the robot, as its maker published it."
+)
+@click.option("--name", help="Of the data set and its folder; made of the URDF's name if left out.")
+@click.option(
+    "--in", "folder", type=click.Path(path_type=Path), default=Path(), help="Where the folder is made."
+)
+@click.option("--joints", default="", metavar="A,B,...", help="Joints, in order; all that move if left out.")
+@click.option(
+    "--test", multiple=True, metavar="FILE", help="Recording that is only scored; the last one if left out."
+)
+@_pattern("position")
+@_pattern("velocity")
+@_pattern("torque")
+@_pattern("current")
+@_pattern("temperature")
+@click.option("--time", metavar="NAME", help="Column of the time.")
+@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Told by the step if left out.")
+@click.option(
+    "--rate", type=click.FloatRange(min=0.0, min_open=True), help="Samples a second, where there is no clock."
+)
+@click.option(
+    "--position-unit", type=click.Choice(["rad", "deg", "m", "mm"]), help="Told by name or size if left out."
+)
+@click.option(
+    "--side", type=click.Choice(["joint", "motor"]), default="joint", show_default=True, help="Of positions."
+)
+@click.option(
+    "--torque-side",
+    type=click.Choice(["joint", "motor"]),
+    default="joint",
+    show_default=True,
+    help="Of torques.",
+)
+@click.option(
+    "--gear-ratio", type=Numbers(), default=(), metavar="X,X,...", help="Motor turns per joint turn."
+)
+@click.option(
+    "--torque-constant",
+    type=Numbers(),
+    default=(),
+    metavar="X,X,...",
+    help="N m/A, to have torque of current.",
+)
+@click.option("--topic", help="Of the joint states in a ROS 2 bag.")
+@click.option("--payload", type=float, help="Mass at the flange in all recordings [kg].")
+@click.option(
+    "--payload-com", nargs=3, type=float, default=(0.0, 0.0, 0.0), help="Its centre in the last link [m]."
+)
+@click.option("--inertials", type=click.Choice(["approximate", "trusted"]), default="approximate",
+              help="Whether the URDF's masses are refitted, or trusted.")  # fmt: skip
+@click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
+              help="Effects that the model has to begin with.")  # fmt: skip
+@click.option("--accept", multiple=True, help="Refusal that is overruled, as its sentence words it.")
+def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type: ignore[no-untyped-def]
+    """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags or MCAP.
+
+    What is guessed (columns, units, clock, rate, which recording is the test) is said, and stands in
+    dataset.yaml. The data set is checked before it is kept.
+
+    \b
+    Examples:
+      wearscope new dataset log1.csv log2.csv log3.csv --urdf ur5.urdf
+      wearscope new dataset *.csv --urdf arm.urdf --torque-constant 0.11 --gear-ratio 101
+      wearscope new dataset monday.mcap tuesday.mcap --urdf arm.urdf --topic /joint_states
+    """
+    from wearscope.checking.dataset import check_dataset
+    from wearscope.robots.model_file import read_text
+    from wearscope.starters.columns import KINDS
+    from wearscope.starters.conversion import Mapped, convert_recordings
+    from wearscope.starters.dataset import write_dataset
+    from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
+
+    read_text(urdf, "the robot's URDF")
+    plain = re.sub(
+        r"[^A-Za-z0-9_.-]+", "-", urdf.stem if urdf.stem != "robot" else urdf.resolve().parent.name
+    )
+    name = check_folder_name(name or f"{plain.strip('-._') or 'robot'}-data", "data set")
+    target = folder / name
+    refuse_existing(target)
+    patterns = {kind: stated.pop(kind) for kind in KINDS}
+    mapped = Mapped(
+        joints=_split(joints),
+        patterns={kind: one for kind, one in patterns.items() if one},
+        declared=_split(declare),
+        **stated,
+    )
+    converted = convert_recordings(recordings, urdf, mapped)
+    for note in converted.notes:
+        click.echo(f"  {note}")
+    with new_folder(target) as made:
+        write_dataset(made, name, urdf, converted, mapped)
+        found = check_dataset(made)
+        found.problems = [one.replace(str(made), str(target)) for one in found.problems]
+        if found.problems:
+            for problem in found.problems[:-1]:
+                click.echo(f"  wrong: {problem}")
+            raise InputError(_name_option(found.problems[-1]))
+    click.echo(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
+
+
+def _split(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _name_option(problem: str) -> str:
+    """A refusal with the option that overrules it, in place of the line of a file that is not kept."""
+    return re.sub(r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml', r"give --accept '\2'", problem)

@@ -1,0 +1,146 @@
+"""Tables and figures in the terminal."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from wearscope.cli.study import find_study
+from wearscope.errors import InputError
+
+#: Results that `show` lists first, and what each says.
+QUESTIONS = {
+    "findings": "what the study found, beside the paper",
+    "ranking": "Q-2: which detector is best",
+    "snr": "Q-2: signal-to-noise ratio by cell",
+    "sensitivity": "Q-1: which factors matter",
+    "group_scope": "Q-3: share of cells in which a detector works",
+    "scope": "Q-3: where a detector works, by cell",
+    "validation": "how well the surrogates fit",
+}
+
+
+def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """Print a table as wide as the terminal; nothing where it has no rows."""
+    if not rows:
+        return
+    console = Console() if sys.stdout.isatty() else Console(width=160)
+    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    for header in headers:
+        table.add_column(Text(header), overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(one) for one in row))
+    console.print(table)
+
+
+def find_results(place: str | None) -> Path:
+    """Folder of results, given as such or as its study."""
+    if place is not None and Path(place).is_dir() and not (Path(place) / "config").is_dir():
+        return Path(place)
+    return find_study(place).results
+
+
+def find_item(name: str, folder: Path) -> Path:
+    """File of a table or figure, given by its path or by its name in a folder of results.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    for path in (Path(name), folder / name):
+        if path.is_file():
+            return path
+    for pattern in (f"{name}.parquet", f"*/{name}.parquet", f"figures/{name}.png", f"**/{name}.parquet"):
+        found = sorted(folder.glob(pattern))
+        if found:
+            return found[0]
+    there = (
+        ", ".join(sorted({file.stem for file in list_items(folder)})) or "nothing yet; run the study first"
+    )
+    raise InputError(f"{folder}: there is no table or figure '{name}'; there are {there}.")
+
+
+def list_items(folder: Path) -> list[Path]:
+    """Tables and figures of a folder of results."""
+    return sorted(
+        [*folder.glob("*.parquet"), *folder.glob("design/*.parquet"), *folder.glob("figures/*.png")]
+    )
+
+
+@click.command()
+@click.argument("item", required=False)
+@click.option(
+    "--in", "place", metavar="PLACE", help="Study, or folder of results; the study that is here if left out."
+)
+@click.option("--where", "-w", multiple=True, metavar="COLUMN=VALUE", help="Rows with this value only.")
+@click.option("--sort", metavar="COLUMN", help="Sort by a column; with '-' before it, the largest first.")
+@click.option("--columns", metavar="A,B", help="These columns only.")
+@click.option("--rows", default=30, show_default=True, help="Largest number of rows; 0 for all.")
+def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-def]
+    """Show a table or figure of a study in the terminal; without ITEM, say which there are.
+
+    ITEM is a name, or the path of a .parquet, .json, .csv or .png file.
+
+    \b
+    Examples:
+      wearscope show                              what there is
+      wearscope show ranking
+      wearscope show snr --where fda=C --sort -snr --rows 10
+      wearscope show sensitivity --in my-study
+      wearscope show scope_w3                     a figure
+    """
+    from wearscope.cli.tables import frame_rows, read_frame
+
+    given = item is not None and Path(item).is_file()
+    folder = Path() if given else find_results(place)
+    if item is None:
+        _list(folder)
+        return
+    path = find_item(item, folder)
+    if path.suffix == ".png":
+        _draw(path)
+    elif path.suffix in (".parquet", ".csv", ".json"):
+        frame, units = read_frame(path)
+        headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows)
+        print_table(headers, cells)
+        if left:
+            click.echo(f"{left} more rows; --rows 0 shows all, --where COLUMN=VALUE some.", err=True)
+    else:
+        raise InputError(
+            f"{path}: is neither a table nor a figure; name a .parquet, .json, .csv or .png file."
+        )
+
+
+def _list(folder: Path) -> None:
+    items = list_items(folder)
+    if not items:
+        raise InputError(f"{folder}: holds no results yet; run the study with 'wearscope run'.")
+    rank = {name: k for k, name in enumerate(QUESTIONS)}
+    items.sort(key=lambda path: (rank.get(path.stem, len(rank)), path.parent != folder, path.stem))
+    rows = [(p.stem, QUESTIONS.get(p.stem, ""), p.relative_to(folder).as_posix()) for p in items]
+    print_table(("name", "what it says", "file"), rows)
+
+
+def _draw(path: Path) -> None:
+    """A picture in half blocks: two pixels a character, in the terminal's width."""
+    import numpy as np
+    from PIL import Image
+
+    console = Console()
+    with Image.open(path) as opened:
+        picture = opened.convert("RGB")
+    width = min(console.width, picture.width)
+    height = max(2, 2 * round(picture.height * width / picture.width / 2))
+    pixels = np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
+    for top in range(0, height, 2):
+        line = Text()
+        for x in range(width):
+            colours = (f"rgb({','.join(map(str, pixels[row, x].tolist()))})" for row in (top, top + 1))
+            line.append("▀", style=" on ".join(colours))
+        console.print(line)
+    click.echo(str(path))

@@ -1,0 +1,135 @@
+"""Results as rows of text."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from wearscope import tables
+from wearscope.errors import InputError
+
+
+def format_value(value: Any) -> str:
+    """Short text of a table's value."""
+    if isinstance(value, float):
+        return "n/a" if value != value else f"{value:.4g}"
+    if value is None or value is pd.NA:
+        return "n/a"
+    return str(value)
+
+
+def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Table of a file, and the units of its columns.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read as a table.
+    """
+    try:
+        if path.suffix == ".parquet":
+            return tables.read_table(path), tables.read_units(path)
+        if path.suffix == ".csv":
+            return pd.read_csv(path), {}
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return pd.json_normalize(content if isinstance(content, list) else [content]).T.reset_index(), {}
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        told = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: cannot be read as a table ({told}); make it again.") from error
+
+
+def frame_rows(
+    frame: pd.DataFrame,
+    units: Mapping[str, str],
+    where: str,
+    conditions: Sequence[str],
+    sort: str | None,
+    columns: str | None,
+    count: int,
+) -> tuple[list[str], list[list[str]], int]:
+    """Headers and rows as text, and how many rows were left out.
+
+    Parameters
+    ----------
+    frame : DataFrame
+    units : mapping of str to str
+        By column.
+    where : str
+        What messages call the table.
+    conditions : sequence of str
+        ``column=value``.
+    sort : str, optional
+        Column; with ``-`` before it, descending.
+    columns : str, optional
+        Those to show, with commas.
+    count : int
+        Largest number of rows; 0 for all.
+
+    Raises
+    ------
+    InputError
+        Where there is no such column, or a condition is malformed.
+    """
+
+    def known(name: str) -> str:
+        if name not in frame.columns:
+            raise InputError(f"{where}: has no column '{name}'; it has {', '.join(map(str, frame.columns))}.")
+        return name
+
+    for condition in conditions:
+        name, equals, value = condition.partition("=")
+        if not equals:
+            raise InputError(f"--where {condition}: is no condition; write --where column=value.")
+        frame = frame[[_is_equal(one, value) for one in frame[known(name)]]]
+    if sort:
+        frame = frame.sort_values(known(sort.lstrip("-")), ascending=not sort.startswith("-"), kind="stable")
+    if columns:
+        frame = frame[[known(name.strip()) for name in columns.split(",")]]
+    shown = frame.head(count) if count > 0 else frame
+    headers = [f"{name} [{units[name]}]" if units.get(name) else str(name) for name in frame.columns]
+    rows = [[format_value(value) for value in row] for row in shown.itertuples(index=False)]
+    return headers, rows, len(frame) - len(shown)
+
+
+def _is_equal(value: Any, text: str) -> bool:
+    if str(value) == text:
+        return True
+    try:
+        return float(value) == float(text)
+    except (TypeError, ValueError):
+        return False
+
+
+def joint_rows(verdict: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Errors before and after by joint, of a verdict."""
+    headers = ["joint", "state", "error before", "after", "noise floor", "unit"]
+    rows = [
+        [
+            name,
+            format_value(joint.get("state")),
+            *(format_value(joint.get(key)) for key in ("rms_before", "rms_after", "noise_floor")),
+            format_value(joint.get("unit")),
+        ]
+        for name, joint in verdict.get("joints", {}).items()
+    ]
+    return headers, rows
+
+
+def verdict_rows(verdict: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Named effects of a verdict, a row an effect."""
+    headers = ["joint", "effect", "status", "or as well", "error removed"]
+    rows = [
+        [
+            entry["joint"],
+            entry["effect"],
+            entry.get("status", ""),
+            ", ".join(entry.get("equivalent", [])),
+            f"{100 * entry.get('error_reduction', float('nan')):.0f} %",
+        ]
+        for entry in verdict.get("verdict", [])
+    ]
+    return headers, rows

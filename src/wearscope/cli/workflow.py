@@ -1,0 +1,205 @@
+"""Calls Snakemake: what is told while it works goes to a log file, what made it fail into one sentence."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from wearscope.errors import InputError
+from wearscope.home import find_home
+
+_STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
+_PLANNED = re.compile(r"^total\s+(\d+)$")
+_BEGUN = re.compile(r"^(?:local)?rule (\w+):$|^Job \d+: (.+)$")
+_FAILED = re.compile(r"^Error in rule (\w+):$")
+_LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error details\)$")
+_NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
+#: Lines of Snakemake's that do not say what went wrong.
+_CHATTER = re.compile(
+    r"^(Shutting down|Exiting because|Complete log|At least one job|Using workflow specific profile|"
+    r"Removing |\[\w{3} \w{3} +\d+|  File \"|Building DAG|None$|host: |WorkflowError:$|Trying to restart)"
+)
+
+
+@dataclass
+class Progress:
+    """What Snakemake has told so far.
+
+    Attributes
+    ----------
+    done, total : int
+        Jobs.
+    message : str
+        Of the job begun last.
+    rule, log : str
+        Of the first job that failed.
+    last : deque of str
+        Last lines that are not empty.
+    """
+
+    done: int = 0
+    total: int = 0
+    message: str = ""
+    rule: str = ""
+    log: str = ""
+    last: deque[str] = field(default_factory=lambda: deque(maxlen=60))
+
+    def read(self, line: str) -> None:
+        """Take a line of the output."""
+        line = line.rstrip()
+        if line:
+            self.last.append(line)
+        if found := _STEPS.match(line):
+            self.done, self.total = int(found[1]), int(found[2])
+        elif found := _PLANNED.match(line):
+            self.total = int(found[1])
+        elif found := _BEGUN.match(line):
+            self.message = found[2] or found[1].replace("_", " ")
+        elif (found := _FAILED.match(line)) and not self.rule:
+            self.rule = found[1]
+        elif (found := _LOG.match(line)) and self.rule and not self.log:
+            self.log = found[1]
+
+    def seconds_left(self, elapsed: float) -> float | None:
+        """Time that the jobs left take if they take as long as those done; None before the first is done."""
+        return elapsed * (self.total - self.done) / self.done if self.done else None
+
+
+def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) -> str:
+    """One sentence on why Snakemake failed, from the failed job's log or Snakemake's last words.
+
+    Parameters
+    ----------
+    progress : Progress
+    targets : sequence of str
+        What was asked for.
+    folder : Path
+        Working directory of Snakemake.
+    """
+    if progress.log:
+        told = _last_line(folder / progress.log)
+        plain = re.sub(r"^\[ *[\d.]+ s\] ", "", told)
+        if plain != told:  # a sentence of the job's own, with its time
+            return plain
+        return f"{progress.rule}: a defect of the program or of own code ({told}); its log is {progress.log}."
+    if any(_NO_TARGET.match(line) for line in progress.last):
+        file = find_snakefile(folder)
+        return f"{file}: has no target {' or '.join(targets)}; update wearscope, or correct the name."
+    words = [line.strip() for line in progress.last if not _CHATTER.match(line)]
+    return words[-1] if words else "Snakemake ended without a word; look at the log."
+
+
+def _last_line(path: Path) -> str:
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except OSError:
+        lines = []
+    return lines[-1].strip() if lines else "the job said nothing"
+
+
+def find_snakefile(folder: Path) -> Path:
+    """The folder's own Snakefile, or the platform's."""
+    own = folder / "Snakefile"
+    return own if own.is_file() else find_home() / "Snakefile"
+
+
+def build_command(
+    targets: Sequence[str],
+    folder: Path,
+    cores: int,
+    study: Path | None = None,
+    settings: Sequence[str] = (),
+    options: Sequence[str] = (),
+) -> list[str]:
+    """Command line of Snakemake.
+
+    Parameters
+    ----------
+    targets : sequence of str
+    folder : Path
+        Working directory.
+    cores : int
+    study : Path, optional
+        Configuration; the folder's own, or the platform's, where left out.
+    settings : sequence of str
+        ``key=value`` that change the configuration.
+    options : sequence of str
+        Passed on as they are.
+    """
+    command = [sys.executable, "-m", "snakemake", *targets, "--cores", str(cores)]
+    command += ["--snakefile", str(find_snakefile(folder)), "--directory", str(folder)]
+    command += ["--workflow-profile", str(find_profile(folder))]
+    if study is not None:
+        command += ["--configfile", str(study)]
+    if settings:
+        command += ["--config", *settings]
+    return [*command, *options]
+
+
+def find_profile(folder: Path) -> Path:
+    """The folder's own default profile, or the platform's."""
+    own = folder / "profiles" / "default"
+    return own if own.is_dir() else find_home() / "profiles" / "default"
+
+
+def call_snakemake(
+    command: Sequence[str], folder: Path, log: Path, watch: Callable[[Progress, float, str], None]
+) -> tuple[int, Progress]:
+    """Run Snakemake with its output in a file; it ends with this process's wait.
+
+    Parameters
+    ----------
+    command : sequence of str
+    folder : Path
+        Working directory.
+    log : Path
+        Written anew.
+    watch : callable
+        Called with the progress, the seconds since the start and the line, after each line.
+
+    Returns
+    -------
+    int
+        Exit code.
+    Progress
+
+    Raises
+    ------
+    InputError
+        Where the log cannot be written.
+    """
+    progress, start = Progress(), time.monotonic()
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        file = log.open("w", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{log}: cannot be written ({error.strerror}); choose another folder.") from None
+    with (
+        file,
+        subprocess.Popen(
+            command,
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        ) as process,
+    ):
+        print(shlex.join(command), file=file, flush=True)
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                print(line, end="", file=file, flush=True)
+                progress.read(line)
+                watch(progress, time.monotonic() - start, line)
+        except BaseException:
+            process.terminate()
+            raise
+    return process.returncode, progress

@@ -1,0 +1,356 @@
+"""The next measurement: the motion, payload and temperature that tell apart what the runs so far cannot."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
+from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.cycles.base import Reference, check_reference, list_cycles, load_cycle
+from wearscope.cycles.planned import PlannedMotion, write_cycle
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.diagnosis import Diagnosis
+
+#: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
+#: limits, and this many times as fast as the recorded ones.
+STRETCH, FASTER = 2.0, 1.5
+#: Length of a generated motion [s], pause between its moves [s], most runs that are promised.
+SECONDS, DWELL, MOST_RUNS = 30.0, 0.1, 6
+#: Probability of telling the names apart from which on a number of runs is promised.
+POWER = 0.9
+#: Cold start [deg C].
+COLD = 20.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run that could be recorded.
+
+    Attributes
+    ----------
+    cycle : str
+        Name of a test-cycle.
+    motion : PlannedMotion or None
+        Where it was generated.
+    reference : Reference
+        At the rate of the filtered recordings.
+    payload : PayloadFields or None
+    temperature : float
+        At the start [deg C]; NaN where it is not recorded.
+    moving : ndarray (n,) of bool
+        Joints that move; the others stay at home.
+    """
+
+    cycle: str
+    motion: PlannedMotion | None
+    reference: Reference
+    payload: PayloadFields | None
+    temperature: float
+    moving: np.ndarray
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """What to record next for one term.
+
+    Attributes
+    ----------
+    joint : str
+    names : list of str
+        The named effect and what it cannot be told from.
+    plan : Plan
+    runs : int
+        To record.
+    power : float
+        Probability of telling the names apart with them, by the rule that names.
+    angle_before, angle_after : float
+        Between the two names that are most alike, on the runs so far and with the new ones [deg].
+    evidence_before, evidence_after : float
+        Expected difference of their losses [residual variances].
+    tried : int
+        Plans compared.
+    """
+
+    joint: str
+    names: list[str]
+    plan: Plan
+    runs: int
+    power: float
+    angle_before: float
+    angle_after: float
+    evidence_before: float
+    evidence_after: float
+    tried: int
+
+    def to_mapping(self) -> dict[str, Any]:
+        """As ``verdict.json`` has it."""
+        plan = self.plan
+        payload = None if plan.payload is None else {"mass": plan.payload.mass, "com": plan.payload.com}
+        return {
+            "joint": self.joint,
+            "names": self.names,
+            "cycle": plan.cycle,
+            "seconds": float(plan.reference.t[-1]),
+            "payload": payload,
+            "start_temperature": float(plan.temperature) if np.isfinite(plan.temperature) else None,
+            "runs": self.runs,
+            "power": self.power,
+            "angle_before_deg": self.angle_before,
+            "angle_after_deg": self.angle_after,
+            "evidence_before": self.evidence_before,
+            "evidence_after": self.evidence_after,
+            "plans_compared": self.tried,
+        }
+
+
+def planning_model(prepared: Prepared, model: RobotModel) -> RobotModel:
+    """Model whose limits are what a planned motion may use.
+
+    The recorded range stretched by `STRETCH` about its middle within the URDF's position limits; `FASTER`
+    times the recorded speed and acceleration, within the URDF's speed limit where it states one.
+    """
+    joints = {joint.name: joint for joint in parse_urdf(prepared.dataset.urdf).joints}
+    drive = model.drive.model_dump(exclude_none=True)
+    lower, upper = np.array(model.lower), np.array(model.upper)
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    low, high = middle - STRETCH * half, middle + STRETCH * half
+    speed = FASTER * np.array(drive["speed_limit"]) / 1.1
+    for j, name in enumerate(model.joints):
+        stated = joints[name]
+        if -OPEN_LIMIT < stated.lower < stated.upper < OPEN_LIMIT:
+            low[j] = min(max(low[j], stated.lower), lower[j])
+            high[j] = max(min(high[j], stated.upper), upper[j])
+    still = half < 1e-6
+    low[still], high[still] = lower[still] - 1e-6, upper[still] + 1e-6
+    drive["speed_limit"] = speed.tolist()
+    for key in ("acceleration_limit", "jerk_limit"):
+        drive[key] = (FASTER * np.array(drive[key]) / 1.1).tolist()
+    home = np.clip(model.home_posture, low + 1e-9, high - 1e-9)
+    return model.replace(drive=drive, lower=low.tolist(), upper=high.tolist(), home=home.tolist())
+
+
+def list_motions(joints: Sequence[int], joint: int, seeds: int = 3) -> list[PlannedMotion]:
+    """Motions to compare for a term at a joint.
+
+    Parameters
+    ----------
+    joints : sequence of int
+        Those that move in the recordings.
+    joint : int
+    seeds : int
+        Of drawn motions.
+    """
+    made = [
+        PlannedMotion(kind, who, seed, pace, size, SECONDS)
+        for kind in ("fourier", "points")
+        for who in (None,)
+        for seed in range(seeds)
+        for pace, size in ((1.0, 1.0), (0.4, 1.0), (1.0, 0.4))
+    ]
+    for kind in ("sweeps", "postures", "strokes"):
+        for pace in (1.0, 0.3):
+            made += [
+                PlannedMotion(kind, joint, seed, pace, 1.0, SECONDS)
+                for seed in range(1 + (kind == "postures"))
+            ]
+    if len(joints) > 1:
+        made += [PlannedMotion("sweeps", None, 0, pace, 1.0, SECONDS) for pace in (1.0, 0.3)]
+    return made
+
+
+def list_plans(
+    prepared: Prepared,
+    model: RobotModel,
+    joint: int,
+    warm: bool,
+    loaded: bool,
+    cycles: Sequence[str] | None = None,
+) -> Iterator[Plan]:
+    """Plans that the robot can follow.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    model : RobotModel
+        Of `planning_model`.
+    joint : int
+    warm, loaded : bool
+        Whether temperature, and payload, matter to the names.
+    cycles : sequence of str, optional
+        Test-cycles to compare beside the generated motions; those of the platform by default.
+    """
+    step = 1.0 / prepared.band.rate
+    payloads = list_payloads(prepared) if loaded else list_payloads(prepared)[:1]
+    temperatures = list_temperatures(prepared)
+    temperatures = temperatures if warm else temperatures[:1]
+    moving = [int(j) for j in np.flatnonzero(prepared.moving)]
+    built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
+        (motion.name, motion, motion.build) for motion in list_motions(moving, joint)
+    ]
+    for name in list_cycles() if cycles is None else cycles:
+        cycle = load_cycle(name)
+        built.append((cycle.name, None, cycle.build))
+    for name, motion, build in built:
+        for payload in payloads:
+            stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
+            carrying = model.replace(payload=stated)
+            try:
+                reference = build(carrying, DWELL, step)
+                reference = hold_still(reference, prepared.moving, carrying)
+                check_reference(reference, carrying, name, temperatures[:1] or [50.0], 0.0, 0.0)
+            except InputError:
+                continue
+            for temperature in temperatures:
+                yield Plan(name, motion, reference, payload, temperature, prepared.moving)
+
+
+def hold_still(reference: Reference, moving: np.ndarray, model: RobotModel) -> Reference:
+    """Motion in which joints that never moved in the recordings stay at home; `moving` (n,) of bool."""
+    still = ~moving
+    if not still.any():
+        return reference
+    q, v, a = (np.array(x) for x in (reference.q, reference.v, reference.a))
+    q[:, still], v[:, still], a[:, still] = model.home_posture[still], 0.0, 0.0
+    return Reference(reference.t, q, v, a)
+
+
+def list_payloads(prepared: Prepared) -> list[PayloadFields | None]:
+    """Payloads that are at hand: those of the recordings, then none."""
+    found: list[PayloadFields | None] = []
+    for run in prepared.dataset.runs:
+        if not any(_alike(run.payload, one) for one in found):
+            found.append(run.payload)
+    if None not in found:
+        found.append(None)
+    return found
+
+
+def _alike(a: PayloadFields | None, b: PayloadFields | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return a.mass == b.mass and list(a.com) == list(b.com)
+
+
+def list_temperatures(prepared: Prepared) -> list[float]:
+    """Start temperatures [deg C]: the recordings' mean, coldest and warmest, then cold; NaN without any."""
+    means = np.array([float(np.mean(run.signals.temperature)) for run in prepared.runs_for("train")])
+    means = means[np.isfinite(means)]
+    if not len(means):
+        return [float("nan")]
+    values = [float(means.mean()), float(means.min()), float(means.max()), COLD]
+    return list(dict.fromkeys(round(value, 1) for value in values))
+
+
+def plan_measurements(
+    diagnosis: "Diagnosis",
+    progress: Callable[[str], None] = lambda _: None,
+    cycles: Sequence[str] | None = None,
+) -> list[NextMeasurement]:
+    """For each term that stands beside equivalents, the run that tells them apart best.
+
+    Every plan is judged by the least expected evidence between the named effect and another name, whichever
+    of the two is the truth, all else refitted: the runs so far and the new ones together (Atkinson and
+    Fedorov, Biometrika 62, 1975, for the worst pair). The number of runs is the least with which the rule
+    that names tells them apart with probability `POWER`, `MOST_RUNS` at most.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    progress : callable
+    cycles : sequence of str, optional
+        As of `list_plans`.
+    """
+    prepared, after = diagnosis.prepared, diagnosis.after
+    first = len(diagnosis.before.entries)
+    model = planning_model(prepared, diagnosis.models["before"])
+    found = []
+    for number, named in enumerate(diagnosis.attributions):
+        if not named.equivalent:
+            continue
+        names = list_names(after, first + number, named.equivalent, list(diagnosis.problem.effects))
+        rivalry = Rivalry(after, first + number, names)
+        joint = named.term.joint
+        progress(
+            f"what tells {' from '.join(name.effect.name for name in names)} at "
+            f"{prepared.dataset.joints[joint]}"
+        )
+        warm = any("temp" in signal or signal == "t" for name in names for signal in name.effect.depends_on)
+        best = _find_best(rivalry, list_plans(prepared, model, joint, warm, True, cycles), prepared)
+        if best is not None:
+            found.append(_promise(rivalry, prepared.dataset.joints[joint], names, *best))
+    return found
+
+
+def _find_best(rivalry: Rivalry, plans: Iterator[Plan], prepared: Prepared) -> tuple[Plan, Sums, int] | None:
+    """The plan with the highest probability of telling the names apart, then the most evidence a second."""
+    best: tuple[tuple[float, float], Plan, Sums] | None = None
+    count = 0
+    for plan in plans:
+        run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
+        if len(run.t) < 40:
+            continue
+        count += 1
+        sums = rivalry.look_along(run)
+        both = rivalry.recorded.add(sums, 2.0)
+        evidence = rivalry.worst(both).evidence
+        value = (round(rivalry.power(both, evidence), 3), evidence / max(both.rows, 1.0))
+        if best is None or value > best[0]:
+            best = (value, plan, sums)
+    return None if best is None else (best[1], best[2], count)
+
+
+def _promise(
+    rivalry: Rivalry, joint: str, names: Sequence[Any], plan: Plan, sums: Sums, tried: int
+) -> NextMeasurement:
+    before = rivalry.worst(rivalry.recorded)
+    runs, power, after = 1, 0.0, before
+    for runs in range(1, MOST_RUNS + 1):
+        both = rivalry.recorded.add(sums, float(runs))
+        after = rivalry.worst(both)
+        power = rivalry.power(both, after.evidence)
+        if power >= POWER:
+            break
+    return NextMeasurement(
+        joint, [name.effect.name for name in names], plan, runs, power, before.angle, after.angle,
+        before.evidence, after.evidence, tried,
+    )  # fmt: skip
+
+
+def write_measurements(
+    folder: Path, found: Sequence[NextMeasurement], joints: list[str]
+) -> list[dict[str, Any]]:
+    """Write each plan as a test-cycle (where it was generated) and as a table, and return their entries.
+
+    ``next_measurement_<k>.py`` defines ``CYCLE``; ``next_measurement_<k>.csv`` has t [s] and by joint
+    position, speed and acceleration, for a controller.
+    """
+    entries = []
+    for old in folder.glob("next_measurement_*"):
+        old.unlink()
+    for k, one in enumerate(found, start=1):
+        entry = one.to_mapping()
+        stem = f"next_measurement_{k}"
+        reference = one.plan.reference
+        columns = {"t": reference.t}
+        for j, joint in enumerate(joints):
+            for kind, values in (("q", reference.q), ("qd", reference.v), ("qdd", reference.a)):
+                columns[f"{kind}_{joint}"] = values[:, j]
+        tables.write_text(folder / f"{stem}.csv", pd.DataFrame(columns).to_csv(index=False))
+        entry["table"] = f"{stem}.csv"
+        if one.plan.motion is not None:
+            reason = f"Tells {' from '.join(one.names)} at joint {one.joint}."
+            tables.write_text(folder / f"{stem}.py", write_cycle(one.plan.motion, joints, reason))
+            entry["cycle_file"] = f"{stem}.py"
+        entries.append(entry)
+    return entries

@@ -1,0 +1,243 @@
+"""What a run would add to the evidence between names that the runs so far cannot tell apart."""
+
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from wearscope.closed_loop.diagnostics.planned_run import with_runs
+from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.model.candidates import join_signals, reduce_columns
+from wearscope.closed_loop.model.prediction import find_operating_point
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.effects.base import Effect, Signals
+
+#: Shapes of a name that stand for all of them.
+_SHAPES = 15
+#: As the rule that names: standard errors and share of the loss left that tell two names apart.
+ERRORS, MATERIAL = 2.0, 0.02
+#: Longest autocorrelation of the residual that is summed [rows].
+_LAGS = 40
+
+
+@dataclass(frozen=True)
+class Name:
+    """One of the names, at its joint, with all its shapes and variants."""
+
+    effect: Effect
+    joint: int
+    shapes: np.ndarray
+    subsets: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Products of one or several runs' rows.
+
+    Attributes
+    ----------
+    gram : ndarray (K, K)
+        Of the model's columns, then those of every name's shapes.
+    rows : float
+        Rows that count at the joints where the names are felt.
+    """
+
+    gram: np.ndarray
+    rows: float
+
+    def add(self, other: "Sums", times: float = 1.0) -> "Sums":
+        """These runs and `times` another."""
+        return Sums(self.gram + times * other.gram, self.rows + times * other.rows)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """How far a name is from what another one, refitted with all else, makes of it.
+
+    Attributes
+    ----------
+    evidence : float
+        Expected difference of the losses [residual variances].
+    angle : float
+        Between the name's torque and the other's model [deg].
+    """
+
+    evidence: float
+    angle: float
+
+
+class Rivalry:
+    """Names of one term and the model beside them, on runs recorded and planned.
+
+    Parameters
+    ----------
+    model : Regression
+        With the named term.
+    index : int
+        Of the named term among its entries.
+    names : list of Name
+        The named effect first.
+    """
+
+    def __init__(self, model: Regression, index: int, names: list[Name]) -> None:
+        self.model, self.names = model, names
+        self.others = [k for k in range(len(model.entries)) if k != index]
+        self.theta = model.solve()
+        width = model.spans[0].start if model.spans else model.p
+        self.base = np.array(
+            [*range(width), *(c for k in self.others for c in range(*model.spans[k].indices(model.p)))], int
+        )
+        self.joints = sorted(
+            {j for name in names for j in (range(model.prepared.n) if name.effect.spread else (name.joint,))}
+        )
+        self.spans = self._lay_out()
+        train = model.prepared.runs_for("train")
+        along = find_operating_point(model)
+        parts = [self._columns(run, s) for run, s in zip(train, along, strict=True)]
+        self.recorded = self._sum(parts)
+        target = np.concatenate(
+            [(y * w).reshape(-1) for y, w in zip(model.target, model.weights, strict=True)]
+        )
+        score = np.concatenate(parts[0:1] + parts[1:]).T @ target
+        self.prior = model.prior[np.ix_(self.base, self.base)]
+        self.betas = [self._fit(k, score) for k in range(len(names))]
+        self.inflation = max(self._measure_inflation(j) for j in self.joints)
+
+    def _lay_out(self) -> list[list[slice]]:
+        """Columns of every shape and variant of each name, behind the model's."""
+        spans, start = [], len(self.base)
+        self.picks: list[list[tuple[int, tuple[int, ...]]]] = []
+        for name in self.names:
+            own, picks = [], []
+            for s in range(len(name.shapes)):
+                for subset in name.subsets:
+                    own.append(slice(start, start + len(subset)))
+                    picks.append((s, subset))
+                    start += len(subset)
+            spans.append(own)
+            self.picks.append(picks)
+        return spans
+
+    def _columns(self, run: PreparedRun, signals: Signals) -> np.ndarray:
+        """Weighted columns (M n, K) of the model and all names along a run."""
+        model, n = self.model, self.model.prepared.n
+        weights = run.keep / model.sigma
+        parts = []
+        if model.inertial:
+            s = signals
+            parts.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
+        parts += [run.reduce(model.entries[k].columns(signals)) for k in self.others]
+        for name, picks in zip(self.names, self.picks, strict=True):
+            made = reduce_columns(name.effect, name.joint, name.shapes, run, signals)
+            count = len(name.effect.coefficients)
+            pick = [s * count + c for s, subset in picks for c in subset]
+            made = made[..., pick]
+            if made.ndim == 2:
+                full = np.zeros((len(made), n, made.shape[1]))
+                full[:, name.joint] = made
+                made = full
+            parts.append(made)
+        x = np.concatenate(parts, axis=2) * weights[:, :, None]
+        return x.reshape(-1, x.shape[2])
+
+    def _sum(self, parts: list[np.ndarray]) -> Sums:
+        n = self.model.prepared.n
+        rows = sum(
+            float(np.any(p.reshape(-1, n, p.shape[1])[:, self.joints] != 0, axis=2).sum()) for p in parts
+        )
+        return Sums(sum(p.T @ p for p in parts), rows)
+
+    def look_along(self, run: PreparedRun) -> Sums:
+        """Sums of a planned run."""
+        model = copy(self.model)
+        model.prepared = with_runs(model.prepared, [run])
+        return self._sum([self._columns(run, find_operating_point(model)[0])])
+
+    def _project(self, gram: np.ndarray) -> np.ndarray:
+        """Gram matrix of the names' columns after the model is projected out."""
+        p = len(self.base)
+        inner, cross = gram[:p, :p] + self.prior, gram[:p, p:]
+        ridge = 1e-9 * np.diag(np.maximum(np.diag(inner), 1e-12))
+        return gram[p:, p:] - cross.T @ np.linalg.solve(inner + ridge, cross)
+
+    def _fit(self, k: int, score: np.ndarray) -> np.ndarray:
+        """Coefficients (K - P,) of a name's best shape and variant on the recorded runs."""
+        p, gram = len(self.base), self.recorded.gram
+        inner = gram[:p, :p] + self.prior + 1e-9 * np.diag(np.maximum(np.diag(gram[:p, :p]), 1e-12))
+        reduced = score[p:] - gram[p:, :p] @ np.linalg.solve(inner, score[:p])
+        left = self._project(gram)
+        best, most = np.zeros(len(reduced)), -np.inf
+        for span in self.spans[k]:
+            own = slice(span.start - p, span.stop - p)
+            beta = _solve(left[own, own], reduced[own], np.diag(gram)[span])
+            gain = float(beta @ reduced[own])
+            if gain > most:
+                best, most = np.zeros(len(reduced)), gain
+                best[own] = beta
+        return best
+
+    def contrast(self, sums: Sums, true: int, model: int) -> Contrast:
+        """How one name's torque, if it is the truth, differs from what another name makes of it."""
+        p = len(self.base)
+        left, beta = self._project(sums.gram), self.betas[true]
+        whole = float(beta @ left @ beta)
+        taken = 0.0
+        for span in self.spans[model]:
+            own = slice(span.start - p, span.stop - p)
+            cross = left[own] @ beta
+            fit = _solve(left[own, own], cross, np.diag(sums.gram)[span])
+            taken = max(taken, float(2 * fit @ cross - fit @ left[own, own] @ fit))
+        away = max(whole - taken, 0.0)
+        angle = np.degrees(np.arcsin(np.sqrt(np.clip(away / whole, 0.0, 1.0)))) if whole > 0 else 0.0
+        return Contrast(away, float(angle))
+
+    def worst(self, sums: Sums) -> Contrast:
+        """The least telling contrast between the named effect and another name, either being the truth."""
+        pairs = [(0, k) for k in range(1, len(self.names))] + [(k, 0) for k in range(1, len(self.names))]
+        return min((self.contrast(sums, a, b) for a, b in pairs), key=lambda c: c.evidence)
+
+    def power(self, sums: Sums, evidence: float) -> float:
+        """Probability that held-out runs tell the names apart, as `selection.rule.separates` asks."""
+        error = 2.0 * np.sqrt(self.inflation * evidence)
+        if error <= 0.0:
+            return 0.0
+        return float(stats.norm.cdf((evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error))
+
+    def _measure_inflation(self, joint: int) -> float:
+        """Variance of a sum of residuals over that of as many independent ones."""
+        total, zero = 0.0, 0.0
+        for r, w in zip(self.model.residuals(self.theta), self.model.weights, strict=True):
+            x = (r * w)[:, joint]
+            zero += float(x @ x)
+            total += float(x @ x)
+            for lag in range(1, min(_LAGS, len(x) // 4)):
+                product = float(x[lag:] @ x[:-lag])
+                if product < 0.02 * float(x @ x):
+                    break
+                total += 2.0 * product
+        return max(total / zero, 1.0) if zero > 0 else 1.0
+
+
+def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Least squares with directions that the model spans left at next to nothing."""
+    return np.linalg.solve(inner + np.diag(1e-7 * size + 1e-30), score)
+
+
+def list_names(model: Regression, index: int, equivalent: list[str], effects: list[Effect]) -> list[Name]:
+    """The named effect of a term and the others of its set, with shapes and variants to fit."""
+    term = model.entries[index]
+    known = {effect.name: effect for effect in effects}
+    joined = join_signals(model.prepared.runs_for("train"))
+    names = []
+    for name in [term.effect.name, *equivalent]:
+        effect = term.effect if name == term.effect.name else known[name]
+        joint = model.prepared.n - 1 if effect.per_robot else term.joint
+        shapes = effect.shapes(joined, joint)
+        pick = np.unique(np.linspace(0, len(shapes) - 1, min(_SHAPES, len(shapes))).round().astype(int))
+        shapes = shapes[pick]
+        if effect is term.effect and term.shape:
+            shapes = np.vstack([shapes, np.array(term.shape)])
+        subsets = tuple(tuple(map(int, subset)) for subset in effect.subsets())
+        names.append(Name(effect, joint, shapes, subsets))
+    return names

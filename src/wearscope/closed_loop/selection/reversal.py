@@ -1,0 +1,187 @@
+"""Friction's reversal beside a model: over which speed each joint's direction of motion changes.
+
+The width that the rough model gave is one of a poorer model. Beside the terms that the search has found it is
+fitted again, and what is left of its error is a column of its own in every model that candidates are weighed
+beside, so that no name is given for a reversal that is a little sharper or smoother than assumed.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
+from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
+
+#: Step of the logarithm of a width for its derivative; steps taken; largest one; smallest one worth taking.
+_DIFFERENCE, _STEPS, _FURTHEST, _NEAREST = 0.02, 5, 0.5, 0.003
+#: Standard deviation of the errors of width and form, of Coulomb friction, that are to be expected.
+_SHARE = 0.5
+#: Least and largest width, over the joint's largest speed.
+_LEAST, _LARGEST = 1e-4, 0.3
+#: Widths from which the fit starts besides the rough model's, over the joint's largest speed; residual
+#: variances by which one must do better than it.
+_STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
+#: Standard errors that a change of a width must have.
+_ERRORS = 1.0
+
+
+def _take_reversal(signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
+    assert signals.reversal is not None
+    return signals.reversal[:, joint]
+
+
+REVERSAL = Effect(
+    name="reversal",
+    form="what a reversal of another width or form changes in Coulomb friction",
+    coefficients=tuple(Parameter(name, "{torque}") for name in ("wider", "algebraic", "arctangent")),
+    source="first-order error of the width; smooth approximations of sign(v) in common use",
+    depends_on=("qd_{joint}",),
+    regressors=_take_reversal,
+    candidate=False,
+)
+"""What an error of the reversal's width and form leaves of Coulomb friction; never named."""
+
+
+def make_reversal(prepared: Prepared, joint: int) -> Chosen:
+    """The error of a joint's reversal as a term of a model, held near zero by the joint's friction."""
+    candidate = make_candidate(REVERSAL, joint, prepared, np.zeros((1, 0)))
+    precision = np.eye(3) / max(_SHARE * _guess_friction(prepared, joint), 1e-12) ** 2
+    return Chosen(replace(candidate, penalty=precision), (0, 1, 2))
+
+
+def _guess_friction(prepared: Prepared, joint: int) -> float:
+    """Coulomb friction of a joint by the rough model, torque unit."""
+    x, y = [], []
+    for run in prepared.runs_for("train"):
+        s = run.signals
+        columns = rough_columns(run.known[:, joint], s.a[:, joint], s.sign[:, joint], s.v[:, joint])
+        keep = run.keep[:, joint]
+        x.append(run.reduce(columns)[keep])
+        y.append(run.measured[keep, joint])
+    return abs(float(fit_rough(x, y)[2]))
+
+
+@dataclass(frozen=True)
+class _JointFit:
+    """Least squares of one joint's torque on its own terms, and the step of its width that does better."""
+
+    loss: float
+    noise: float
+    step: float
+    error: float
+
+
+def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
+    """Widths (n,) of the reversals with which a model fits the training runs best (Gauss-Newton).
+
+    Parameters
+    ----------
+    prepared : Prepared
+    assembly : Assembly
+        The model.
+
+    Returns
+    -------
+    ndarray
+        Unchanged where nothing in the model changes its sign with the motion, and for reversals at once.
+    """
+    widths = prepared.reversal_width.copy()
+    frictions = {j: _list_own(assembly.chosen, j) for j in np.flatnonzero(widths > 0.0).tolist()}
+    frictions = {j: terms for j, terms in frictions.items() if terms}
+    if not frictions:
+        return widths
+    top = np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
+    best = {j: (np.inf, widths[j]) for j in frictions}
+    first = _fit_joints(prepared, assembly, frictions)
+    least = {j: fit.loss - _CLEARLY * fit.noise for j, fit in first.items()}
+    for share in _STARTS:
+        tried = np.where(widths > 0.0, share * top, widths)
+        for j, fit in _fit_joints(prepared.reverse_over(tried), assembly, frictions).items():
+            if fit.loss < least[j]:
+                least[j], widths[j] = fit.loss, tried[j]
+    moving = set(frictions)
+    for _ in range(_STEPS + 1):
+        fits = _fit_joints(prepared.reverse_over(widths), assembly, {j: frictions[j] for j in moving})
+        for j, fit in fits.items():
+            if not fit.loss < best[j][0]:
+                # Half way back to what was better.
+                if np.isfinite(best[j][0]) and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
+                    widths[j] = np.sqrt(widths[j] * best[j][1])
+                else:
+                    moving.discard(j)
+                continue
+            best[j] = (fit.loss, widths[j])
+            if abs(fit.step) < max(_NEAREST, _ERRORS * fit.error):
+                moving.discard(j)
+                continue
+            changed = widths[j] * np.exp(np.clip(fit.step, -_FURTHEST, _FURTHEST))
+            widths[j] = float(np.clip(changed, _LEAST * top[j], _LARGEST * top[j]))
+        if not moving:
+            break
+    for j, (_, width) in best.items():
+        widths[j] = width
+    return widths
+
+
+def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
+    """Indices of a model's terms that act at one joint alone and are evaluated along its motion."""
+    return [
+        k
+        for k, c in enumerate(chosen)
+        if c.candidate.joint == joint
+        and c.candidate.effect is not REVERSAL
+        and not (
+            c.candidate.effect.spread or isinstance(c.candidate.effect, (MeasurementEffect, RigidBodyEffect))
+        )
+    ]
+
+
+def _fit_joints(prepared: Prepared, assembly: Assembly, own: dict[int, list[int]]) -> dict[int, _JointFit]:
+    """Fit each joint's own terms along signals, and the change of its width, the terms of others held."""
+    train = prepared.runs_for("train")
+    moved = prepared.reverse_over(prepared.reversal_width * np.exp(_DIFFERENCE)).runs_for("train")
+    fits = {}
+    for j, terms in own.items():
+        x = np.concatenate([_reduce(assembly.chosen[k], train) for k in terms], axis=1)
+        other = np.concatenate([_reduce(assembly.chosen[k], moved) for k in terms], axis=1)
+        keep = assembly.layout.keep[:, j]
+        # What is felt at several joints, or is of the record, is held; the reversal's own column is left out.
+        held = np.isin(assembly.at[j], _list_columns(assembly, j, terms), invert=True)
+        y = assembly.target[:, j] - assembly.columns[j][:, held] @ assembly.theta[assembly.at[j][held]]
+        x, other, y = x[keep], other[keep], y[keep]
+        theta, left = _solve(x, y)
+        slope = (other - x) @ theta / _DIFFERENCE
+        both, after = _solve(np.column_stack([x, slope]), y)
+        free = slope - x @ _solve(x, slope)[0]
+        power = float(free @ free)
+        if power <= 1e-12 * float(slope @ slope) or power == 0.0:
+            fits[j] = _JointFit(left, left / max(len(y), 1), 0.0, np.inf)
+            continue
+        noise = after / max(len(y), 1)
+        fits[j] = _JointFit(left, noise, float(both[-1]), float(np.sqrt(noise / power)))
+    return fits
+
+
+def _reduce(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
+    """Columns (M, m) of a term along the signals of runs."""
+    made, shape = chosen.candidate, np.array(chosen.candidate.shapes)
+    parts = [reduce_columns(made.effect, made.joint, shape, run) for run in runs]
+    return np.concatenate(parts)[:, list(chosen.subset)]
+
+
+def _list_columns(assembly: Assembly, joint: int, terms: list[int]) -> list[int]:
+    """Parameters of a joint's own terms, and of its reversal."""
+    each = list(zip(assembly.chosen, assembly.spans, strict=True))
+    own = [span for k, (_, span) in enumerate(each) if k in terms]
+    own += [s for c, s in each if c.candidate.effect is REVERSAL and c.candidate.joint == joint]
+    return [k for span in own for k in range(span.start, span.stop)]
+
+
+def _solve(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
+    """Least squares, and the sum of squares that it leaves."""
+    scale = np.sqrt(np.maximum((x**2).sum(axis=0), 1e-300))
+    theta = np.linalg.lstsq(x / scale, y, rcond=1e-10)[0] / scale
+    return theta, float(((y - x @ theta) ** 2).sum())

@@ -1,0 +1,1 @@
+"""The study's detectors on recordings: fitted on nominal ones, asked of others of the same motion."""

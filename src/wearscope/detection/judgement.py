@@ -1,0 +1,288 @@
+"""Tables of a detection: thresholds by cell, recordings judged, simulated runs."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.detection.panel import Cell
+from wearscope.detection.run import COMPARED, JUDGED, NOMINAL, OK, UNWORN, WORN, Asked, Setting, Tested
+from wearscope.detection.thresholds import (
+    WearScale,
+    adjust_p_values,
+    compare_scatter,
+    find_detected_wear,
+    find_p_value,
+    find_threshold,
+    least_runs,
+)
+
+#: p-value, over all cells of a data set, below which the simulator's scatter is not the machine's.
+UNLIKE = 0.05
+#: What a recording is found to be.
+ALARM, QUIET, UNCHECKED, WITHHELD, FAILED = "alarm", "no alarm", "unchecked", "withheld", "failed"
+#: Whose scatter the simulated one is.
+ALIKE, NOT_ALIKE, NOT_KNOWN = "the machine's", "not the machine's", "not known"
+TABLES = ("detection", "thresholds", "simulated")
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Recordings judged.
+
+    Attributes
+    ----------
+    detection : DataFrame
+        One row a recording, joint and detector: `motion`, `joint`, `fda`, `run`, `session`, `kind`
+        (``nominal`` or ``judged``), `y`, `unit`, `status`, `threshold`, `p_value` (share of simulated runs
+        without wear that give as much), `p_machine` (of the nominal recordings), `verdict`, and `wear` with
+        `wear_low`, `wear_high` (95 %): of which wear such a value speaks. Verdicts: ``alarm``; ``no alarm``;
+        ``unchecked``, above a threshold of which too few nominal recordings say whether it holds on the
+        machine; ``withheld``, where there is none or the simulator's scatter is not the machine's;
+        ``failed``.
+    thresholds : DataFrame
+        One row a motion, joint and detector: `unit`, `threshold`, `p_f`, `p_f_low`, `p_f_high` (95 % of the
+        false-alarm rates that this threshold may have on simulated runs), `runs`, `wear_detected` (smallest
+        from which on a share p_d is detected), `nominal_runs`, `nominal_above`, `scatter_ratio`, `scatter_p`,
+        `scatter_p_adjusted`, `scatter`, `reason` (why there is no threshold; else empty).
+    simulated : DataFrame
+        One row a simulated run, joint and detector: `kind` (``simulated``, ``simulated_worn``, ``compared``),
+        `run`, `wear`, `temperature_change` [K], `payload_error` [%], `y`, `status`.
+    summary : dict
+        The content of ``detection.json``.
+    """
+
+    detection: pd.DataFrame
+    thresholds: pd.DataFrame
+    simulated: pd.DataFrame
+    summary: dict[str, Any]
+
+    def write(self, folder: str | Path) -> None:
+        """Write the tables, and ``detection.json`` last."""
+        out = Path(folder)
+        units = {
+            "wear": "1",
+            "wear_low": "1",
+            "wear_high": "1",
+            "temperature_change": "K",
+            "payload_error": "%",
+        }
+        units |= {"wear_detected": "1", "p_value": "1", "p_f": "1", "scatter_ratio": "1"}
+        units |= dict.fromkeys(("y", "threshold"), "as the column unit says")
+        for name in TABLES:
+            table = getattr(self, name)
+            known = {column: unit for column, unit in units.items() if column in table}
+            tables.write_table(out / f"{name}.parquet", table, known)
+        tables.write_text(out / "detection.json", json.dumps(self.summary, indent=2) + "\n")
+
+
+def judge_recordings(tested: Tested, setting: Setting) -> Detection:
+    """Threshold, meaning and scatter of every test quantity."""
+    values = _collect(tested.asked)
+    thresholds, readings = [], {}
+    for (motion, cell), kinds in values.items():
+        row, readings[motion, cell] = _judge_cell(motion, cell, kinds, tested, setting)
+        thresholds.append(row)
+    table = pd.DataFrame(thresholds)
+    table["scatter_p_adjusted"] = adjust_p_values(table["scatter_p"].to_numpy(dtype=float))
+    known = table["scatter_p_adjusted"].notna()
+    table["scatter"] = np.where(
+        known, np.where(table["scatter_p_adjusted"] < UNLIKE, NOT_ALIKE, ALIKE), NOT_KNOWN
+    )
+    detection = _tabulate_measured(tested, table, readings)
+    return Detection(detection, table, _tabulate_simulated(tested), _summarise(tested, setting, detection))
+
+
+def _collect(asked: list[Asked]) -> dict[tuple[str, Cell], dict[str, list[tuple[float, Asked]]]]:
+    """Finite test quantities by motion and cell, then by kind; every cell is there."""
+    values: dict[tuple[str, Cell], dict[str, list[tuple[float, Asked]]]] = {}
+    for one in asked:
+        for cell, (y, status) in one.answers.items():
+            kinds = values.setdefault((one.motion, cell), {})
+            found = kinds.setdefault(one.kind, [])
+            if status == OK:
+                found.append((y, one))
+    return values
+
+
+def _column(kinds: dict[str, list[tuple[float, Asked]]], kind: str) -> np.ndarray:
+    return np.array([y for y, _ in kinds.get(kind, [])])
+
+
+def _judge_cell(
+    motion: str,
+    cell: Cell,
+    kinds: dict[str, list[tuple[float, Asked]]],
+    tested: Tested,
+    setting: Setting,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Row of a cell, and what reads its values: `unworn` and, where wear moves y, `scale`."""
+    joint, fda = cell
+    j = tested.prepared.dataset.joints.index(joint)
+    unworn, nominal = _column(kinds, UNWORN), _column(kinds, NOMINAL)
+    row: dict[str, Any] = {
+        "motion": motion, "joint": joint, "fda": fda, "unit": tested.units.get(cell, ""),
+        "threshold": np.nan, "p_f": setting.p_f, "p_f_low": np.nan, "p_f_high": np.nan, "runs": len(unworn),
+        "wear_detected": np.nan, "nominal_runs": len(nominal), "nominal_above": 0,
+        "scatter_ratio": np.nan, "scatter_p": np.nan, "reason": "",
+    }  # fmt: skip
+    reading: dict[str, Any] = {"unworn": unworn, "nominal": nominal}
+    if len(unworn) < least_runs(setting.p_f):
+        row["reason"] = _say_failure(motion, cell, tested.asked)
+        return row, reading
+    threshold = find_threshold(unworn, setting.p_f)
+    row |= {
+        "threshold": threshold.value,
+        "p_f_low": threshold.rate_low,
+        "p_f_high": threshold.rate_high,
+        "nominal_above": int(np.sum(nominal >= threshold.value)),
+    }
+    beside = _column(kinds, COMPARED) if COMPARED in kinds else unworn
+    scatter = compare_scatter(nominal, beside)
+    row["scatter_ratio"], row["scatter_p"] = scatter.ratio, scatter.p_value
+    worn = kinds.get(WORN, [])
+    if len(worn) > 10:
+        wear = np.array([one.draw.wear[j] for _, one in worn if one.draw is not None])
+        y = _column(kinds, WORN)
+        row["wear_detected"] = find_detected_wear(wear, y, threshold.value, setting.p_d)
+        reading["scale"] = WearScale(
+            np.concatenate([np.zeros(len(unworn)), wear]), np.concatenate([unworn, y])
+        )
+    return row, reading
+
+
+def _say_failure(motion: str, cell: Cell, asked: list[Asked]) -> str:
+    """Why a cell has too few simulated test quantities: the first reason among them."""
+    for one in asked:
+        if one.motion == motion and one.kind == UNWORN and one.answers[cell][1] != OK:
+            return one.answers[cell][1]
+    return "too few simulated runs"
+
+
+def _tabulate_measured(
+    tested: Tested, thresholds: pd.DataFrame, readings: dict[tuple[str, Cell], dict[str, Any]]
+) -> pd.DataFrame:
+    cells = {(row["motion"], (row["joint"], row["fda"])): row for row in thresholds.to_dict("records")}
+    records = []
+    for one in tested.asked:
+        if one.kind not in (NOMINAL, JUDGED):
+            continue
+        for cell, (y, status) in one.answers.items():
+            row, reading = cells[one.motion, cell], readings[one.motion, cell]
+            known = status == OK
+            wear = (np.nan, np.nan, np.nan)
+            if known and "scale" in reading:
+                wear = reading["scale"].read(y)
+            bounded = np.isfinite(row["threshold"])
+            records.append(
+                {
+                    "motion": one.motion,
+                    "joint": cell[0],
+                    "fda": cell[1],
+                    "run": one.run,
+                    "session": one.session or "",
+                    "kind": one.kind,
+                    "y": y,
+                    "unit": row["unit"],
+                    "status": status,
+                    "threshold": row["threshold"],
+                    "p_value": (find_p_value(y, reading["unworn"]) if known and bounded else np.nan),
+                    "p_machine": (
+                        find_p_value(y, reading["nominal"]) if known and one.kind == JUDGED else np.nan
+                    ),
+                    "verdict": _find_verdict(y, status, row),
+                    "wear": wear[0],
+                    "wear_low": wear[1],
+                    "wear_high": wear[2],
+                }
+            )
+    return pd.DataFrame(records)
+
+
+def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:
+    """What a value is: see `Detection.detection`."""
+    if status != OK:
+        return FAILED
+    if not np.isfinite(row["threshold"]) or row["scatter"] == NOT_ALIKE:
+        return WITHHELD
+    if y < row["threshold"]:
+        return QUIET
+    return UNCHECKED if row["scatter"] == NOT_KNOWN else ALARM
+
+
+def _tabulate_simulated(tested: Tested) -> pd.DataFrame:
+    records = []
+    joints = tested.prepared.dataset.joints
+    for one in tested.asked:
+        if one.draw is None:
+            continue
+        for (joint, fda), (y, status) in one.answers.items():
+            records.append(
+                {
+                    "motion": one.motion,
+                    "joint": joint,
+                    "fda": fda,
+                    "kind": one.kind,
+                    "run": int(one.run),
+                    "wear": float(one.draw.wear[joints.index(joint)]),
+                    "temperature_change": one.draw.warmth,
+                    "payload_error": 100.0 * one.draw.payload_error,
+                    "y": y,
+                    "status": status,
+                }
+            )
+    return pd.DataFrame(records)
+
+
+def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dict[str, Any]:
+    judged = detection[detection["kind"] == JUDGED]
+    verdicts = [
+        {
+            "run": run,
+            "session": rows["session"].iloc[0] or None,
+            "motion": rows["motion"].iloc[0],
+            "alarms": [
+                {
+                    "joint": row.joint,
+                    "fda": row.fda,
+                    "y": row.y,
+                    "threshold": row.threshold,
+                    "unit": row.unit,
+                    "wear95": None if np.isnan(row.wear_low) else [row.wear_low, row.wear_high],
+                }
+                for row in rows[rows["verdict"] == ALARM].itertuples()
+            ],
+            **{
+                word: [
+                    {"joint": row.joint, "fda": row.fda} for row in rows[rows["verdict"] == word].itertuples()
+                ]
+                for word in (UNCHECKED, WITHHELD, FAILED)
+            },
+        }
+        for run, rows in judged.groupby("run", sort=False)
+    ]
+    return {
+        "dataset": tested.prepared.dataset.name,
+        "model": tested.model,
+        "joints": tested.joints,
+        "setting": {
+            "p_f": setting.p_f, "p_d": setting.p_d, "runs": setting.runs, "worn_runs": setting.worn_runs,
+            "sigma": setting.sigma, "nominal": setting.nominal, "seed": setting.seed,
+        },
+        "motions": {
+            group.name: {
+                "nominal": [one.file for one in group.nominal],
+                "judged": [one.file for one in group.judged],
+                "seconds": float(group.nominal[0].batch.t[-1] - group.nominal[0].batch.t[0]),
+                "factors_that_move_nothing": tested.idle[group.name],
+            }
+            for group in tested.groups
+        },
+        "torque_noise_from": tested.noise_from,
+        "refused": [{"run": one.file, "reason": one.reason} for one in tested.refused],
+        "runs": verdicts,
+    }  # fmt: skip

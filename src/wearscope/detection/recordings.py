@@ -1,0 +1,200 @@
+"""Recordings of a data set as detectors see them, sorted by motion into nominal and judged ones."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields
+from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.detection.motion import cut_rests, tell_difference
+from wearscope.detectors.base import Array, Batch
+from wearscope.errors import InputError
+
+#: Standard deviation of a second difference of white noise, over that of the noise; of a normal sample, over
+#: its median magnitude.
+_SECOND, _NORMAL = np.sqrt(6.0), 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """One recording.
+
+    Attributes
+    ----------
+    file : str
+    session : str or None
+    batch : Batch
+        From its first to its last motion.
+    run : PreparedRun
+    payload : PayloadFields or None
+        As declared.
+    """
+
+    file: str
+    session: str | None
+    batch: Batch
+    run: PreparedRun
+    payload: PayloadFields | None
+
+    @property
+    def temperature(self) -> Array:
+        """Mean temperature (n,) [deg C]; NaN where it is not measured."""
+        return self.run.signals.temperature.mean(axis=0)
+
+
+@dataclass
+class MotionGroup:
+    """Recordings of one motion with one payload.
+
+    Attributes
+    ----------
+    name : str
+        ``motion 1``, ``motion 2``, ... in the order of the data set.
+    nominal, judged : list of Recorded
+    """
+
+    name: str
+    nominal: list[Recorded]
+    judged: list[Recorded] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A recording that is not judged, and why."""
+
+    file: str
+    reason: str
+
+
+def find_nominal(dataset: Dataset) -> set[str]:
+    """Files of the nominal runs: those of the `reference` sessions; where none is named, the `train` runs.
+
+    Raises
+    ------
+    InputError
+        Where every run is nominal.
+    """
+    where, reference = dataset.folder / "dataset.yaml", dataset.fields.reference
+    if reference:
+        nominal = {run.file for run in dataset.runs if run.session in reference}
+    else:
+        nominal = {run.file for run in dataset.runs_for("train")}
+    if len(nominal) == len(dataset.runs):
+        raise InputError(
+            f"{where}: runs: every run is nominal, so there is none to judge; add runs of other sessions, or "
+            "name the healthy sessions under `reference`."
+        )
+    return nominal
+
+
+def make_batch(run: PreparedRun) -> Batch:
+    """Batch of a prepared run, from its first to its last motion.
+
+    Raises
+    ------
+    ValueError
+        Where nothing moves.
+    """
+    s = run.signals
+    t = np.arange(len(s.t)) / run.band.rate
+    return cut_rests(Batch(t, s.q, s.v, run.tau, run.band.rate))
+
+
+def sort_recordings(prepared: Prepared) -> tuple[list[MotionGroup], list[Refused]]:
+    """Nominal recordings by motion, each with the judged ones of the same motion and declared payload.
+
+    Returns
+    -------
+    groups : list of MotionGroup
+        Those that have something to judge.
+    refused : list of Refused
+
+    Raises
+    ------
+    InputError
+        Where nothing is left to judge.
+    """
+    dataset = prepared.dataset
+    nominal, joints = find_nominal(dataset), dataset.joints
+    records = {record.file: record for record in dataset.runs}
+    groups: list[MotionGroup] = []
+    refused: list[Refused] = []
+    usable: list[Recorded] = []
+    seen: set[str] = set()
+    for run in prepared.runs:
+        if run.piece:
+            if run.file not in seen:
+                told = f"{run.file} has a gap, and detectors need a whole recording; record it again."
+                refused.append(Refused(run.file, told))
+        else:
+            record = records[run.file]
+            usable.append(Recorded(run.file, record.session, make_batch(run), run, record.payload))
+        seen.add(run.file)
+    for file in records:
+        if file not in seen:
+            refused.append(Refused(file, f"{file}: the robot stands still; record a motion."))
+    for one in usable:
+        if one.file in nominal:
+            for group in groups:
+                if _tell(group, one, joints) is None:
+                    group.nominal.append(one)
+                    break
+            else:
+                groups.append(MotionGroup(f"motion {len(groups) + 1}", [one]))
+    for one in usable:
+        if one.file in nominal:
+            continue
+        reasons = [_tell(group, one, joints) for group in groups]
+        if None in reasons:
+            groups[reasons.index(None)].judged.append(one)
+        else:
+            refused.append(Refused(one.file, _refusal(one, groups, reasons)))
+    found = [group for group in groups if group.judged]
+    if not found:
+        first = refused[0].reason if refused else "there is no whole nominal recording"
+        raise InputError(f"{dataset.folder}: nothing can be judged: {first}")
+    return found, refused
+
+
+def _tell(group: MotionGroup, one: Recorded, joints: list[str]) -> str | None:
+    """Why a recording does not belong to a group; None where it does."""
+    first = group.nominal[0]
+    said = tell_difference(first.batch, one.batch, joints)
+    if said is None and _load(first) != _load(one):
+        return "it declares another payload"
+    return said
+
+
+def _load(one: Recorded) -> tuple[float, ...]:
+    return () if one.payload is None else (one.payload.mass, *one.payload.com)
+
+
+def _refusal(one: Recorded, groups: list[MotionGroup], reasons: list[str | None]) -> str:
+    if not groups:
+        return f"{one.file}: there is no whole nominal recording; record one of the same motion."
+    near = next((k for k, said in enumerate(reasons) if said == "it declares another payload"), 0)
+    what = f"{groups[near].nominal[0].file} ({reasons[near]})"
+    others = f" and of {len(groups) - 1} other nominal motions" if len(groups) > 1 else ""
+    return (
+        f"{one.file} is of another motion than the nominal {what}{others}; record the nominal motion, or add "
+        "a nominal recording of this one."
+    )
+
+
+def estimate_torque_noise(torques: list[Array]) -> Array:
+    """Standard deviation (n,) of white noise on recorded torques, from their second differences.
+
+    Parameters
+    ----------
+    torques : list of ndarray (N, n)
+        As recorded.
+
+    Returns
+    -------
+    ndarray (n,)
+        Median magnitude of the second difference, scaled as for normal noise: jumps at reversals and the
+        torque's own course hardly count. Noise that the drive has filtered is underestimated.
+    """
+    second = np.concatenate([np.diff(tau, 2, axis=0) for tau in torques])
+    return _NORMAL * np.median(np.abs(second), axis=0) / _SECOND

@@ -1,0 +1,173 @@
+"""The alarm threshold of a wanted false-alarm rate, what a test quantity says, and whose scatter it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from wearscope.detectors.base import Array
+from wearscope.errors import InputError
+
+#: Places of the wear at which its probability is evaluated.
+_GRID = 401
+#: Fewest values of machine and simulator whose scatter is compared.
+LEAST_NOMINAL = 3
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Alarm threshold from runs without wear.
+
+    Attributes
+    ----------
+    value : float
+        A test quantity at or above it is an alarm.
+    rate_low, rate_high : float
+        Central 95 % of the false-alarm rates that such a threshold has, whatever the distribution of y.
+    """
+
+    value: float
+    rate_low: float
+    rate_high: float
+
+
+def least_runs(p_f: float) -> int:
+    """Fewest runs without wear that give a threshold with a false-alarm rate of at most `p_f`."""
+    return int(np.ceil(1.0 / p_f - 1e-9)) - 1
+
+
+def find_threshold(y: Array, p_f: float) -> Threshold:
+    """Threshold whose mean false-alarm rate is at most the wanted one, from n runs without wear.
+
+    It is the k-th largest value, k = floor((n + 1) p_f): a further run of the same kind reaches it with
+    probability k / (n + 1) at most, whatever the distribution (Wilks, Ann. Math. Statist. 12, 1941); the
+    rate of the threshold found scatters as Beta(k, n + 1 - k).
+
+    Parameters
+    ----------
+    y : ndarray (n,)
+        Finite.
+    p_f : float
+
+    Raises
+    ------
+    InputError
+        Where n is below `least_runs`.
+    """
+    n = len(y)
+    k = int(np.floor((n + 1) * p_f + 1e-9))
+    if k < 1:
+        raise InputError(
+            f"detect: a false-alarm rate of {p_f:g} takes {least_runs(p_f)} runs without wear, but there are "
+            f"{n}; raise detect.runs or detect.p_f."
+        )
+    low, high = stats.beta(k, n + 1 - k).ppf([0.025, 0.975])
+    return Threshold(float(np.sort(y)[n - k]), float(low), float(high))
+
+
+def find_p_value(value: float, y: Array) -> float:
+    """Probability that a run without wear gives at least `value`, from runs (n,); NaN without any.
+
+    At least 1 / (n + 1).
+    """
+    if not len(y):
+        return float("nan")
+    return float((1 + np.sum(y >= value)) / (len(y) + 1))
+
+
+def find_detected_wear(wear: Array, y: Array, threshold: float, p_d: float) -> float:
+    """Smallest wear from which on at least a share `p_d` of the simulated runs reach the threshold.
+
+    Parameters
+    ----------
+    wear, y : ndarray (n,)
+    threshold, p_d : float
+
+    Returns
+    -------
+    float
+        NaN where not even the most worn run reaches it.
+    """
+    order = np.argsort(-wear, kind="stable")
+    hits = np.cumsum(y[order] >= threshold) / np.arange(1, len(order) + 1)
+    short = np.flatnonzero(hits < p_d)
+    count = short[0] if len(short) else len(order)
+    return float(wear[order[count - 1]]) if count else float("nan")
+
+
+class WearScale:
+    """Which wear a test quantity speaks of, from simulated runs of known wear.
+
+    The mean of y is a cubic in the wear, its standard deviation a straight line, both by least squares; the
+    wear of a value has the density that a uniform one over the simulated range gets by Bayes' rule.
+
+    Parameters
+    ----------
+    wear, y : ndarray (n,)
+    """
+
+    def __init__(self, wear: Array, y: Array) -> None:
+        self.top = float(wear.max())
+        self.grid = np.linspace(0.0, self.top, _GRID)
+        mean = np.polynomial.Polynomial.fit(wear, y, 3)
+        away = np.abs(y - mean(wear))
+        spread = np.polynomial.Polynomial.fit(wear, away, 1)
+        # Half-normal: the standard deviation is sqrt(pi / 2) mean magnitudes.
+        least = max(0.1 * float(away.mean()), 1e-12 * float(np.abs(y).max()), 1e-300)
+        self.mean = mean(self.grid)
+        self.deviation = np.sqrt(np.pi / 2) * np.maximum(spread(self.grid), least)
+
+    def read(self, value: float, level: float = 0.95) -> tuple[float, float, float]:
+        """Median and central interval of the wear that gives a value.
+
+        Values that no simulated wear gives speak of the end of the range that is nearest to them.
+        """
+        log = -0.5 * ((value - self.mean) / self.deviation) ** 2 - np.log(self.deviation)
+        weight = np.exp(log - log.max())
+        share = np.cumsum(weight) - 0.5 * weight
+        at = np.interp([0.5, 0.5 - level / 2, 0.5 + level / 2], share / weight.sum(), self.grid)
+        return float(at[0]), float(at[1]), float(at[2])
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Nominal test quantities of the machine beside the simulator's.
+
+    Attributes
+    ----------
+    ratio : float
+        Mean distance of the machine's values from the simulator's median, over that of the simulator's.
+    p_value : float
+        That both are drawn alike; NaN with fewer than `LEAST_NOMINAL` values.
+    """
+
+    ratio: float
+    p_value: float
+
+
+def compare_scatter(machine: Array, simulated: Array) -> Scatter:
+    """Compare nominal test quantities of machine (m,) and simulator (n,).
+
+    Distances from the median of all values are compared by their ranks (Mann and Whitney, Ann. Math. Statist.
+    18, 1947): an offset shows in them as well as a larger or a smaller scatter.
+    """
+    if not len(machine) or not len(simulated):
+        return Scatter(float("nan"), float("nan"))
+    middle = float(np.median(simulated))
+    usual = float(np.mean(np.abs(simulated - middle)))
+    ratio = float(np.mean(np.abs(machine - middle))) / usual if usual > 0 else float("nan")
+    if len(machine) < LEAST_NOMINAL:
+        return Scatter(ratio, float("nan"))
+    centre = np.median(np.concatenate([machine, simulated]))
+    p = stats.mannwhitneyu(np.abs(machine - centre), np.abs(simulated - centre)).pvalue
+    return Scatter(ratio, float(p))
+
+
+def adjust_p_values(p: Array) -> Array:
+    """Adjusted p-values (k,) by Holm (Scand. J. Statist. 6, 1979); NaN stays."""
+    known = np.flatnonzero(np.isfinite(p))
+    adjusted = np.full(len(p), np.nan)
+    order = known[np.argsort(p[known])]
+    steps = p[order] * np.arange(len(order), 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

@@ -1,0 +1,72 @@
+"""Scope in one number: how much a nuisance may vary until a change of the fault is no longer detected."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wearscope.evaluation.sampled_scope import (
+    sampled_passes,
+    table_nodes,
+    tabulated_points,
+    tabulated_scope,
+)
+from wearscope.surrogates.selection import ChosenSurrogate
+
+Array = NDArray[np.float64]
+
+
+def largest_passing(passes: NDArray[np.bool_], sigmas: Array) -> Array:
+    """Largest sigma up to which every one passes, (...) of passes (..., S); 0 where the first does not."""
+    reached = np.where(passes.all(axis=-1), passes.shape[-1], np.argmin(passes, axis=-1))
+    return np.concatenate([[0.0], sigmas])[reached]
+
+
+def sampled_tolerance(
+    surrogate: ChosenSurrogate,
+    factor: str,
+    levels: Mapping[str, float],
+    deltas: Array,
+    sigmas: Array,
+    rng: np.random.Generator,
+    draws: int,
+    f0: float = -2.0,
+    false_alarm: float = 0.01,
+    detection: float = 0.99,
+) -> tuple[Array, Array]:
+    """Largest standard deviation of a nuisance that a cell bears, coded.
+
+    Parameters
+    ----------
+    surrogate : ChosenSurrogate
+    factor : str
+        The nuisance that varies about its nominal level; the others are held.
+    levels : mapping
+        Coded nominal levels.
+    deltas, sigmas : array (J,), (S,)
+    rng : numpy.random.Generator
+    draws : int
+        Response functions.
+    f0, false_alarm, detection : float
+        As in `wearscope.evaluation.scope.scope_table`.
+
+    Returns
+    -------
+    value : array (J,)
+        Of the mean response; at most the last sigma.
+    drawn : array (draws, J)
+    """
+    if surrogate.status == "constant":
+        return np.zeros(len(deltas)), np.zeros((draws, len(deltas)))
+    centre = float(levels[factor])
+    nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
+
+    def points(at: Array) -> Array:
+        return tabulated_points(surrogate.names, factor, at, nodes, levels)
+
+    mean = surrogate.predict(points(faults)).reshape(len(faults), len(nodes))
+    value = tabulated_scope(mean, nodes, sigmas, false_alarm, centre) >= detection
+    passes = sampled_passes(
+        surrogate, mean, points, faults, nodes, sigmas, rng, draws, false_alarm, detection, centre
+    )
+    return largest_passing(value.T, sigmas), largest_passing(np.swapaxes(passes, 1, 2), sigmas)

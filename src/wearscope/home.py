@@ -1,0 +1,23 @@
+"""Where the workflow is: beside the package in a clone, inside it where a wheel was installed."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+#: Folder of a wheel's package that holds what a clone holds at its top.
+_CARRIED = _PACKAGE / "platform"
+
+
+def find_home() -> Path:
+    """Folder that holds ``Snakefile``, ``workflow/``, ``config/`` and ``profiles/``.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the package lies in neither a clone nor a wheel.
+    """
+    for folder in (_CARRIED, _PACKAGE.parents[1]):
+        if (folder / "Snakefile").is_file() and (folder / "workflow" / "rules").is_dir():
+            return folder
+    raise FileNotFoundError(
+        f"{_PACKAGE}: no Snakefile belongs to it; install wearscope from its wheel again."
+    )

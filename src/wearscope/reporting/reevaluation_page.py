@@ -1,0 +1,157 @@
+"""The page of a reevaluation: what the correction changes, and whether it is truer."""
+
+from collections.abc import Iterable
+
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope.reporting.figures.reevaluation import draw_reevaluation
+from wearscope.reporting.labels import count_text, join_words, term_label, unit_text
+from wearscope.reporting.page import (
+    Section,
+    badge,
+    embed_figure,
+    format_number,
+    render_page,
+    render_table,
+    unbreak,
+)
+from wearscope.reporting.reevaluation import (
+    Reevaluation,
+    answer_sentences,
+    judge_detector,
+    truth_sentences,
+)
+
+_KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not told": "neutral"}
+
+
+def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
+    """Page of a reevaluation.
+
+    Parameters
+    ----------
+    one : Reevaluation
+    chosen : DataFrame
+        Chosen surrogates of all sides.
+    """
+    robot = str(one.table["robot"].iloc[0])
+    sections = [
+        Section("Summary", summarise_reevaluation(one), "summary"),
+        Section("Detector by detector", _detectors(one), "detectors"),
+        Section("Which factors matter", _question(one, "coefficient"), "q1"),
+        Section("Which detector is best", _ranks(one), "q2"),
+        Section("Where it works", _question(one, "scope"), "q3"),
+        Section("What it rests on", _basis(one, chosen), "basis"),
+    ]
+    return render_page(
+        f"Reevaluation of {robot}",
+        sections,
+        "The study's questions asked of the model before and after its correction",
+        "Made by wearscope from reevaluation.parquet.",
+    )
+
+
+def summarise_reevaluation(one: Reevaluation) -> Markup:
+    """Sentences and figure for the first page: which answers change, and what is nearer to the truth."""
+    parts = [_bullets(answer_sentences(one)), _bullets(truth_sentences(one))]
+    if one.assumed:
+        text = (
+            f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled "
+            "to the joint's own friction."
+        )
+        parts.append(Markup('<p class="note">{}</p>').format(text))
+    sides = "before, after and in truth" if one.has_truth else "before and after"
+    caption = (
+        f"SNR {sides} with 95 % intervals, over the models that the data allow and their surrogates; linear "
+        "below 1."
+    )
+    parts.append(embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption))
+    return Markup("").join(parts)
+
+
+def _bullets(sentences: Iterable[str]) -> Markup:
+    items = Markup("").join(Markup("<li>{}</li>").format(unbreak(text)) for text in sentences)
+    return Markup("<ul>{}</ul>").format(items)
+
+
+def _value(row: object, side: str) -> str:
+    """``12.1 (8.7 to 14.5)``."""
+    value, low, high = (getattr(row, name) for name in (side, f"{side}_low", f"{side}_high"))
+    if pd.isna(low):
+        return format_number(value)
+    return f"{format_number(value)} ({format_number(low)} to {format_number(high)})"
+
+
+def _detectors(one: Reevaluation) -> Markup:
+    sides = ["before", "after", *(["truth"] if one.has_truth else [])]
+    records = []
+    for (cycle, axis, fda), rows in one.table.groupby(["cycle", "axis", "fda"], sort=True):
+        snr = next(rows[rows["question"] == "snr"].itertuples())
+        what, verdict = judge_detector(rows)
+        record: dict[str, object] = {"axis": axis, "test-cycle": cycle, "detector": fda}
+        record |= {f"SNR {side}": _value(snr, side) for side in sides}
+        record["certainty of the change"] = snr.p_changed
+        if one.has_truth:
+            text = f"{verdict}: {join_words(what)}" if what else verdict
+            record["P(after nearer), SNR"] = snr.p_nearer
+            record["after against before, SNR, rank and scope"] = badge(text, _KINDS[verdict])
+        records.append(record)
+    table = pd.DataFrame(records).astype({"detector": object})
+    note = "The certainty is 0 where nothing tells a direction of change, 1 where it is sure."
+    if not one.has_truth:
+        note += " The truth of a real machine cannot be simulated, so no side is called nearer to it."
+    return render_table(table, note)
+
+
+def _question(one: Reevaluation, question: str) -> Markup:
+    sides = ["before", "after", *(["truth"] if one.has_truth else [])]
+    rows = one.table[one.table["question"] == question].sort_values(
+        "p_changed", ascending=False, kind="stable"
+    )
+    records = []
+    for row in rows.head(40).itertuples():
+        record: dict[str, object] = {"axis": row.axis, "test-cycle": row.cycle, "detector": row.fda}
+        if question == "scope":
+            record["factor"] = f"{row.about} [{unit_text(row.unit)}]" if unit_text(row.unit) else row.about
+            record["change of wear"] = row.delta
+        else:
+            record["term"] = term_label(str(row.about))
+        record |= {side: _value(row, side) for side in sides}
+        record["certainty of the change"] = row.p_changed
+        if one.has_truth:
+            record["P(after nearer)"] = row.p_nearer
+        records.append(record)
+    note = {
+        "scope": "Largest standard deviation of the factor at which the change of wear is still detected as "
+        "the study demands, natural units; the grid's end where it is reached.",
+        "coefficient": "Coefficient over that of wear (8); beyond ±1 the factor outweighs wear.",
+    }[question]
+    if len(rows) > len(records):
+        note += f" The {len(records)} surest of {len(rows)}; all: reevaluation.parquet."
+    return render_table(pd.DataFrame(records), note)
+
+
+def _ranks(one: Reevaluation) -> Markup:
+    shown = one.ranking.rename(columns={"fda": "detector", "over": "outranks", "cycle": "test-cycle"})
+    shown = shown[shown["detector"] < shown["outranks"]].drop(columns="robot")
+    if not one.has_truth:
+        shown = shown.drop(columns="truth")
+    return render_table(shown, "Probability that the first detector has the higher SNR, by side.")
+
+
+def _basis(one: Reevaluation, chosen: pd.DataFrame) -> Markup:
+    sentences = []
+    for row in one.models.itertuples():
+        if row.drawn or row.left_out:
+            text = f"{row.side}: {count_text(int(row.drawn), 'model')} drawn from what the data leave open"
+            if row.left_out:
+                text += f", {row.left_out} more left out (first: {row.first_reason.rstrip('.')})"
+            sentences.append(text + ".")
+        else:
+            sentences.append(f"{row.side}: the model alone; nothing is known of its uncertainty.")
+    columns = ["robot", "axis", "fda", "kind", "fit", "state", "n_points"]
+    shown = chosen[columns].rename(columns={"robot": "side", "fda": "detector", "n_points": "points"})
+    return Markup("{}{}").format(
+        _bullets(sentences), render_table(shown, "Surrogates, with their fit [%] on checking points.")
+    )

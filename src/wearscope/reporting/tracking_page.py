@@ -1,0 +1,154 @@
+"""The page of a tracked machine: what changed since it was healthy, and the trend of each joint."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope import tables
+from wearscope.reporting.figures.tracking import draw_friction, draw_parameter
+from wearscope.reporting.labels import count_text, join_words, unit_text
+from wearscope.reporting.page import Section, badge, embed_figure, format_number, render_page, render_table
+from wearscope.reporting.tracking import Tracking, read_tracking
+
+#: Most parameters of which the trend is drawn beside that of friction.
+_MOST = 6
+
+
+def write_tracking_page(folder: str | Path) -> None:
+    """Write ``report.html`` beside the files of a tracked machine.
+
+    Raises
+    ------
+    InputError
+        Where nothing was tracked in that folder.
+    """
+    tables.write_text(Path(folder) / "report.html", render_tracking(read_tracking(folder)))
+
+
+def render_tracking(tracking: Tracking) -> str:
+    """Page of a tracked machine, with nothing from elsewhere."""
+    outcome = tracking.outcome
+    sections = [
+        Section("What changed", _outcome(tracking), "changed"),
+        Section("Friction of each joint", _friction(tracking), "friction"),
+        Section("Other changes", _others(tracking), "others"),
+        Section("Session by session", _sessions(tracking), "sessions"),
+        Section("The healthy machine", _healthy(outcome), "healthy"),
+        Section("Notes", _items(outcome["notes"]), "notes"),
+    ]
+    later = len(outcome["sessions"])
+    subtitle = (
+        f"{count_text(later, 'session')} after {count_text(len(outcome['reference']), 'healthy one')}; "
+        f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions"
+    )
+    title = f"Tracked: {outcome['dataset']}"
+    return render_page(title, [s for s in sections if s.body], subtitle, f"wearscope {outcome['version']}")
+
+
+def _items(sentences: list[str]) -> Markup:
+    if not sentences:
+        return Markup("")
+    items = Markup("").join(Markup("<li>{}</li>").format(text) for text in sentences)
+    return Markup("<ul>{}</ul>").format(items)
+
+
+def tell_entry(entry: Mapping[str, Any]) -> str:
+    """A change as one sentence."""
+    low, high = (format_number(x) for x in entry["ci95"])
+    unit = unit_text(entry["unit"])
+    said = (
+        f"{entry['effect']} of {entry['joint']}: {entry['parameter']} "
+        f"{'+' if entry['change'] > 0 else ''}{format_number(entry['change'])} {unit}".rstrip()
+        + f" (95 %: {low} to {high}), since {entry['since']}"
+    )
+    if entry["equivalent"]:
+        said += f"; {join_words(entry['equivalent'], 'or')} would explain it as well"
+    return said + "."
+
+
+def _outcome(tracking: Tracking) -> Markup:
+    last = tracking.outcome["sessions"][-1]
+    parts = [Markup("<p>In the last session, {}:</p>").format(last["session"])]
+    if last["changes"]:
+        parts.append(_items([tell_entry(entry) for entry in last["changes"]]))
+    else:
+        parts.append(Markup("<p>{}</p>").format(badge("no change", "good")))
+    if last["cannot_tell"]:
+        parts.append(Markup("<h3>What cannot be told</h3>{}").format(_items(last["cannot_tell"])))
+    over = [session for session, _ in tracking.entries() if session != last["session"]]
+    passed = list(dict.fromkeys(over))
+    if passed:
+        parts.append(Markup("<p>Earlier sessions with a change: {}.</p>").format(join_words(passed)))
+    return Markup("").join(parts)
+
+
+def _friction(tracking: Tracking) -> Markup:
+    caption = (
+        "RMS torque of each joint's friction against that of the healthy machine, along each session's own "
+        "motion, with 95 % intervals: they hold the session's noise, the error of the reference (that of its "
+        "dependence on temperature too) and the scatter of healthy sessions. Each of those is compared "
+        "with the rest of them. The interval of a session that says nothing may leave the frame."
+    )
+    figure = embed_figure(draw_friction(tracking), "Friction of each joint over the sessions", caption)
+    trends = [
+        {
+            "joint": one["joint"],
+            "slope [% a session]": 100 * one["slope"],
+            "95 %": f"{format_number(100 * one['ci95'][0])} to {format_number(100 * one['ci95'][1])}",
+            "p": one["p"],
+        }
+        for one in tracking.outcome["trends"]
+    ]
+    if not trends:
+        return figure
+    return figure + render_table(pd.DataFrame(trends), "Straight line through the later sessions.")
+
+
+def _others(tracking: Tracking) -> Markup:
+    shown = list(dict.fromkeys((e["joint"], e["effect"], e["parameter"]) for _, e in tracking.entries()))[
+        :_MOST
+    ]
+    figures = [
+        embed_figure(draw_parameter(tracking, *one), f"{one[1]} of {one[0]}, {one[2]}, over the sessions")
+        for one in shown
+    ]
+    return Markup("").join(figures)
+
+
+def _sessions(tracking: Tracking) -> Markup:
+    records = [
+        {
+            "session": one["session"],
+            "changes": " ".join(tell_entry(entry) for entry in one["changes"]) or "none",
+            "cannot tell": " ".join(one["cannot_tell"]) or "",
+        }
+        for one in tracking.outcome["sessions"]
+    ]
+    return render_table(pd.DataFrame(records))
+
+
+def _healthy(outcome: Mapping[str, Any]) -> Markup:
+    healthy = outcome["healthy"]
+    by_joint: dict[str, list[str]] = {joint: [] for joint in healthy["temperatures"]}
+    for term in healthy["terms"]:
+        by_joint[term["joint"]].append(term["effect"])
+    records = [
+        {
+            "joint": joint,
+            "terms": ", ".join(terms) or "none",
+            "temperatures [deg C]": "not recorded"
+            if healthy["temperatures"][joint] is None
+            else "{:.0f} to {:.0f}".format(*healthy["temperatures"][joint]),
+        }
+        for joint, terms in by_joint.items()
+    ]
+    scatter = healthy["scatter"]
+    return Markup("<p>{}</p>{}").format(
+        f"Reference: {join_words(outcome['reference'])}. Healthy sessions differ by "
+        f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
+        f"torque (standard deviation, {scatter['sessions']} held out).",
+        render_table(pd.DataFrame(records), "The structure that is held."),
+    )

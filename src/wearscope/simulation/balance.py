@@ -1,0 +1,355 @@
+"""The torques of a part of a step balanced by Newton iteration, with an active set of motors at rest.
+
+The unknowns are the mean speeds x of the links and y of the motors over the part. With h half its length (its
+whole length where its end is asked for instead of its middle),
+
+    M (x - v)/h + c = g                                   links
+    J (y - v_motor)/h + tau(y) + g = u(y)                 motors
+    x = y                     where the gear is rigid, g is then what the links need
+    deflection(g) = gap(y - x)  where it is not
+
+with M, c the links' mass matrix and bias torque, J the rotor inertia, tau the effects' torque, u the
+saturated controller torque and g the torque through the gear. tau is set-valued at rest: a motor stays there
+exactly where the torque that holds it lies between tau(0-) and tau(0+). Slopes of tau come from the iterates.
+
+Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set.
+"""
+
+import numpy as np
+from numba import njit
+
+from wearscope.simulation.arrays import INNER
+from wearscope.simulation.gear import deflection_slope, invert_deflection
+from wearscope.simulation.terms import evaluate_terms
+
+MAX_ITERATIONS = 80
+#: After these iterations only the joint that is furthest beyond break-away is released at a time.
+PATIENCE = 25
+#: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
+#: convergence still holds; that is looked at after this many steps at the latest.
+SAFETY, TRUST = 3.0, 50.0
+#: A motor rests where its speed at a part's end is less than this share of its change.
+REST = 1e-4
+#: What `balance_part` returns beside the share of the part after which a motor turns.
+WHOLE, NO_BALANCE = 1.0, -1.0
+
+
+@njit(**INNER)
+def _solve(a, b):
+    """Solve a x = b in place, without pivoting; False where a pivot vanishes or is negative."""
+    n = len(b)
+    for i in range(n):
+        pivot = a[i, i]
+        if not pivot > 0.0:
+            return False
+        for r in range(i + 1, n):
+            if a[r, i] != 0.0:
+                factor = a[r, i] / pivot
+                for c in range(i + 1, n):
+                    a[r, c] -= factor * a[i, c]
+                b[r] -= factor * b[i]
+    for i in range(n - 1, -1, -1):
+        for c in range(i + 1, n):
+            b[i] -= a[i, c] * b[c]
+        b[i] /= a[i, i]
+    return True
+
+
+@njit(**INNER)
+def _set_speed(motion, state, j, speed, h):
+    motion.speed[j] = speed
+    motion.acceleration[j] = (speed - state.y[j]) / h
+
+
+@njit(**INNER)
+def _learn_slopes(terms, state, work, motion):
+    """Take the slopes of the effects' torques from the last two iterates."""
+    mode, y = state.mode, motion.speed
+    for j in range(len(mode)):
+        moved = y[j] - work.old_speed[j]
+        if mode[j] != 0 and work.old_mode[j] == mode[j] and abs(moved) > 1e-9 and not terms.coupled[j]:
+            state.slope[j] = (work.high[j] - work.old_torque[j]) / moved
+        work.old_speed[j], work.old_torque[j], work.old_mode[j] = y[j], work.high[j], mode[j]
+
+
+@njit(**INNER)
+def _balance(law, gears, state, work, motion, w, at, h):
+    """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
+    n = len(state.mode)
+    mass, bias, y, x, rate = w.mass_matrix, w.bias, motion.speed, work.x, work.rate
+    missing = 0.0
+    for j in range(n):
+        rate[j] = (x[j] - state.v[j]) / h
+    for j in range(n):
+        ahead = work.ahead[j] - at * y[j]
+        motor = work.fed[j] + law.stiffness[j] * ahead + law.damping[j] * (work.wanted[j] - y[j])
+        work.free[j] = max(law.damping[j] + at * law.stiffness[j], 0.0)
+        if abs(motor) > law.limit[j]:
+            motor = np.copysign(law.limit[j], motor)
+            work.free[j] = 0.0
+        work.motor[j] = motor
+        links = bias[j]
+        for c in range(n):
+            links += mass[j, c] * rate[c]
+        if gears.flexible[j]:
+            gap = work.gap[j] + work.give[j] * (y[j] - x[j])
+            gear = invert_deflection(gap, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j])
+            work.stiff[j] = work.give[j] / deflection_slope(
+                gear, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
+            )
+            work.residual[j] = gear - links
+            missing = max(missing, abs(work.residual[j]) / gears.tolerance[j])
+        else:
+            gear = links
+            work.residual[j] = 0.0
+        work.links[j] = links
+        motion.load[j] = links
+        work.need[j] = motor - gear - gears.armature[j] * motion.acceleration[j]
+    return missing
+
+
+@njit(**INNER)
+def _release(gears, state, work, motion, single):
+    """Release motors at rest that need more than friction can give; say whether any was."""
+    worst, beyond = -1, 0.0
+    any_released = False
+    for j in range(len(state.mode)):
+        if state.mode[j] != 0:
+            continue
+        excess = max(work.need[j] - work.high[j], work.low[j] - work.need[j])
+        if excess <= gears.tolerance[j]:
+            continue
+        any_released = True
+        if not single:
+            _let_go(state, work, motion, j)
+        elif excess > beyond:
+            worst, beyond = j, excess
+    if single and worst >= 0:
+        _let_go(state, work, motion, worst)
+    return any_released
+
+
+@njit(**INNER)
+def _let_go(state, work, motion, j):
+    state.mode[j] = 1 if work.need[j] > work.high[j] else -1
+    motion.sign[j] = state.mode[j]
+    state.slope[j] = np.nan
+
+
+@njit(**INNER)
+def _correct(gears, terms, state, work, motion, w, h, ends):
+    """One Newton step of speeds; motors whose direction would turn come to rest.
+
+    Returns how many did, or -1 where the system is singular. Where the part's middle is asked for (not
+    `ends`), only a motor that starts at rest returns to it: that others turn is left to see.
+    """
+    n = len(state.mode)
+    mass, mode, y, a, b = w.mass_matrix, state.mode, motion.speed, work.matrix, work.held
+    for j in range(n):
+        for c in range(n):
+            a[j, c] = mass[j, c]
+        inertia = gears.armature[j] / h
+        damping = max(state.slope[j], -0.5 * (inertia + (0.0 if gears.flexible[j] else mass[j, j] / h)))
+        motor = inertia + damping + work.free[j]
+        if gears.flexible[j]:
+            stiff = work.stiff[j]
+            if mode[j] != 0:
+                missing = work.need[j] - work.high[j]
+                a[j, j] += h * stiff * motor / (motor + stiff)
+                b[j] = h * (work.residual[j] + stiff * missing / (motor + stiff))
+            else:
+                a[j, j] += h * stiff
+                b[j] = h * work.residual[j]
+        elif mode[j] != 0:
+            a[j, j] += h * motor
+            b[j] = h * (work.need[j] - work.high[j])
+            if terms.coupled[j]:
+                for c in range(n):
+                    if c != j:
+                        a[j, c] += h * work.jacobian[j, c]
+        else:
+            b[j] = 0.0
+    for j in range(n):
+        if mode[j] == 0 and not gears.flexible[j]:
+            for c in range(n):
+                a[j, c] = 0.0
+                a[c, j] = 0.0
+            a[j, j] = 1.0
+    if not _solve(a, b):
+        return -1
+    for j in range(n):
+        work.change[j] = b[j]
+        if gears.flexible[j]:
+            work.change[j] = 0.0
+            if mode[j] != 0:
+                inertia = gears.armature[j] / h
+                motor = inertia + max(state.slope[j], -0.5 * inertia) + work.free[j]
+                missing = work.need[j] - work.high[j] + work.stiff[j] * b[j]
+                work.change[j] = missing / (motor + work.stiff[j])
+    share = _shorten(gears, state, work, motion)
+    turned = 0
+    for j in range(n):
+        work.x[j] += share * b[j]
+        if mode[j] == 0:
+            continue
+        speed = y[j] + share * work.change[j]
+        if mode[j] * speed < 0.0 and (ends or state.y[j] == 0.0):
+            speed = 0.0
+            mode[j] = 0
+            turned += 1
+        _set_speed(motion, state, j, speed, h)
+        motion.sign[j] = mode[j]
+        if not gears.flexible[j]:
+            work.x[j] = speed
+    return turned
+
+
+@njit(**INNER)
+def _shorten(gears, state, work, motion):
+    """Share of the Newton step that no gear's torque answers by far more than its slope says.
+
+    A gear hardens where its lost motion is taken up: a full step from within it overshoots by far.
+    """
+    share = 1.0
+    for j in range(len(state.mode)):
+        if not gears.flexible[j] or gears.lost_motion[j] == 0.0:
+            continue
+        before = work.residual[j] + work.links[j]
+        for _ in range(40):
+            speed = motion.speed[j] - work.x[j] + share * (work.change[j] - work.held[j])
+            after = invert_deflection(
+                work.gap[j] + work.give[j] * speed,
+                gears.compliance[j],
+                gears.lost_motion[j],
+                gears.mesh_torque[j],
+            )
+            said = share * work.stiff[j] * (work.change[j] - work.held[j])
+            if abs(after - before - said) <= 3.0 * abs(said) + gears.tolerance[j]:
+                break
+            share *= 0.5
+    return share
+
+
+@njit(**INNER)
+def _look_ahead(gears, w, j, dt):
+    """Time by which a gear's torque is taken after its instant [s].
+
+    It is none for a gear whose swing the step resolves, and a whole step for one that is too hard for that,
+    where only this is stable; in between it goes with the third power of the step.
+    """
+    rigidity = dt * dt / gears.compliance[j] * (gears.armature[j] + w.mass_matrix[j, j])
+    return dt * rigidity / (rigidity + gears.armature[j] * w.mass_matrix[j, j])
+
+
+@njit(**INNER)
+def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
+    """First iterate, as the accelerations before go on, and what the controller wants at the balance."""
+    n = len(state.mode)
+    for j in range(n):
+        load = w.bias[j]
+        for c in range(n):
+            load += w.mass_matrix[j, c] * state.a[c]
+        motion.load[j] = load
+        position = state.q[j] + state.gap[j]
+        motion.position[j] = position + at * state.y[j]
+        work.ahead[j] = law.position[k, j] + at * law.speed[k, j] - position
+        work.fed[j], work.wanted[j] = law.feedforward[k, j], law.speed[k, j]
+        if at != 0.0:
+            before, after = max(k - 1, 0), min(k + 1, len(law.speed) - 1)
+            share = at / (dt * max(after - before, 1))
+            work.fed[j] += share * (law.feedforward[after, j] - law.feedforward[before, j])
+            work.wanted[j] += share * (law.speed[after, j] - law.speed[before, j])
+        speed = 0.0
+        if state.mode[j] != 0:
+            speed = state.y[j] + h * (2.0 * state.a_motor[j] - state.a_before[j])
+            if speed * state.mode[j] < 0.0:
+                speed = state.y[j]
+        _set_speed(motion, state, j, speed, h)
+        motion.sign[j] = state.mode[j]
+        work.x[j] = state.v[j] + h * state.a[j] if gears.flexible[j] else speed
+        if gears.flexible[j]:
+            slip = state.y[j] - state.v[j]
+            ahead = _look_ahead(gears, w, j, dt)
+            work.give[j] = ahead * length / h
+            work.gap[j] = state.gap[j] + (at - h + 0.5 * length + ahead - work.give[j]) * slip
+        work.old_mode[j] = 0
+
+
+@njit(**INNER)
+def _find_turn(state, work, motion):
+    """Share of the part after which the first motor turns, WHOLE where none does."""
+    first = WHOLE
+    for j in range(len(state.mode)):
+        before = abs(state.y[j])
+        after = state.mode[j] * (2.0 * motion.speed[j] - state.y[j])
+        if before > 0.0 and after < -REST * (before - after):
+            share = before / (before - after)
+            if share < first:
+                first = share
+                work.turning[0] = j
+    return first
+
+
+@njit(**INNER)
+def balance_part(
+    rows, terms, law, gears, state, work, motion, w, k, at, h, t, dt, temperature, wear, may_trust, ends
+):
+    """Iterate until the torques balance.
+
+    As the steps are alike, the last rate of convergence tells whether one correction is enough, without
+    asking for the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
+
+    Parameters
+    ----------
+    at : float
+        Time of the balance after that of the step's positions [s].
+    h : float
+        Time of the balance after the part's start [s].
+    ends : bool
+        Whether that is the part's end, where motors that turn come to rest, or its middle.
+
+    Returns
+    -------
+    float
+        WHOLE; the share of the part after which a motor, `work.turning`, turns; or NO_BALANCE.
+    """
+    _begin(law, state, work, motion, gears, w, k, at, h, h if ends else 2.0 * h, dt)
+    before = 0.0
+    for iteration in range(MAX_ITERATIONS):
+        evaluate_terms(
+            rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
+            t, h, temperature, wear,
+        )  # fmt: skip
+        _learn_slopes(terms, state, work, motion)
+        missing = _balance(law, gears, state, work, motion, w, at, h)
+        for j in range(len(state.mode)):
+            if state.mode[j] != 0:
+                off = abs(work.need[j] - work.high[j]) / gears.tolerance[j]
+                if not off < np.inf:
+                    return NO_BALANCE
+                missing = max(missing, off)
+        if before > 0.0:
+            state.pace[0], state.pace[1] = missing / before, 0.0
+        if missing <= 1.0:
+            # What a motor at rest needs is known only now.
+            if not _release(gears, state, work, motion, iteration > PATIENCE):
+                return WHOLE if ends else _find_turn(state, work, motion)
+            before = 0.0
+            continue
+        turned = _correct(gears, terms, state, work, motion, w, h, ends)
+        if turned < 0:
+            return NO_BALANCE
+        if not ends:
+            for j in range(len(state.mode)):
+                if motion.speed[j] * state.mode[j] < 0.0:
+                    return _find_turn(state, work, motion)
+        before = 0.0 if turned > 0 else missing
+        sure = SAFETY * state.pace[0] * missing <= 1.0 and state.pace[1] < TRUST
+        if may_trust and iteration == 0 and turned == 0 and sure:
+            # A gear's torque is known exactly, and may be far from linear.
+            missing = _balance(law, gears, state, work, motion, w, at, h)
+            if missing <= 1.0 and not _release(gears, state, work, motion, False):
+                state.pace[1] += 1.0
+                return WHOLE if ends else _find_turn(state, work, motion)
+            before = 0.0
+    return NO_BALANCE

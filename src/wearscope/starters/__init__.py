@@ -1,0 +1,1 @@
+"""What `wearscope new` writes: models, data sets, test-cycles, detectors, effects, studies to start from."""

@@ -1,0 +1,201 @@
+"""Which column of a recording is which signal of which joint, told from the columns' names."""
+
+import fnmatch
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from wearscope.errors import InputError
+
+KINDS = ("position", "velocity", "torque", "current", "temperature")
+_WORDS = {
+    "position": "q pos position positions angle angles ang theta phi",
+    "velocity": "qd dq vel velocity velocities speed speeds omega",
+    "acceleration": "qdd ddq acc accel acceleration accelerations",
+    "torque": "tau torque torques trq effort efforts moment moments mom force forces",
+    "current": "i current currents curr cur amp amps ampere",
+    "temperature": "temp temperature temperatures",
+}
+_KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_ACTUAL = set("actual act measured meas fbk feedback real ist".split())
+_TARGET = set("target desired des cmd command commanded ref reference setpoint set goal planned soll".split())
+_OTHER = set("tcp tool pose cartesian error err limit max min std window raw".split())
+_TIME = set("t time timestamp timestamps stamp clock datetime date epoch zeit".split())
+#: Units in names, by kind: factor to rad (m), rad/s, N m (N), A.
+_FACTORS = {
+    "rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295, "degrees": 0.017453292519943295,
+    "turn": 6.283185307179586, "turns": 6.283185307179586, "rev": 6.283185307179586, "mm": 1e-3, "m": 1.0,
+    "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
+}  # fmt: skip
+_UNITS_OF = {
+    "position": {"rad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
+    "velocity": {"rad", "deg", "degree", "degrees", "mm", "m"},
+    "torque": {"nm", "mnm", "knm", "n", "kn"},
+    "current": {"ma", "a"},
+    "temperature": set(),
+}
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one kind, one a joint.
+
+    Attributes
+    ----------
+    kind : str
+        Of `KINDS`.
+    columns : tuple of str
+        In the joints' order.
+    unit : str
+        As the names say it; empty where they do not.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    unit: str = ""
+
+    @property
+    def factor(self) -> float:
+        """Factor to rad, m, rad/s, N m, N or A; 1 where the names have no unit."""
+        return _FACTORS.get(self.unit, 1.0)
+
+
+def split_name(name: str) -> list[str]:
+    """Words and numbers of a column's name, in small letters: ``actual_q_0`` -> actual, q, 0."""
+    spaced = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", name)
+    return re.findall(r"[a-zµ]+|\d+|%", spaced.lower())
+
+
+def find_unit(name: str, kind: str) -> str:
+    """Unit that a column's name ends with or has in brackets; empty where it has none."""
+    bracketed = re.findall(r"[\[(]([^\])]*)[\])]", name)
+    for text in [*bracketed, *re.findall(r"_([A-Za-z]+)$", name)]:
+        word = re.sub(r"[^a-z]", "", text.lower().split("/")[0])
+        if word in _UNITS_OF.get(kind, set()):
+            return word
+    return ""
+
+
+def _without_unit(name: str, kind: str) -> str:
+    name = re.sub(r"[\[(][^\])\d]*[\])]", " ", name)
+    return re.sub(r"_([A-Za-z]+)$", " ", name) if find_unit(name, kind) else name
+
+
+def tell_kind(words: Sequence[str]) -> str | None:
+    """Kind of a column with these words; None where they say none."""
+    kinds = [_KIND[word] for word in words if word in _KIND]
+    if not kinds:
+        return None
+    kind = next((one for one in kinds if one != "position"), kinds[0])
+    if kind == "position" and "ddot" in words:
+        return "acceleration"
+    return "velocity" if kind == "position" and "dot" in words else kind
+
+
+def _contains(words: Sequence[str], part: Sequence[str]) -> bool:
+    return any(list(words[k : k + len(part)]) == list(part) for k in range(len(words) - len(part) + 1))
+
+
+def _remove(words: Sequence[str], part: Sequence[str]) -> list[str]:
+    for k in range(len(words) - len(part) + 1):
+        if list(words[k : k + len(part)]) == list(part):
+            return [*words[:k], *words[k + len(part) :]]
+    return list(words)
+
+
+def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> list[Group]:
+    """Complete sets of columns of a kind, the likeliest first.
+
+    Parameters
+    ----------
+    columns, joints : sequence of str
+    kind : str
+        Of `KINDS`.
+
+    Returns
+    -------
+    list of Group
+        Measured before unmarked before commanded values.
+    """
+    names = [split_name(joint) for joint in joints]
+    by_name: dict[tuple[str, ...], dict[int, str]] = {}
+    by_number: dict[tuple[str, ...], dict[int, str]] = {}
+    for column in columns:
+        words = split_name(_without_unit(column, kind))
+        matches = [k for k, name in enumerate(names) if _contains(words, name)]
+        if matches:
+            best = max(matches, key=lambda k: len(names[k]))
+            without = _remove(words, names[best])
+            if tell_kind(without) == kind:
+                by_name.setdefault(tuple(without), {})[best] = column
+        numbers = [word for word in words if word.isdigit()]
+        if numbers and tell_kind(words) == kind:
+            left = [word for word in words if not word.isdigit()]
+            by_number.setdefault(tuple(left), {})[int(numbers[-1])] = column
+    found: dict[tuple[str, ...], tuple[str, ...]] = {}
+    n = len(joints)
+    for rest, taken in by_number.items():
+        first = 0 if 0 in taken else 1
+        if all(first + k in taken for k in range(n)) and len(taken) == n:
+            chosen = tuple(taken[first + k] for k in range(n))
+            found[chosen] = rest
+    for named, taken in by_name.items():
+        if len(taken) == n:
+            chosen = tuple(taken[k] for k in range(n))
+            # Numbered from 0 beside joints numbered from 1: the numbers count, as one column has no joint.
+            if not any(set(chosen) < set(numbered.values()) for numbered in by_number.values()):
+                found[chosen] = named
+    ranked = sorted(found, key=lambda chosen: _rank(found[chosen]))
+    return [Group(kind, chosen, find_unit(chosen[0], kind)) for chosen in ranked]
+
+
+def _rank(words: Sequence[str]) -> int:
+    marks = set(words)
+    return 4 * bool(marks & _OTHER) + 2 * bool(marks & _TARGET) - bool(marks & _ACTUAL)
+
+
+def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str) -> Group:
+    """Columns of a pattern in which ``*`` stands for the joint's name or number.
+
+    Raises
+    ------
+    InputError
+        Where it does not name one column a joint.
+    """
+    if "*" not in pattern:
+        if len(joints) == 1 and pattern in columns:
+            return Group(kind, (pattern,), find_unit(pattern, kind))
+        raise InputError(
+            f"--{kind} {pattern}: has no '*' for the joint's name or number; write e.g. 'actual_q_*'."
+        )
+    for parts in (joints, [str(k) for k in range(len(joints))], [str(k + 1) for k in range(len(joints))]):
+        chosen = tuple(pattern.replace("*", part) for part in parts)
+        if all(one in columns for one in chosen):
+            return Group(kind, chosen, find_unit(pattern, kind))
+    literal = pattern.replace("[", "[[]")
+    near = [column for column in columns if fnmatch.fnmatchcase(column, literal)]
+    told = f"it fits {', '.join(near[:8])}" if near else f"the columns are {', '.join(columns[:30])}"
+    raise InputError(
+        f"--{kind} {pattern}: names no column for each of {', '.join(joints)}, by name or number; {told}."
+    )
+
+
+def find_time(columns: Sequence[str]) -> tuple[str, ...]:
+    """Column of the time, or the two of a stamp in seconds and nanoseconds; nothing where none is one."""
+    words = {column: split_name(re.sub(r"[\[(][^\])]*[\])]", " ", column)) for column in columns}
+    seconds = [c for c, w in words.items() if w and w[-1] in ("sec", "secs") and set(w) & {"stamp", "header"}]
+    nanos = [
+        c
+        for c, w in words.items()
+        if w and w[-1] in ("nanosec", "nsec", "nsecs") and set(w) & {"stamp", "header"}
+    ]
+    if seconds and nanos:
+        return seconds[0], nanos[0]
+    exact = [c for c, w in words.items() if w and w[0] in _TIME and len(w) <= 2]
+    loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
+    return tuple([*exact, *loose][:1])
+
+
+def is_commanded(group: Group) -> bool:
+    """Whether its names say that the values were commanded, not measured."""
+    return bool(set(split_name(group.columns[0])) & _TARGET)

@@ -1,0 +1,69 @@
+"""A measured-data folder of converted recordings."""
+
+import shutil
+from pathlib import Path
+
+from wearscope import tables
+from wearscope.starters.conversion import Converted, Mapped
+
+
+def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:
+    """Write a converted data set into a folder that is there.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        Of the data set.
+    urdf : Path
+    converted : Converted
+    mapped : Mapped
+    """
+    (folder / "runs").mkdir()
+    shutil.copyfile(urdf, folder / "robot.urdf")
+    units = {"t": "s"}
+    for joint, slides in zip(converted.joints, converted.prismatic, strict=True):
+        position, torque = ("m", "N") if slides else ("rad", "N m")
+        units |= {
+            f"q_{joint}": position,
+            f"qd_{joint}": f"{position}/s",
+            f"tau_{joint}": torque,
+            f"temp_{joint}": "degC",
+        }
+    for run in converted.runs:
+        own = {column: units[column] for column in run.frame.columns}
+        frame = run.frame.assign(t=run.frame["t"] - run.frame["t"].iloc[0])
+        tables.write_table(folder / "runs" / f"{run.name}.parquet", frame.reset_index(drop=True), own)
+    (folder / "dataset.yaml").write_text(_describe_dataset(name, converted, mapped), encoding="utf-8")
+
+
+def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
+    n = len(converted.joints)
+    lines = ["# Made by 'wearscope new dataset'. What was guessed:"]
+    lines += [f"#   {note}" for note in converted.notes]
+    lines += [f"name: {name}", "robot:", "  urdf: robot.urdf", f"  joints: [{', '.join(converted.joints)}]"]
+    told = "assumed: refitted where the runs determine them; trusted keeps the URDF's"
+    lines.append(
+        f"  inertials: {mapped.inertials} # {told if mapped.inertials == 'approximate' else 'given'}"
+    )
+    if mapped.gear_ratio:
+        values = list(mapped.gear_ratio) * (n if len(mapped.gear_ratio) == 1 else 1)
+        lines.append(f"  gear_ratio: [{', '.join(f'{one:g}' for one in values)}]")
+    lines.append(f"sample_rate: {converted.rate:g}")
+    if any(converted.prismatic):
+        mixed = not all(converted.prismatic)
+        kinds = (
+            ["m" if one else "rad" for one in converted.prismatic],
+            ["N" if one else "N m" for one in converted.prismatic],
+        )
+        q, tau = (f"[{', '.join(one)}]" for one in kinds) if mixed else ("m", "N")
+        lines.append(f"units: {{q: {q}, tau: {tau}}}")
+    lines.append(f"declared_effects: [{', '.join(mapped.declared)}] # what the model has to begin with")
+    if mapped.accept:
+        lines.append("accept:")
+        lines += [f"- {one}" for one in mapped.accept]
+    lines.append("runs:")
+    com = ", ".join(f"{one:g}" for one in mapped.payload_com)
+    payload = "" if mapped.payload is None else f", payload: {{mass: {mapped.payload:g}, com: [{com}]}}"
+    lines += [f"- {{file: runs/{run.name}.parquet, use: {run.use}{payload}}}" for run in converted.runs]
+    return "\n".join(lines) + "\n"

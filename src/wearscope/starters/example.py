@@ -1,0 +1,45 @@
+"""A robot's URDF and recordings of it to try things on, as a maker and a drive's recorder would give them."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from wearscope.checking.own_code import make_batch
+from wearscope.home import find_home
+from wearscope.robots.model import load_model
+from wearscope.starters.writing import new_folder
+
+#: Test-cycle by day of recording.
+DAYS = {
+    "monday": "point_to_point",
+    "tuesday": "axis_sweeps",
+    "wednesday": "slow_reversals",
+    "thursday": "spot_welding",
+}
+#: Digits of the recorder: degrees and N m.
+_DIGITS = 4
+
+
+def write_example(target: Path) -> None:
+    """Write ``arm.urdf``, the medium robot's, and one recording a day: ms, degrees, N m, separated by ';'.
+
+    The torque is that of the robot's model at 50 deg C, friction by eq. (17) included, with sensor noise.
+
+    Raises
+    ------
+    InputError
+        Where the folder is there already.
+    """
+    model = load_model("medium").replace(payload=None)
+    with new_folder(target) as folder:
+        shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")
+        for seed, (day, cycle) in enumerate(DAYS.items()):
+            batch = make_batch(model, cycle, 0.0, seed)
+            columns = {"time [ms]": np.round(1e3 * batch.t, 3)}
+            for k in range(model.n):
+                columns[f"actual_q_{k}"] = np.round(np.degrees(batch.q[:, k]), _DIGITS)
+            for k in range(model.n):
+                columns[f"actual_torque_{k}"] = np.round(batch.tau[:, k], _DIGITS)
+            pd.DataFrame(columns).to_csv(folder / f"{day}.csv", sep=";", index=False)

@@ -1,0 +1,150 @@
+"""Recordings as tables: text of any separator, Parquet, and ROS 2 bags with joint states."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from wearscope.errors import InputError
+
+#: Message type of joint states.
+JOINT_STATE = "sensor_msgs/msg/JointState"
+_BAGS = (".mcap", ".db3", ".bag")
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
+_SEPARATORS = ",;\t| "
+
+
+def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, list[str]]:
+    """Table of a recording, and notes on how it was read.
+
+    Parameters
+    ----------
+    path : Path
+        A text file, a Parquet file, an MCAP file, or the folder of a ROS 2 bag.
+    topic : str, optional
+        Of the joint states in a bag; the one with most messages where left out.
+
+    Raises
+    ------
+    InputError
+        Where it is none of these, or cannot be read.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file; correct the name.")
+    kind = path.suffix.lower()
+    if path.is_dir() or kind in _BAGS:
+        return _read_bag(path, topic)
+    try:
+        if kind == ".parquet":
+            return pd.read_parquet(path), []
+        if kind in _TEXT:
+            return _read_text(path)
+    except InputError:
+        raise
+    except (OSError, ValueError, UnicodeError, csv.Error) as error:
+        told = " ".join(str(error).split())[:200].rstrip(".")
+        raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
+    raise InputError(
+        f"{path}: is no recording that is known; give {', '.join(_TEXT)}, .parquet, .mcap or a bag."
+    )
+
+
+def _read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
+    raw = path.read_bytes()
+    encoding = "utf-8-sig"
+    try:
+        raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "latin-1"
+    lines = [line for line in raw.decode(encoding).splitlines()[:200] if line.strip()]
+    if len(lines) < 2:
+        raise InputError(f"{path}: holds {len(lines)} lines; a recording has a header and rows.")
+    header = next((k for k, line in enumerate(lines) if not line.startswith(("#", "%", "//"))), 0)
+    # A header behind a comment sign is one that the first row of numbers agrees with.
+    separator = max(
+        _SEPARATORS, key=lambda one: (min(line.count(one) for line in lines[header : header + 20]), -ord(one))
+    )
+    if not lines[header].count(separator):
+        raise InputError(f"{path}: has a single column; separate its columns by ',', ';', a tab or '|'.")
+    point = "," if separator == ";" and _has_decimal_commas(lines[header + 1 :]) else "."
+    frame = pd.read_csv(
+        path,
+        sep=r"\s+" if separator == " " else separator,
+        decimal=point,
+        encoding=encoding,
+        comment="#",
+        skipinitialspace=True,
+        low_memory=False,
+    )
+    frame.columns = [str(name).strip() for name in frame.columns]
+    if all(_is_number(name) for name in frame.columns):
+        raise InputError(f"{path}: its first line is numbers; put the columns' names above them.")
+    if frame.columns.has_duplicates:
+        raise InputError(
+            f"{path}: column '{frame.columns[frame.columns.duplicated()][0]}' stands twice; keep one."
+        )
+    notes = (
+        []
+        if separator == "," and point == "."
+        else [f"{path.name}: separated by {separator!r}, decimal {point!r}."]
+    )
+    return frame, notes
+
+
+def _has_decimal_commas(lines: list[str]) -> bool:
+    return any("," in line for line in lines) and not any("." in line for line in lines)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+        return True
+    except ValueError:
+        return False
+
+
+def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
+    """Joint states of a bag: ``time`` [s] and ``<joint>.position``, ``.velocity``, ``.effort``."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file():
+        path = path.parent
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            known = {one.topic: one for one in reader.connections if one.msgtype == JOINT_STATE}
+            if not known:
+                there = ", ".join(sorted({one.topic for one in reader.connections})) or "none"
+                raise InputError(f"{path}: holds no {JOINT_STATE}; its topics are {there}.")
+            if topic is not None and topic not in known:
+                raise InputError(f"{path}: has no joint states on '{topic}'; they are on {', '.join(known)}.")
+            chosen = topic or max(known, key=lambda name: known[name].msgcount)
+            links = [one for one in reader.connections if one.topic == chosen]
+            rows = list(_list_states(reader, links))
+    except (AnyReaderError, OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        told = " ".join(str(error).split())[:200].rstrip(".")
+        raise InputError(f"{path}: cannot be read as a ROS 2 bag ({told}); copy it again, whole.") from error
+    if not rows:
+        raise InputError(f"{path}: topic '{chosen}' holds no message; record it again.")
+    frame = pd.DataFrame(rows)
+    # Drivers that publish joints apart send several messages with one stamp.
+    frame = frame.groupby("time", sort=True, as_index=False).first()
+    note = f"{path.name}: {len(rows)} joint states of topic {chosen}."
+    return frame, [note]
+
+
+def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
+    first: int | None = None
+    for connection, received, raw in reader.messages(connections=links):
+        message = reader.deserialize(raw, connection.msgtype)
+        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec or received
+        first = stamp if first is None else first
+        row = {"time": (stamp - first) * 1e-9}
+        for field in ("position", "velocity", "effort"):
+            values = getattr(message, field)
+            row |= {f"{name}.{field}": float(one) for name, one in zip(message.name, values, strict=False)}
+        yield row

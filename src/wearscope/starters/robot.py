@@ -1,0 +1,371 @@
+"""A complete model of a robot from its URDF: what the file or the user states is given, all else assumed."""
+
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wearscope.cycles.base import list_cycles, load_cycle, required_torque
+from wearscope.errors import InputError
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.friction_law import SOURCE, friction_from_efficiency, scale_friction_law
+from wearscope.robots.model import RobotModel, make_model
+from wearscope.robots.spatial import Array
+from wearscope.robots.urdf import movable_joints, normalise_urdf
+from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
+from wearscope.starters.figures import Figures, assume, choose, take_option
+
+# Assumed where nothing is stated.
+SPEED = {"rad": 2.0, "m": 0.5}
+MOTOR_SPEED = 300.0  # rad/s, at the joint's speed limit
+COULOMB_SHARE, VISCOUS_SHARE = 0.04, 0.03  # of the usual torque; the second at the speed limit
+ROTOR_TIME = 0.02  # s from rest to the speed limit with the usual torque, of the rotor alone
+PAYLOAD_SHARE = 0.05  # of the moving mass
+NOISE_SHARE = 0.0025  # of the usual torque
+TURN = 2.0 * np.pi / 2**16  # encoder step on the motor shaft [rad]
+STRENGTH = 2.5  # torque limit over the largest torque at rest
+START_TIME = 0.2  # s from rest to the speed limit, at least
+JERK_RATE = 10.0  # 1/s
+# A study's usual extremes, within which every test-cycle must stay in the limits.
+TEMPERATURES, WEAR, PAYLOAD_ERROR = (30.0, 70.0), 50.0, 0.12
+ROOM = 0.9  # of the torque limit
+POSTURES = 200
+USUAL = "the usual torque (between the torque limit and what the arm needs)"
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the user states of a robot; lists by joint, of one value for all.
+
+    Attributes
+    ----------
+    joints : list of str
+        The joints that move; all that can where empty.
+    coulomb, viscous : list of float
+        Friction on the joint side [N m or N; times s/rad or s/m].
+    efficiency, rated_torque : list of float
+        Of the gear; torque on the joint side [N m or N].
+    gear_ratio, rotor_inertia : list of float
+        Motor rad per joint unit; inertia of the motor's rotor [kg m^2].
+    torque_limit, speed_limit, acceleration_limit : list of float
+        On the joint side.
+    payload : float or None
+        [kg]
+    payload_com : tuple of float
+        In the frame of the last joint's link [m].
+    gravity : tuple of float
+        In the base frame [m/s^2].
+    """
+
+    joints: Sequence[str] = ()
+    coulomb: Sequence[float] = ()
+    viscous: Sequence[float] = ()
+    efficiency: Sequence[float] = ()
+    rated_torque: Sequence[float] = ()
+    gear_ratio: Sequence[float] = ()
+    rotor_inertia: Sequence[float] = ()
+    torque_limit: Sequence[float] = ()
+    speed_limit: Sequence[float] = ()
+    acceleration_limit: Sequence[float] = ()
+    payload: float | None = None
+    payload_com: Sequence[float] = (0.0, 0.0, 0.05)
+    gravity: Sequence[float] = (0.0, 0.0, -9.81)
+
+
+def make_robot(
+    urdf: str | Path, name: str, stated: Stated
+) -> tuple[RobotModel, dict[str, Figures], list[str]]:
+    """Build a model from a URDF.
+
+    Parameters
+    ----------
+    urdf : path-like
+    name : str
+        Of the model.
+    stated : Stated
+
+    Returns
+    -------
+    RobotModel
+    dict of str to Figures
+        Where the numbers by joint are from, by field.
+    list of str
+        What the user should know: limits that had to be raised.
+
+    Raises
+    ------
+    InputError
+        Where the URDF cannot be used, or a stated number is none.
+    """
+    tree = parse_urdf(urdf)
+    joints = list(stated.joints) or movable_joints(tree)
+    text = normalise_urdf(urdf, joints)
+    found = {joint.name: joint for joint in tree.joints}
+    ordered = [found[joint] for joint in joints]
+    n = len(joints)
+    figures = _read_limits(ordered, stated, n)
+    body = RigidBody(text, joints, list(stated.gravity))
+    mass = float(sum(link.mass for link in parse_urdf(text).links.values()))
+    payload = _choose_payload(stated, mass)
+    loaded = (
+        body.with_payload(Payload(payload["mass"], tuple(payload["com"]), (0.0,) * 6)) if payload else body
+    )
+    postures = _draw_postures(ordered)
+    holding = np.max([np.abs(loaded.bias(q, np.zeros(n))) for q in postures], axis=0)
+    inertia = np.max([np.diag(loaded.mass_matrix(q)) for q in postures], axis=0)
+    speed = figures["speed_limit"].values
+    swing = STRENGTH * (holding + 0.5 * inertia * speed / START_TIME)
+    figures["torque_limit"] = choose(
+        take_option("torque-limit", stated.torque_limit, n, positive=True),
+        _from_urdf(ordered, "effort"),
+        assume(swing, f"{STRENGTH:g} times what holding and starting the arm takes"),
+    )
+    friction = _read_friction(stated, ordered, str(urdf), figures["torque_limit"].values, speed)
+    usual = _find_usual(figures["torque_limit"].values, swing, friction, speed)
+    figures |= _choose_drive(stated, n, speed, usual)
+    figures |= _choose_friction(friction, usual, speed)
+    fields = _make_fields(name, joints, stated, figures, payload, usual)
+    model, notes = _fit_to_cycles(fields, text, figures, stated, holding, inertia)
+    return model, figures, notes
+
+
+def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], speed: Array) -> Array:
+    """Torque (n,) that a drive of the joint's size works with.
+
+    The limit may be a placeholder, far beyond what the joint ever needs, and what the arm alone needs at a
+    light wrist is far below its drive: the geometric mean of the two, unless the stated friction says more.
+    """
+    stated = [friction["coulomb"].values / COULOMB_SHARE, friction["viscous"].values * speed / VISCOUS_SHARE]
+    return np.minimum(limit, np.nanmax([*stated, np.sqrt(limit * needed)], axis=0))
+
+
+def _read_limits(ordered: Sequence[Joint], stated: Stated, n: int) -> dict[str, Figures]:
+    default = [SPEED["m" if joint.kind == "prismatic" else "rad"] for joint in ordered]
+    return {
+        "speed_limit": choose(
+            take_option("speed-limit", stated.speed_limit, n, positive=True),
+            _from_urdf(ordered, "velocity"),
+            assume(np.array(default), "the URDF states none"),
+        )
+    }
+
+
+def _from_urdf(ordered: Sequence[Joint], key: str) -> Figures:
+    values = np.array([getattr(joint, key) for joint in ordered])
+    return Figures(
+        np.where(values < OPEN_LIMIT, values, np.nan), (f"given: URDF, limit {key}",) * len(ordered)
+    )
+
+
+def _choose_payload(stated: Stated, mass: float) -> dict[str, Any] | None:
+    chosen = float(f"{PAYLOAD_SHARE * mass:.2g}") if stated.payload is None else float(stated.payload)
+    if not np.isfinite(chosen) or chosen < 0.0:
+        raise InputError(f"--payload {chosen:g}: give a mass in kg, 0 for none.")
+    return {"mass": chosen, "com": [float(x) for x in stated.payload_com]} if chosen > 0.0 else None
+
+
+def _draw_postures(ordered: Sequence[Joint]) -> Array:
+    """Postures (P, n) over the range of motion, home among them."""
+    low = np.array([max(joint.lower, -np.pi) for joint in ordered])
+    high = np.array([min(joint.upper, np.pi) for joint in ordered])
+    drawn = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ordered)))
+    return np.vstack([np.clip(0.0, low, high), drawn])
+
+
+def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[str, Figures]:
+    gear = take_option("gear-ratio", stated.gear_ratio, n, -np.inf)
+    if gear is not None and np.any(gear.values == 0.0):
+        raise InputError("--gear-ratio holds a 0; give motor turns per joint turn.")
+    ratio = choose(
+        gear, assume(MOTOR_SPEED / speed, f"{MOTOR_SPEED:g} rad/s of the motor at the speed limit")
+    )
+    rotor = take_option("rotor-inertia", stated.rotor_inertia, n)
+    if rotor is not None:
+        if gear is None:
+            raise InputError("--rotor-inertia: is that of the motor; give --gear-ratio with it.")
+        origin = ("given: --rotor-inertia times the gear ratio squared",) * n
+        rotor = Figures(rotor.values * ratio.values**2, origin)
+    why = f"the rotor alone reaches the speed limit in {1000 * ROTOR_TIME:g} ms with {USUAL}"
+    own = assume(ROTOR_TIME * usual / speed, why)
+    return {"gear_ratio": ratio, "rotor_inertia": choose(rotor, own)}
+
+
+def _read_dynamics(urdf: str, ordered: Sequence[Joint]) -> dict[str, Array]:
+    """``friction`` and ``damping`` of the URDF's joints; NaN where it states none or 0."""
+    root = ET.fromstring(read_urdf(urdf)[0])
+    elements = {joint.get("name"): joint.find("dynamics") for joint in root.iter("joint")}
+    values = {}
+    for key in ("friction", "damping"):
+        taken = []
+        for joint in ordered:
+            element = elements.get(joint.name)
+            try:
+                number = float("nan" if element is None else element.get(key, "nan"))
+            except ValueError:
+                number = np.nan
+            taken.append(number if np.isfinite(number) and number > 0.0 else np.nan)
+        values[key] = np.array(taken)
+    return values
+
+
+def _read_friction(
+    stated: Stated, ordered: Sequence[Joint], urdf: str, torque: Array, speed: Array
+) -> dict[str, Figures]:
+    """Friction that options or the URDF state; NaN where nobody does."""
+    n = len(ordered)
+    written = _read_dynamics(urdf, ordered)
+    efficiency = take_option("efficiency", stated.efficiency, n)
+    losses: list[Figures | None] = [None, None]
+    if efficiency is not None:
+        rated = take_option("rated-torque", stated.rated_torque, n, positive=True)
+        at = torque if rated is None else rated.values
+        pairs = [friction_from_efficiency(*one) for one in zip(efficiency.values, at, speed, strict=True)]
+        told = "the torque limit" if rated is None else "--rated-torque"
+        origin = (f"given: --efficiency at {told}; that half is Coulomb and half viscous is assumed",) * n
+        losses = [Figures(one, origin) for one in np.array(pairs).T]
+    return {
+        "coulomb": choose(
+            take_option("coulomb", stated.coulomb, n),
+            losses[0],
+            Figures(written["friction"], ("given: URDF, dynamics friction",) * n),
+        ),
+        "viscous": choose(
+            take_option("viscous", stated.viscous, n),
+            losses[1],
+            Figures(written["damping"], ("given: URDF, dynamics damping",) * n),
+        ),
+    }
+
+
+def _choose_friction(read: Mapping[str, Figures], usual: Array, speed: Array) -> dict[str, Figures]:
+    coulomb = assume(COULOMB_SHARE * usual, f"{100 * COULOMB_SHARE:g} % of {USUAL}")
+    viscous = assume(VISCOUS_SHARE * usual / speed, f"{100 * VISCOUS_SHARE:g} % of {USUAL} at the limit")
+    return {"coulomb": choose(read["coulomb"], coulomb), "viscous": choose(read["viscous"], viscous)}
+
+
+def _round(values: Any) -> list[float]:
+    return [float(f"{value:.6g}") for value in np.asarray(values, dtype=float)]
+
+
+def _make_fields(
+    name: str,
+    joints: Sequence[str],
+    stated: Stated,
+    figures: Mapping[str, Figures],
+    payload: dict[str, Any] | None,
+    usual: Array,
+) -> dict[str, Any]:
+    """Content of the model file, its acceleration limits still to be found."""
+    n = len(joints)
+    ratio = figures["gear_ratio"].values
+    effects = [
+        {
+            "joint": joint,
+            "effect": "friction_wear_temperature",
+            "parameters": {
+                key: float(f"{value:.6g}")
+                for key, value in scale_friction_law(coulomb, viscous, gear).items()
+            },
+            "source": f"Coulomb {coulomb:.6g} {first}, viscous {viscous:.6g} {second}; {SOURCE}",
+        }
+        for joint, coulomb, first, viscous, second, gear in zip(
+            joints,
+            figures["coulomb"].values.tolist(),
+            figures["coulomb"].origins,
+            figures["viscous"].values.tolist(),
+            figures["viscous"].origins,
+            ratio.tolist(),
+            strict=True,
+        )
+    ]
+    return {
+        "name": name,
+        "urdf": "robot.urdf",
+        "joints": list(joints),
+        "gravity": [float(x) for x in stated.gravity],
+        "drive": {
+            "gear_ratio": _round(ratio),
+            "rotor_inertia": _round(figures["rotor_inertia"].values),
+            "torque_limit": _round(figures["torque_limit"].values),
+            "speed_limit": _round(figures["speed_limit"].values),
+        },
+        "sensors": {
+            "encoder_resolution": _round(TURN / np.abs(ratio)),
+            "torque_noise": _round(NOISE_SHARE * usual),
+            "sample_rate": 250.0,
+        },
+        **({"payload": payload} if payload else {}),
+        "controller": {"bandwidth_hz": 6.0, "damping": 1.0},
+        "wear_axes": list(joints[: min(3, n)]),
+        "effects": effects,
+    }
+
+
+def _fit_to_cycles(
+    fields: dict[str, Any],
+    text: str,
+    figures: dict[str, Figures],
+    stated: Stated,
+    holding: Array,
+    inertia: Array,
+) -> tuple[RobotModel, list[str]]:
+    """Give the model acceleration limits at which every test-cycle stays within the torque limits."""
+    speed = figures["speed_limit"].values
+    drive = fields["drive"]
+    total = inertia + figures["rotor_inertia"].values
+    friction = figures["coulomb"].values + figures["viscous"].values * speed
+    left = np.maximum(
+        figures["torque_limit"].values - holding - friction, 0.2 * figures["torque_limit"].values
+    )
+    option = take_option("acceleration-limit", stated.acceleration_limit, len(speed), positive=True)
+    limits = np.minimum(0.7 * left / total, speed / START_TIME) if option is None else option.values
+    slowest = 0.1 * limits
+    notes: list[str] = []
+    while True:
+        drive["acceleration_limit"] = _round(limits)
+        drive["jerk_limit"] = _round(JERK_RATE * limits)
+        model = make_model(fields, text, fields["name"])
+        peak = _find_peaks(model)
+        over = peak > ROOM * figures["torque_limit"].values
+        if not np.any(over):
+            break
+        if option is None and np.all(limits > slowest):
+            limits = 0.8 * limits
+            continue
+        torque = figures["torque_limit"]
+        raised = np.where(over, peak / ROOM, torque.values)
+        for k in np.flatnonzero(over):
+            notes.append(
+                f"joint '{model.joints[k]}': the torque limit {torque.values[k]:.4g} ({torque.origins[k]}) "
+                f"does not carry the arm through the test-cycles; {raised[k]:.4g} was assumed, so state "
+                "the real one with --torque-limit, or a lighter --payload."
+            )
+        figures["torque_limit"] = torque.replace(raised, lambda k: "assumed: what the test-cycles need")
+        drive["torque_limit"] = _round(raised)
+    why = f"every test-cycle stays within {100 * ROOM:g} % of the torque limit"
+    figures["acceleration_limit"] = option or assume(limits, why)
+    fields["home"] = _round(model.home_posture)
+    return make_model(fields, text, fields["name"]), notes
+
+
+def _find_peaks(model: RobotModel) -> Array:
+    """Largest torque (n,) that the platform's test-cycles need at a study's extremes."""
+    peak = np.zeros(model.n)
+    for name in list_cycles():
+        reference = load_cycle(name).build(model, 0.05, 0.01)
+        for factor in (1.0 - PAYLOAD_ERROR, 1.0 + PAYLOAD_ERROR):
+            for temperature in TEMPERATURES:
+                torque = required_torque(reference, model, temperature, WEAR, factor)
+                peak = np.maximum(peak, np.abs(torque).max(axis=0))
+    return peak
+
+
+def copy_urdf(urdf: str | Path, folder: Path) -> None:
+    """Put the maker's file beside the model."""
+    target = folder / "robot.urdf"
+    if Path(urdf).resolve() != target.resolve():
+        shutil.copyfile(urdf, target)

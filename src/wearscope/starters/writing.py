@@ -1,0 +1,99 @@
+"""Writes what is generated: new files and folders only, whole or not at all."""
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from wearscope.errors import InputError
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("wearscope.starters"), undefined=StrictUndefined, keep_trailing_newline=True
+)
+
+
+def fill_template(template: str, **values: object) -> str:
+    """Text of a template of this room."""
+    return _TEMPLATES.get_template(f"{template}.jinja").render(**values)
+
+
+def refuse_existing(*paths: Path) -> None:
+    """Refuse to write over what is there.
+
+    Raises
+    ------
+    InputError
+    """
+    for path in paths:
+        if path.exists():
+            raise InputError(f"{path}: is there already; choose another name, or remove it first.")
+
+
+def write_files(files: Mapping[Path, str]) -> None:
+    """Write new files.
+
+    Raises
+    ------
+    InputError
+        Where one is there already, or cannot be written.
+    """
+    refuse_existing(*files)
+    for path, text in files.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place.") from None
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """A folder to fill, which stands under its name once all is well, and not at all otherwise.
+
+    Raises
+    ------
+    InputError
+        Where there is one already, or it cannot be written.
+    """
+    refuse_existing(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written ({error.strerror}); choose another place.") from None
+    try:
+        yield made
+        made.chmod(0o755)
+        made.rename(target)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def check_identifier(name: str, what: str) -> str:
+    """Name that a Python file can have.
+
+    Raises
+    ------
+    InputError
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise InputError(f"{what} '{name}': use small letters, digits and '_', and begin with a letter.")
+    return name
+
+
+def check_folder_name(name: str, what: str) -> str:
+    """Name that a robot, study or data set can have.
+
+    Raises
+    ------
+    InputError
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
+        raise InputError(
+            f"{what} '{name}': use letters, digits, '_', '-' and '.', and begin with a letter or digit."
+        )
+    return name

@@ -1,0 +1,1 @@
+"""What changed since a machine was healthy: the reference's structure held, session by session."""

@@ -1,0 +1,241 @@
+"""Tracking a data set in stages: the reference once, each later session by itself, then all of them."""
+
+import importlib.metadata
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.provenance import read_commit
+from wearscope.tracking.records import FRICTION, collect_series, record_assessment, record_reference
+from wearscope.tracking.reference import Reference, identify_reference
+from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
+from wearscope.tracking.session_names import Sessions, read_sessions
+from wearscope.tracking.storage import load_reference, save_reference
+from wearscope.tracking.trend import find_segments, find_since, fit_trend
+
+Say = Callable[[str], None]
+_COLUMNS = [
+    "session", "joint", "effect", "parameter", "value", "value_low", "value_high", "change", "change_low",
+    "change_high", "unit", "p", "named", "healthy",
+]  # fmt: skip
+_UNITS = dict.fromkeys(
+    ("value", "value_low", "value_high", "change", "change_low", "change_high"), "of the column unit"
+)
+
+
+def write_reference(
+    dataset: str | Path,
+    path: str | Path,
+    policy: Policy | None = None,
+    progress: Say = lambda _: None,
+    effects: Sequence[str | Path] = (),
+    allow_code: bool = False,
+) -> None:
+    """Identify the healthy machine of a data set and write it to a file.
+
+    Raises
+    ------
+    InputError
+        Where the data set has no reference, or breaks the format.
+    """
+    reference = identify_reference(read_sessions(dataset), policy, progress, effects, allow_code)
+    save_reference(path, reference)
+
+
+def write_session(
+    dataset: str | Path,
+    session: str,
+    reference: str | Path,
+    path: str | Path,
+    level: float = FALSE_ALARM_RATE,
+    effects: Sequence[str] = (),
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """Compare one session with a reference that was written, and write the session's record as JSON."""
+    healthy = load_reference(reference, effects, allow_code)
+    record = record_assessment(assess_session(read_sessions(dataset), session, healthy, level), healthy)
+    tables.write_text(path, dump(record))
+    return record
+
+
+def join_sessions(
+    dataset: str | Path,
+    reference: str | Path,
+    records: Sequence[str | Path],
+    folder: str | Path,
+    level: float = FALSE_ALARM_RATE,
+    effects: Sequence[str] = (),
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """Write ``changes.parquet`` and ``tracking.json`` from the sessions' records."""
+    read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in records]
+    healthy = load_reference(reference, effects, allow_code)
+    return write_tracking(read_sessions(dataset), healthy, read, folder, level)
+
+
+def track(
+    dataset: str | Path,
+    folder: str | Path,
+    policy: Policy | None = None,
+    level: float = FALSE_ALARM_RATE,
+    progress: Say = lambda _: None,
+    effects: Sequence[str | Path] = (),
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """All stages at once: what changed since the machine was healthy.
+
+    Parameters
+    ----------
+    dataset : path-like
+        The data set's folder, or its ``dataset.yaml``.
+    folder : path-like
+        Where ``tracking.json`` and ``changes.parquet`` are written.
+    policy, progress, effects, allow_code
+        As of `wearscope.closed_loop.diagnosis.diagnose`.
+    level : float
+        False-alarm rate of a session, over all joints and changes.
+
+    Returns
+    -------
+    dict
+        The content of ``tracking.json``.
+
+    Raises
+    ------
+    InputError
+        Where the data set has no reference, or breaks the format; nothing is written then.
+    """
+    sessions = read_sessions(dataset)
+    healthy = identify_reference(sessions, policy, progress, effects, allow_code)
+    records = []
+    for session in sessions.later:
+        records.append(record_assessment(assess_session(sessions, session, healthy, level), healthy))
+        progress(f"{session}: {tell_changes(records[-1])}")
+    return write_tracking(sessions, healthy, records, folder, level)
+
+
+def tell_changes(record: dict[str, Any]) -> str:
+    """What a session shows, in a few words."""
+    said = [f"{c['effect']} of {c['joint']} {c['change']:+.3g} {c['unit']}" for c in record["changes"]]
+    return "; ".join(said) or ("cannot tell" if record["cannot_tell"] else "no change")
+
+
+def write_tracking(
+    sessions: Sessions, reference: Reference, records: Sequence[dict[str, Any]], folder: str | Path,
+    level: float,
+) -> dict[str, Any]:  # fmt: skip
+    """Write ``changes.parquet``, then ``tracking.json``; records in any order."""
+    by_name = {record["session"]: record for record in records}
+    later = [by_name[session] for session in sessions.later]
+    own = record_reference(reference)
+    rows = [
+        {"session": record["session"], "healthy": healthy, **row}
+        for healthy, part in ((True, own["sessions"]), (False, later))
+        for record in part
+        for row in record["rows"]
+    ]
+    told = {
+        "dataset": sessions.name,
+        "reference": list(sessions.reference),
+        "false_alarm_rate": level,
+        "sessions": [
+            {
+                "session": record["session"],
+                "changes": [tell_entry(entry, k, own["sessions"], later) for entry in record["changes"]],
+                "cannot_tell": record["cannot_tell"],
+            }
+            for k, record in enumerate(later)
+        ],
+        "trends": list_trends(own, later),
+        "healthy": {key: own[key] for key in ("terms", "temperatures", "scatter")},
+        "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
+        "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
+    }
+    table = pd.DataFrame(rows, columns=_COLUMNS)
+    tables.write_table(Path(folder) / "changes.parquet", table, _UNITS)
+    tables.write_text(Path(folder) / "tracking.json", dump(told))
+    return told
+
+
+def tell_entry(
+    entry: dict[str, Any], k: int, healthy: Sequence[dict[str, Any]], later: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """Entry of a change in the `k`-th later session, with the session from which it counts."""
+    key, joint = entry["key"], entry["joint"]
+    friction = is_friction_key(key)
+    series_key = f"{FRICTION}@{key.partition('@')[2]}" if friction else key
+    values, errors = collect_series([*healthy, *later], series_key)
+    segments = find_segments(values, errors)[len(healthy) :]
+    counting = [
+        any(
+            other["joint"] == joint and (is_friction_key(other["key"]) if friction else other["key"] == key)
+            for other in record["changes"]
+        )
+        for record in later
+    ]
+    since = find_since(counting, segments.tolist(), k)
+    ordered = ("joint", "effect", "parameter", "change", "ci95", "unit")
+    return {
+        **{name: entry[name] for name in ordered},
+        "since": later[since]["session"],
+        "equivalent": entry["equivalent"],
+    }
+
+
+def is_friction_key(key: str) -> bool:
+    """Whether a change's key is one of friction, of whatever form."""
+    from wearscope.effects.base import load_effect
+    from wearscope.tracking.changes import is_friction
+
+    name = key.partition("@")[0]
+    return name == FRICTION or is_friction(load_effect(name))
+
+
+def list_trends(own: dict[str, Any], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Straight line through each joint's friction over the later sessions, as a share of it by session."""
+    found = []
+    for j, joint in enumerate(own["joints"]):
+        trend = fit_trend(*collect_series(later, f"{FRICTION}@{j}"))
+        if trend is not None:
+            found.append(
+                {
+                    "joint": joint,
+                    "effect": FRICTION,
+                    "slope": trend.slope,
+                    "ci95": [trend.low, trend.high],
+                    "unit": "1/session",
+                    "p": trend.p_value,
+                }
+            )
+    return found
+
+
+def tell_scatter(reference: Reference) -> list[str]:
+    """What a reader should know where the reference shows little of how healthy sessions differ."""
+    if len(reference.sessions) > 1:
+        return []
+    return [
+        "the reference is one session, which does not show how healthy sessions differ; "
+        f"{100 * reference.scatter.friction:.2g} % of friction is assumed. Add healthy sessions."
+    ]
+
+
+def dump(content: dict[str, Any]) -> str:
+    """JSON in which what is not finite is null."""
+
+    def clean(x: Any) -> Any:
+        if isinstance(x, dict):
+            return {key: clean(value) for key, value in x.items()}
+        if isinstance(x, list | tuple):
+            return [clean(value) for value in x]
+        if isinstance(x, float | np.floating):
+            return float(x) if np.isfinite(x) else None
+        return x
+
+    return json.dumps(clean(content), indent=2) + "\n"

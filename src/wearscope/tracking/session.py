@@ -1,0 +1,229 @@
+"""One session against the reference: what changed in it, and what cannot be told."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.session_runs import prepare_runs
+from wearscope.tracking.changes import Change
+from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
+from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample, stack_rows
+from wearscope.tracking.reference import Reference
+from wearscope.tracking.scatter import Scatter
+from wearscope.tracking.session_names import Sessions
+from wearscope.tracking.sessions import read_session
+from wearscope.tracking.structure import Structure, hold_temperatures, make_rows
+
+#: False-alarm rate of a session, over all joints and changes.
+FALSE_ALARM_RATE = 0.01
+#: Kelvin beyond the reference's temperatures that are still those of the reference.
+_BEYOND = 1.0
+#: A change of friction of this share must be seen, were the temperature's part known; else nothing is said.
+_HIDDEN, _SEEN = 0.3, 0.15
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What a session shows.
+
+    Attributes
+    ----------
+    session : str
+    named : list of Named
+    estimates : dict of str to Estimate
+        Every change alone, by key.
+    cannot_tell : list of str
+    notes : list of str
+    """
+
+    session: str
+    named: list[Named]
+    estimates: dict[str, Estimate]
+    cannot_tell: list[str]
+    notes: list[str]
+
+
+def assess_session(
+    sessions: Sessions, session: str, reference: Reference, level: float = FALSE_ALARM_RATE
+) -> Assessment:
+    """Read a session and say what changed since the reference.
+
+    Raises
+    ------
+    InputError
+        Where its runs break the format or cannot be what they say.
+    """
+    runs, notes = prepare_runs(read_session(sessions, session), reference.structure.frame)
+    return assess_runs(session, runs, reference, level, notes)
+
+
+def assess_runs(
+    session: str,
+    runs: Sequence[PreparedRun],
+    reference: Reference,
+    level: float = FALSE_ALARM_RATE,
+    notes: Sequence[str] = (),
+) -> Assessment:
+    """What changed in a session's runs, prepared in the reference's frame.
+
+    Parameters
+    ----------
+    session : str
+    runs : sequence of PreparedRun
+    reference : Reference
+    level : float
+        False-alarm rate of a session.
+    notes : sequence of str
+    """
+    structure, changes = reference.structure, reference.changes
+    rows = stack_rows(structure, changes, [make_rows(structure, run) for run in runs])
+    sample = make_sample(rows, changes, reference.belief, reference.payload_prior)
+    named = name_changes(changes, make_ask(sample, reference.scatter), level)
+    alone = {change.key: estimate_change(sample, change) for change in changes}
+    thermal = np.arange(structure.width) >= structure.count
+    held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
+    known = make_sample(
+        stack_rows(structure, changes, held), changes, reference.belief, reference.payload_prior, thermal
+    )
+    hidden = explain_hidden(reference, runs, sample, known, named, level)
+    return Assessment(
+        session, named, {key: e for key, e in alone.items() if e is not None}, hidden, list(notes)
+    )
+
+
+def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
+    """Estimates of changes beside others in a session, each made once."""
+    made: dict[tuple[str, ...], Judged | None] = {}
+
+    def ask(change: Change, beside: Sequence[Change]) -> Judged | None:
+        key = (change.key, *sorted(c.key for c in beside))
+        if key not in made:
+            estimate = estimate_change(sample, change, beside)
+            made[key] = None if estimate is None else Judged(estimate, scatter.p_value(estimate))
+        return made[key]
+
+    return ask
+
+
+def explain_hidden(
+    reference: Reference, runs: Sequence[PreparedRun], sample: Sample, known: Sample, named: list[Named],
+    level: float,
+) -> list[str]:  # fmt: skip
+    """Sentences on friction that temperature may have changed, joint by joint.
+
+    Parameters
+    ----------
+    reference : Reference
+    runs : sequence of PreparedRun
+    sample, known : Sample
+        With what is known of the temperature's part; as if all of it were, and nothing changed beyond the
+        reference's temperatures.
+    named : list of Named
+    level : float
+    """
+    said = []
+    ask, ask_known = make_ask(sample, reference.scatter), make_ask(known, reference.scatter)
+    changes = reference.changes
+    for change in changes:
+        if change.name != "friction":
+            continue
+        others = [n.change for n in named]
+        if any(other.friction and other.joint == change.joint for other in others):
+            continue
+        beside = [other for other in others if touches(other, change)]
+        as_known, as_is = ask_known(change, beside), ask(change, beside)
+        if as_known is None or as_is is None:
+            continue
+        told = describe_temperatures(reference.structure, runs, change.joint)
+        joint = reference.structure.joints[change.joint]
+        share, width = relative_change(as_known.estimate, reference.scatter)
+        blind = relative_change(as_is.estimate, reference.scatter)[1]
+        if counts(as_known, level, len(changes)):
+            said.append(
+                f"wear / temperature: the friction of {joint} changed by {100 * share:+.0f} % "
+                f"({100 * (share - width):+.0f} to {100 * (share + width):+.0f} %), which its temperature "
+                f"may explain: {told}"
+            )
+        elif 2.0 * blind > _HIDDEN and 2.0 * width < _SEEN and _is_recorded(runs, change.joint):
+            said.append(
+                f"wear / temperature: a change of {joint}'s friction by less than {200 * blind:.0f} % could "
+                f"not be seen: {told}"
+            )
+    return said
+
+
+def _is_recorded(runs: Sequence[PreparedRun], joint: int) -> bool:
+    return all(bool(np.isfinite(run.signals.temperature[:, joint]).all()) for run in runs)
+
+
+def relative_change(estimate: Estimate, scatter: Scatter) -> tuple[float, float]:
+    """Change of a joint's friction as a share of it, and the half width of its 95 % interval.
+
+    The sign is that of the power it takes: positive where friction rose.
+    """
+    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
+    value, covariance = estimate.value, scatter.covariance(estimate)
+    unit = estimate.shares
+    size = np.sqrt(max(float(value @ unit @ value), 1e-300))
+    slope = unit @ value / size
+    error = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    sign = np.sign(np.sqrt(np.maximum(np.diag(unit), 0.0)) @ value) or 1.0
+    return float(sign * size), float(1.96 * error)
+
+
+def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joint: int) -> str:
+    """Why a session's temperature may explain a change of friction, and what to measure."""
+    name = structure.joints[joint]
+    if not np.isfinite(structure.temperature[joint]):
+        return (
+            f"the reference records no temp_{name}; record temp_{name} in healthy sessions at several "
+            "temperatures and in later ones."
+        )
+    if not _is_recorded(runs, joint):
+        return f"this session records no temp_{name}; record it."
+    warmth = np.concatenate([run.signals.temperature[:, joint] for run in runs])
+    low, high = structure.warmth[:, joint]
+    seen = (
+        f"it ran at {warmth.min():.0f} to {warmth.max():.0f} deg C, the reference at {low:.0f} to {high:.0f}"
+    )
+    if warmth.max() > high + _BEYOND or warmth.min() < low - _BEYOND:
+        return (
+            f"{seen}; measure healthy sessions that reach these temperatures, or this one at the reference's."
+        )
+    return f"{seen}, which show too little of what temperature does; measure more healthy sessions there."
+
+
+def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter) -> list[dict[str, Any]]:
+    """Entries of `tracking.json` for what a session shows, without `since`; a parameter each.
+
+    Parameters that their interval does not tell from zero are left out where another one of the change is.
+    """
+    entries = []
+    for one in named:
+        estimate, change = one.judged.estimate, one.change
+        width = scatter.width(estimate)
+        sure = np.abs(estimate.value) > width
+        units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
+        for (effect, name), value, half, told in zip(
+            change.parameters, estimate.value, width, sure, strict=True
+        ):
+            if not told and sure.any() and name != change.parameters[0][1]:
+                continue
+            if not told and sure.any() and change.name == "friction":
+                continue
+            parameter = next(p for p in effect.coefficients if p.name == name)
+            entries.append(
+                {
+                    "joint": structure.joints[change.joint],
+                    "effect": effect.name,
+                    "parameter": name,
+                    "change": float(value),
+                    "ci95": [float(value - half), float(value + half)],
+                    "unit": parameter.unit_at(*units),
+                    "equivalent": list(one.equivalent),
+                }
+            )
+    return entries

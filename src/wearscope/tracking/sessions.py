@@ -1,0 +1,40 @@
+"""The recordings of a data set's sessions."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
+from wearscope.closed_loop.intake.dataset_fields import DatasetFields, RunFields
+from wearscope.tracking.session_names import Sessions
+
+
+def _read(folder: Path, choose: Callable[[DatasetFields], list[RunFields]]) -> Dataset:
+    return read_dataset(folder, find_prismatic, choose)
+
+
+def read_reference(sessions: Sessions) -> Dataset:
+    """The reference's runs; where none is a test run, the last training run is scored as one too.
+
+    A structure that is fixed needs no verdict from the test runs; the closed loop asks for one all the same.
+    """
+
+    def choose(fields: DatasetFields) -> list[RunFields]:
+        return [run for run in fields.runs if run.session in sessions.reference]
+
+    dataset = _read(sessions.folder, choose)
+    if not dataset.runs_for("test"):
+        last = dataset.runs_for("train")[-1]
+        dataset.runs.append(replace(last, use="test", load=lambda: replace(last.load(), use="test")))
+    return dataset
+
+
+def read_session(sessions: Sessions, session: str) -> Dataset:
+    """Runs of one session, whatever their use: what is tracked is only ever compared with the reference."""
+
+    def choose(fields: DatasetFields) -> list[RunFields]:
+        own = [run for run in fields.runs if run.session == session]
+        return [run.model_copy(update={"use": "train"}) for run in own]
+
+    return _read(sessions.folder, choose)

@@ -1,0 +1,219 @@
+"""The reference's structure, held: its terms along any run, and what temperature may do to them."""
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.session_runs import Frame
+from wearscope.closed_loop.model.joint_flexibility import solve_gears
+from wearscope.closed_loop.model.prediction import find_lags, predict_motor
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import Signals
+from wearscope.tracking.temperature import SLOPE, UNRECORDED, count_features, temperature_features
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.model.regression import Regression
+
+#: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets; least [s].
+_BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes of a healthy machine's joint torques, over the rows that count; each (n,).
+
+    Attributes
+    ----------
+    friction : ndarray
+        RMS of the torque that depends on the speed or its sign.
+    torque : ndarray
+        RMS of the whole torque.
+    speed : ndarray
+        RMS speed.
+    noise : ndarray
+        Standard deviation of what is left, as it counts for the sum of a block: autocorrelated noise more.
+    """
+
+    friction: np.ndarray
+    torque: np.ndarray
+    speed: np.ndarray
+    noise: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Terms of the healthy machine, their shapes held.
+
+    Attributes
+    ----------
+    joints, position_unit, torque_unit : tuple of str
+        By joint.
+    frame : Frame
+    entries : tuple of ModelTerm
+    theta : ndarray (P,)
+        Parameters that set the torques on which errors of the measurement and deflections of gears act.
+    inertial : bool
+        Whether deviations of the inertial parameters come first among the columns.
+    temperature : ndarray (n,)
+        Mean temperature of each joint in the reference [deg C]; NaN where it was not recorded.
+    warmth : ndarray (2, n)
+        Lowest and highest temperature in the reference.
+    scales : Scales
+    """
+
+    joints: tuple[str, ...]
+    position_unit: tuple[str, ...]
+    torque_unit: tuple[str, ...]
+    frame: Frame
+    entries: tuple[ModelTerm, ...]
+    theta: np.ndarray
+    inertial: bool
+    temperature: np.ndarray
+    warmth: np.ndarray
+    scales: Scales
+    spans: list[slice] = field(init=False)
+
+    def __post_init__(self) -> None:
+        start, spans = 10 * self.n if self.inertial else 0, []
+        for entry in self.entries:
+            spans.append(slice(start, start + len(entry.subset)))
+            start += len(entry.subset)
+        object.__setattr__(self, "spans", spans)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def prepared(self) -> "Structure":
+        """What the closed loop's predictions ask for the number of joints."""
+        return self
+
+    @property
+    def thermal(self) -> list[int]:
+        """Joints whose temperature the reference records."""
+        return [j for j in range(self.n) if self.frame.moving[j] and np.isfinite(self.temperature[j])]
+
+    @property
+    def count(self) -> int:
+        """Parameters of the terms."""
+        return len(self.theta)
+
+    @property
+    def width(self) -> int:
+        """Columns: parameters, then the weights of the temperature's features by joint."""
+        return self.count + 2 * count_features() * len(self.thermal)
+
+    def operate(self, run: PreparedRun) -> Signals:
+        """Signals of a run with the motors' and the gears' torque that the healthy machine would have."""
+        model = cast("Regression", self)
+        solved = solve_gears(model, self.theta, run)
+        signals = replace(run.signals, transmitted=solved)
+        motor = predict_motor(model, self.theta, run, signals)
+        return replace(signals, torque=motor, lag=find_lags(model, self.theta))
+
+    def friction_column(self, signals: Signals, joint: int, viscous: bool) -> np.ndarray:
+        """Torque (N,) of Coulomb or viscous friction of the RMS of all the joint's friction."""
+        if viscous:
+            size = self.scales.friction[joint] / self.scales.speed[joint]
+            return np.asarray(size * signals.v[:, joint])
+        return np.asarray(self.scales.friction[joint] * signals.sign[:, joint])
+
+    def columns(self, signals: Signals) -> np.ndarray:
+        """Full-rate regressors (N, n, width); a temperature that was not recorded is taken as the mean."""
+        parts = []
+        if self.inertial:
+            s = signals
+            parts.append(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
+        parts += [entry.columns(signals) for entry in self.entries]
+        for j in self.thermal:
+            warmth = signals.temperature[:, j]
+            known = np.where(np.isfinite(warmth), warmth, self.temperature[j])
+            features = temperature_features(known, float(self.temperature[j]))
+            for viscous in (False, True):
+                part = np.zeros((len(signals.t), self.n, features.shape[1]))
+                part[:, j] = features * self.friction_column(signals, j, viscous)[:, None]
+                parts.append(part)
+        if not parts:
+            return np.zeros((len(signals.t), self.n, 0))
+        return np.concatenate(parts, axis=2)
+
+    def unrecorded_columns(self, signals: Signals) -> tuple[np.ndarray, list[int]]:
+        """Regressors (N, n, u) of temperatures not recorded, with standard normal weights; joint of each."""
+        parts, owners = [np.zeros((len(signals.t), self.n, 0))], []
+        for j in range(self.n):
+            if not self.frame.moving[j]:
+                continue
+            if np.isfinite(self.temperature[j]) and np.isfinite(signals.temperature[:, j]).all():
+                continue
+            for viscous in (False, True):
+                part = np.zeros((len(signals.t), self.n, 1))
+                part[:, j, 0] = SLOPE * UNRECORDED * self.friction_column(signals, j, viscous)
+                parts.append(part)
+                owners.append(j)
+        return np.concatenate(parts, axis=2), owners
+
+
+@dataclass(eq=False)
+class RunRows:
+    """One run as rows: (M, n) rows of each joint, and regressors of them.
+
+    Attributes
+    ----------
+    run : PreparedRun
+    signals : Signals
+        Along the run, with the healthy machine's torques.
+    target : ndarray (M, n)
+        Measured torque less the known one.
+    weights : ndarray (M, n)
+        Square root of each row's weight: zero where it does not count.
+    columns : ndarray (M, n, width)
+    unrecorded : ndarray (M, n, u)
+    starts : ndarray (B,)
+        First row of each block.
+    """
+
+    run: PreparedRun
+    signals: Signals
+    target: np.ndarray
+    weights: np.ndarray
+    columns: np.ndarray
+    unrecorded: np.ndarray
+    owners: list[int]
+    starts: np.ndarray
+
+
+def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
+    """Rows of a run in the reference's structure."""
+    signals = structure.operate(run)
+    unrecorded, owners = structure.unrecorded_columns(signals)
+    duration = float(run.t[-1] - run.t[0])
+    length = max(_SHORTEST, _BLOCK_PERIODS / run.band.torque)
+    count = max(2, round(duration / length))
+    starts = np.unique(np.linspace(0, len(run.t), count + 1).astype(int)[:-1])
+    return RunRows(
+        run,
+        signals,
+        run.measured - run.reduce(run.known),
+        run.keep / structure.scales.noise,
+        reduce_columns(run, structure.columns(signals)),
+        reduce_columns(run, unrecorded),
+        owners,
+        starts,
+    )
+
+
+def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
+    """The run as if its temperatures had kept within those of the reference."""
+    low, high = (
+        np.where(np.isfinite(x), x, y) for x, y in zip(structure.warmth, (-np.inf, np.inf), strict=True)
+    )
+    return replace(run, signals=replace(run.signals, temperature=np.clip(run.signals.temperature, low, high)))
+
+
+def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
+    """Regressors (N, n, p) after the common filter, (M, n, p); there may be none."""
+    return run.reduce(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))

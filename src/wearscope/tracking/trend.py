@@ -1,0 +1,85 @@
+"""Changes over the sessions: since when they count, and how fast they grow."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import ruptures
+import statsmodels.api as sm
+
+#: Penalty of a change point, in the noise's variance times the logarithm of the number of sessions: the
+#: modified Bayesian information criterion of a level and a place (Zhang and Siegmund 2007).
+_PENALTY = 3.0
+#: Fewest sessions that show a trend.
+_LEAST_SESSIONS = 4
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A straight line through the sessions' estimates, by weighted least squares with HC3 errors.
+
+    Attributes
+    ----------
+    slope : float
+        By session.
+    low, high : float
+        95 % interval.
+    p_value : float
+        Of no slope.
+    """
+
+    slope: float
+    low: float
+    high: float
+    p_value: float
+
+
+def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Segment (S,) of each session between change points of a level (PELT; Killick et al. 2012).
+
+    Parameters
+    ----------
+    values, errors : ndarray (S,)
+        Estimates and their standard errors; NaN where a session shows none, which belongs to the one before.
+    """
+    known = np.isfinite(values) & np.isfinite(errors)
+    segment = np.zeros(len(values), dtype=int)
+    if known.sum() < 2:
+        return segment
+    # In the usual noise's unit; sessions that say less than the usual one weigh less.
+    signal = (values[known] / np.maximum(errors[known], np.median(errors[known])))[:, None]
+    penalty = _PENALTY * np.log(len(signal))
+    ends = ruptures.Pelt(model="l2", min_size=1, jump=1).fit(signal).predict(pen=penalty)
+    own = np.zeros(len(signal), dtype=int)
+    for end in ends[:-1]:
+        own[end:] += 1
+    place = np.maximum.accumulate(np.where(known, np.cumsum(known) - 1, 0))
+    return own[place]
+
+
+def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) -> int:
+    """First session from which a change that counts in `session` does.
+
+    Parameters
+    ----------
+    counting : sequence of bool
+        Whether the change counts in each session.
+    segments : sequence of int
+        Segment of each session.
+    session : int
+    """
+    start = session
+    while start > 0 and (counting[start - 1] or segments[start - 1] == segments[start]):
+        start -= 1
+    return start
+
+
+def fit_trend(values: np.ndarray, errors: np.ndarray) -> Trend | None:
+    """Straight line through estimates (S,) with standard errors (S,); None of fewer than four sessions."""
+    known = np.isfinite(values) & np.isfinite(errors) & (errors > 0)
+    if known.sum() < _LEAST_SESSIONS:
+        return None
+    x = sm.add_constant(np.flatnonzero(known).astype(float))
+    fit = sm.WLS(values[known], x, weights=1.0 / errors[known] ** 2).fit(cov_type="HC3", use_t=True)
+    low, high = fit.conf_int()[1]
+    return Trend(float(fit.params[1]), float(low), float(high), float(fit.pvalues[1]))

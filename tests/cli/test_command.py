@@ -1,0 +1,148 @@
+"""The command itself: help, what it refuses, what it shows."""
+
+import json
+import subprocess
+import sys
+import time
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from wearscope import tables
+from wearscope.cli.main import COMMANDS, main, wearscope
+from wearscope.cli.new import KINDS
+
+
+def call(*arguments):
+    return CliRunner().invoke(wearscope, [str(one) for one in arguments], catch_exceptions=True)
+
+
+def call_outside(folder, *arguments):
+    """The command as a shell calls it: exit code, output and the last line of what it complains."""
+    done = subprocess.run(
+        [sys.executable, "-m", "wearscope", *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    "command", [(), *((one,) for one in COMMANDS), *(("new", one) for one in KINDS)], ids=" ".join
+)
+def test_every_command_has_help_with_an_example(command):
+    outcome = call(*command, "--help")
+    assert outcome.exit_code == 0
+    assert "Example" in outcome.output or command == ("new",)
+    assert "wearscope " in outcome.output
+
+
+def test_help_comes_at_once():
+    start = time.perf_counter()
+    code = "import sys; from wearscope.cli.main import wearscope; assert 'numba' not in sys.modules; " \
+        "assert 'pandas' not in sys.modules; wearscope(['--help'])"  # fmt: skip
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+    assert time.perf_counter() - start < 5.0
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_the_command(shell):
+    outcome = call("completion", shell)
+    assert outcome.exit_code == 0 and "_WEARSCOPE_COMPLETE" in outcome.output
+
+
+def test_words_are_completed(monkeypatch):
+    monkeypatch.setenv("_WEARSCOPE_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", "wearscope new d")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    outcome = CliRunner().invoke(wearscope, [], prog_name="wearscope")
+    assert {"plain,dataset", "plain,detector"} <= set(outcome.output.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run"], "no config/config.yaml is here; make one with 'wearscope new study NAME'"),
+        (["run", "nothing"], "nothing: is no study's folder or configuration"),
+        (["diagnose", "nothing"], "nothing: no such file"),
+        (["check", "nothing"], "nothing: is no study's folder"),
+        (["show", "snr"], "no config/config.yaml is here"),
+        (["show", "x.txt"], "is neither a table nor a figure"),
+        (["new", "robot", "none.urdf"], "none.urdf: cannot be read"),
+        (["new", "detector", "My-Detector"], "use small letters"),
+        (["new", "effect", "coulomb"], "is the platform's own"),
+        (["new", "cycle", "c", "--via", "a b"], "holds other than numbers"),
+        (["new", "cycle", "c", "--via", "30 10"], "say --unit rad or deg"),
+        (["new", "study", "s", "--robot", "none"], "robot 'none': no such model file"),
+        (["new", "dataset", "none.csv", "--urdf", "none.urdf"], "none.urdf: cannot be read"),
+    ],
+)
+def test_what_cannot_be_done_ends_in_one_sentence(arguments, told, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.txt").write_text("")
+    monkeypatch.setattr(sys, "argv", ["wearscope", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert ended.value.code == 1 and told in last
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.txt"], "nothing is half-written"
+
+
+def test_nothing_is_written_over(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("new", "detector", "own").exit_code == 0
+    (tmp_path / "own.py").write_text("mine")
+    code, _, errors = call_outside(tmp_path, "new", "detector", "own")
+    assert code == 1 and "own.py: is there already" in errors
+    assert (tmp_path / "own.py").read_text() == "mine"
+
+
+@pytest.fixture
+def results(tmp_path):
+    """A folder of results with one table."""
+    frame = pd.DataFrame({"fda": ["A", "B", "C"], "snr": [1.5, float("nan"), 12.25], "axis": [1, 2, 3]})
+    tables.write_table(tmp_path / "snr.parquet", frame, {"snr": "-"})
+    return tmp_path
+
+
+def test_a_table_is_shown_with_units_and_n_a(results):
+    text = call("show", "snr", "--in", results).output
+    assert "snr [-]" in text and "12.25" in text and "n/a" in text
+
+
+def test_rows_are_chosen_sorted_and_cut(results):
+    lines = call(
+        "show", "snr", "--in", results, "--sort", "-snr", "--columns", "fda,snr", "--rows", 1
+    ).output.splitlines()
+    assert lines[1].split() == ["C", "12.25"] and "axis" not in lines[0]
+    assert call("show", "snr", "--in", results, "--where", "axis=2").output.splitlines()[1].split()[0] == "B"
+
+
+def test_a_missing_table_or_column_names_those_that_are_there(results):
+    assert "there are snr" in str(call("show", "scope", "--in", results).exception)
+    assert "it has fda, snr, axis" in str(call("show", "snr", "--in", results, "--sort", "x").exception)
+
+
+def test_what_there_is_is_listed(results):
+    assert "Q-2" in call("show", "--in", results).output
+
+
+def test_a_picture_fills_the_terminal(results):
+    from PIL import Image
+
+    (results / "figures").mkdir()
+    Image.new("RGB", (200, 100), "red").save(results / "figures" / "one.png")
+    lines = call("show", "one", "--in", results).output.splitlines()
+    assert lines[0] == "▀" * 80 and len(lines) == 21
+
+
+def test_two_loops_are_compared_joint_by_joint(tmp_path):
+    for name, error, named in (("may", 2.0, []), ("june", 3.0, [{"joint": "a1", "effect": "stribeck"}])):
+        content = {"joints": {"a1": {"rms_before": error, "rms_after": 1.0}}, "verdict": named}
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "verdict.json").write_text(json.dumps(content))
+    text = call("compare", tmp_path / "may", tmp_path / "june").output
+    assert text.splitlines()[-1].split() == ["a1", "2", "1", "3", "1", "stribeck"]

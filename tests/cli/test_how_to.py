@@ -1,0 +1,69 @@
+"""Each how-to page, its commands run from an empty folder as they stand.
+
+Commands that compute for minutes are planned only; the long tests run them.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PAGES = sorted((Path(__file__).parents[2] / "docs" / "how-to").glob("*.md"))
+LONG = re.compile(r"^(wearscope (?:run|diagnose|track|detect|reevaluate|report)\b.*)$", re.MULTILINE)
+#: A page is under a screen.
+LINES = 60
+
+
+def list_blocks(page: Path) -> list[str]:
+    return re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def shell(tmp_path):
+    """Run a block of a page, with the command as an installed one."""
+    tools, folder = tmp_path / "bin", tmp_path / "empty"
+    tools.mkdir()
+    folder.mkdir()
+    for name, module in (("wearscope", "wearscope"), ("pytest", "pytest -q -p no:cacheprovider")):
+        (tools / name).write_text(f'#!/bin/sh\nexec {sys.executable} -m {module} "$@"\n')
+        (tools / name).chmod(0o755)
+    path = f"{tools}{os.pathsep}{os.environ['PATH']}"
+
+    def run(block: str) -> str:
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", block], cwd=folder, env={**os.environ, "PATH": path},
+            capture_output=True, text=True, check=False, timeout=1800,
+        )  # fmt: skip
+        assert done.returncode == 0, f"{block}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+        return done.stdout
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page_s_commands_work(page, shell):
+    for block in list_blocks(page):
+        if "show " in block or "compare " in block:  # they need what a run gives
+            continue
+        shell(LONG.sub(r"\1 --dry-run --cores 1", block))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page_s_commands_compute(page, shell):
+    for block in list_blocks(page):
+        shell(block)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page_is_under_a_screen(page):
+    assert len(page.read_text().splitlines()) <= LINES
+    assert list_blocks(page)
+
+
+def test_there_is_a_page_for_each_thing_to_bring():
+    assert {"robot", "dataset", "cycle", "detector", "effect", "study"} <= {page.stem for page in PAGES}

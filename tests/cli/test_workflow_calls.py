@@ -1,0 +1,95 @@
+"""What the command makes of Snakemake's words; the words themselves are those of the locked version."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wearscope.cli.progress import describe, format_seconds
+from wearscope.cli.workflow import Progress, explain_failure
+
+SNAKEFILE = """
+rule all:
+    input: "results/s/c.txt"
+
+rule a:
+    output: "results/s/a.txt"
+    log: "results/s/logs/a.log"
+    message: "Make the first"
+    shell:
+        "{a}touch {{output}}"
+
+rule c:
+    input: "results/s/a.txt"
+    output: "results/s/c.txt"
+    shell: "touch {{output}}"
+"""
+
+
+def run(folder, target="", body=""):
+    """Call the command on a workflow of its own."""
+    (folder / "Snakefile").write_text(SNAKEFILE.format(a=body))
+    (folder / "config").mkdir(exist_ok=True)
+    (folder / "config" / "config.yaml").write_text("study: s\n")
+    stage = ["--stage", target] if target else []
+    return subprocess.run(
+        [sys.executable, "-m", "wearscope", "run", *stage, "--cores", "1"],
+        cwd=folder, capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_run_is_quiet_and_leaves_its_log(tmp_path):
+    done = run(tmp_path)
+    assert done.returncode == 0 and done.stdout == ""
+    assert done.stderr.startswith("3 jobs done in ") and len(done.stderr.splitlines()) == 1
+    assert "Make the first" in (tmp_path / "results" / "wearscope-all.log").read_text()
+    assert run(tmp_path).stderr == "Nothing to be done.\n"
+
+
+@pytest.mark.slow
+def test_the_sentence_of_a_failed_job_is_the_last_line(tmp_path):
+    body = "echo '[   0.1 s] robot x: too weak; correct it.' > {log}; exit 1; "
+    done = run(tmp_path, body=body)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == "robot x: too weak; correct it."
+
+
+@pytest.mark.slow
+def test_a_target_that_is_not_there_is_named(tmp_path):
+    last = run(tmp_path, "track").stderr.splitlines()[-1]
+    assert last.endswith("Snakefile: has no target track; update wearscope, or correct the name.")
+
+
+def read(*lines):
+    progress = Progress()
+    for line in lines:
+        progress.read(line + "\n")
+    return progress
+
+
+def test_the_line_says_what_is_done_and_what_is_left():
+    progress = read("total           40", "Job 3: Simulate medium", "10 of 40 steps (25%) done")
+    assert (progress.done, progress.total, progress.message) == (10, 40, "Simulate medium")
+    assert describe(progress, 30.0) == "10 of 40 jobs, 30 s, about 1 min 30 s left"
+    assert describe(read("Building DAG of jobs..."), 2.0) == "planning, 2 s"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (200, "3 min 20 s"), (7500, "2 h 5 min")]
+)
+def test_times_are_short(seconds, text):
+    assert format_seconds(seconds) == text
+
+
+def test_a_defect_is_told_as_one_with_its_log(tmp_path):
+    (tmp_path / "a.log").write_text("[   0.1 s] begun\nTraceback (most recent call last):\nTypeError: no\n")
+    progress = read("Error in rule fit:", "    log: a.log (check log file(s) for error details)")
+    told = explain_failure(progress, ("snr",), tmp_path)
+    assert told == "fit: a defect of the program or of own code (TypeError: no); its log is a.log."
+
+
+def test_what_the_snakefile_refuses_is_its_own_sentence():
+    progress = read("Using workflow specific profile x", "config: robots: there is no 'y'; correct it.")
+    assert explain_failure(progress, (), Path()) == "config: robots: there is no 'y'; correct it."

@@ -1,0 +1,143 @@
+"""A two-joint arm with the friction of eq. (17), recorded without the simulator: the truth is at hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.effects.base import Signals, load_effect
+from wearscope.robots.model import make_model
+
+URDF = """<robot name="duo">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
+    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
+    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
+</robot>"""
+JOINTS = ["a", "b"]
+INERTIA = [1.5, 0.6]
+NOISE = np.array([0.4, 0.2])
+RATE, WARM = 200.0, 40.0
+LAW = {
+    "eta0": 6.0, "eta1": -2.0, "eta2": 0.12, "eta3": -0.05, "eta4": 0.004, "eta5": 6.0, "eta6": -0.06,
+    "eta7": 0.08, "eta8": 0.002, "eta9": 0.02, "alpha": 1.0,
+}  # fmt: skip
+
+
+def make_duo(worn: bool = True):
+    """The arm's model; without `worn` its friction knows neither wear nor temperature."""
+    law = LAW if worn else LAW | dict.fromkeys(("eta2", "eta4", "eta6", "eta7", "eta9"), 0.0) | {"eta3": 0.1}
+    effects = [{"joint": j, "effect": "rigid_body"} for j in JOINTS]
+    effects += [{"joint": j, "effect": "friction_wear_temperature", "parameters": law} for j in JOINTS]
+    fields = {
+        "name": "duo",
+        "urdf": "duo.urdf",
+        "joints": JOINTS,
+        "drive": {"rotor_inertia": INERTIA},
+        "sensors": {"sample_rate": RATE},
+        "effects": effects,
+    }
+    return make_model(fields, URDF)
+
+
+def draw_motion(seed: int, seconds: float = 8.0, wait: float = 0.0):
+    """Band-limited motion of both joints from rest to rest, after a wait."""
+    t = np.arange(round((seconds + wait) * RATE)) / RATE
+    phase = np.clip((t - wait) / seconds, 0.0, 1.0)
+    smooth = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+    rng = np.random.default_rng(seed)
+    size, turn = rng.normal(0.0, 0.4, (2, 4)), rng.uniform(0, 2 * np.pi, (2, 4))
+
+    def position(s):
+        k = np.arange(1, 5)
+        return np.stack(
+            [(size[j] / k * np.sin(2 * np.pi * k * s[:, None] + turn[j])).sum(axis=1) for j in (0, 1)]
+        ).T
+
+    h = 1e-5
+
+    def along(x):
+        phase = np.clip((x - wait) / seconds, 0.0, 1.0)
+        return position(phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2))
+
+    q = position(smooth)
+    v = (along(t + h) - along(t - h)) / (2 * h)
+    a = (along(t + h) - 2 * q + along(t - h)) / h**2
+    return t, q, v, a
+
+
+def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> None:
+    """Write what the machine records; `disturbance` is a torque that no model has, other in each "
+    "run [N m]."""
+    t, q, v, a = motion
+    model = make_duo()
+    load = model.rigid_body().inverse_dynamics(q, v, a)
+    still = np.ones_like(q)
+    signals = Signals(t, q, v, a, np.sign(v), load, temperature * still, wear * still)
+    effect = load_effect("friction_wear_temperature")
+    tau = load + np.array(INERTIA) * a
+    for j in range(2):
+        tau[:, j] += effect.torque(signals, j, LAW)
+    tau += disturbance * rng.standard_normal(2) * np.sign(v) + NOISE * rng.standard_normal(q.shape)
+    q = q + 1e-6 * rng.standard_normal(q.shape)
+    columns = {"t": t}
+    for j, joint in enumerate(JOINTS):
+        columns |= {
+            f"q_{joint}": q[:, j],
+            f"tau_{joint}": tau[:, j],
+            f"temp_{joint}": temperature * still[:, j],
+        }
+    pd.DataFrame(columns).to_parquet(path)
+
+
+def write_machine(
+    folder: Path, judged, nominal=5, seed=1, disturbance=0.0, reference=False, fields=None
+) -> Path:
+    """Write a data set of nominal runs and judged ones, the latter as (motion seed, wear, seconds, wait)."""
+    (folder / "runs").mkdir(parents=True)
+    (folder / "robot.urdf").write_text(URDF)
+    rng = np.random.default_rng([seed, 5])
+    entries = []
+    plans = [(1, 0.0, 8.0, 0.5 * (k % 2)) for k in range(nominal)] + list(judged)
+    for k, (motion, wear, seconds, wait) in enumerate(plans):
+        file = f"runs/r{k}.parquet"
+        temperature = WARM + 2.0 * rng.standard_normal()
+        record_run(folder / file, draw_motion(motion, seconds, wait), wear, temperature, rng, disturbance)
+        use = "train" if k < nominal else "test"
+        entries.append({"file": file, "use": use, "session": "new" if k < nominal else f"day {k}"})
+    content = {
+        "name": "duo",
+        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA},
+        "sample_rate": RATE,
+        "declared_effects": ["rigid_body", "rotor_inertia", "coulomb", "viscous"],
+        "runs": entries,
+        **({"reference": ["new"]} if reference else {}),
+        **(fields or {}),
+    }
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
+    return folder
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """`write_machine` into a fresh folder."""
+    return lambda judged, **options: write_machine(tmp_path / "duo", judged, **options)
+
+
+@pytest.fixture(scope="session")
+def write_to():
+    """`write_machine`, for fixtures of a whole module."""
+    return write_machine
+
+
+@pytest.fixture(scope="session")
+def duo():
+    """The module's model maker."""
+    return make_duo

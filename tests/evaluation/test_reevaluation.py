@@ -1,0 +1,215 @@
+"""Sides with planted answers: what changes is found, what does not is not, and nearer means nearer."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import ndtri
+
+from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.designs.filling import checking_design, filling_design
+from wearscope.designs.kinds import make_design
+from wearscope.evaluation.reevaluation import (
+    Questions,
+    answer_side,
+    compare_ranking,
+    compare_sides,
+    extend_to_drawn,
+    share_surrogates,
+    withheld_cells,
+)
+from wearscope.evaluation.tolerance import largest_passing
+from wearscope.reporting.reevaluation import (
+    Reevaluation,
+    answer_sentences,
+    best_detectors,
+    judge_detector,
+    truth_sentences,
+)
+from wearscope.surrogates.chosen import choose_surrogates
+
+NAMES = [factor.name for factor in PAPER_FACTORS]
+ASKED = Questions(
+    PAPER_FACTORS,
+    "main",
+    {"f0": -0.5, "delta": 1.0, "sigma": 0.25},
+    {"factors": ["w3"], "f0": -2.0, "sigma": (0.01, 1.0), "grid": (30, 100), "p_f": 0.01, "p_d": 0.99},
+    draws=120,
+)
+NOISE = 0.02
+DESIGNS = {
+    "identification": filling_design(PAPER_FACTORS, 24, 3, 4, axes=(1,)),
+    "filling": make_design("latin_hypercube", PAPER_FACTORS, {"points": 11, "stream": "bridge"}, 0),
+    "checking": checking_design(PAPER_FACTORS, 10, 1, axes=(1,)),
+}
+
+
+def runs(robot, slopes, sets=tuple(DESIGNS), noise=NOISE, extra=0.0):
+    """Test quantities y = f + b w3 (+ extra w1) by detector; every side has the same noise."""
+    parts = []
+    for fda, slope in slopes.items():
+        for name in sets:
+            table = DESIGNS[name][["point", *NAMES]].copy()
+            stream = np.random.default_rng([len(name), ord(fda)])
+            y = table["f"] + slope * table["w3"] + extra * table["w1"]
+            table["y"] = y + noise * stream.standard_normal(len(table))
+            parts.append(table.assign(robot=robot, cycle="c", axis=1, fda=fda, set=name, status="ok"))
+    return pd.concat(parts, ignore_index=True)
+
+
+def choose(quantities):
+    return choose_surrogates(quantities, PAPER_FACTORS, ["gaussian_process"])
+
+
+def ask(side, slopes, drawn=None, **options):
+    quantities = runs(side, slopes, **options)
+    return answer_side(side, quantities, choose(quantities), drawn, ASKED)
+
+
+def expected_snr(slope, noise=NOISE):
+    return 1.0 / np.hypot(0.25 * slope, noise)
+
+
+@pytest.fixture(scope="module")
+def sides():
+    """The correction turns the order round; the truth is near to after."""
+    return {
+        "before": ask("before", {"A": 0.1, "B": 0.9}),
+        "after": ask("after", {"A": 0.8, "B": 0.2}),
+        "truth": ask("truth", {"A": 0.75, "B": 0.22}),
+    }
+
+
+@pytest.fixture(scope="module")
+def reevaluation(sides):
+    table, ranking = compare_sides(sides, "r", PAPER_FACTORS), compare_ranking(sides, "r")
+    models = pd.DataFrame({"side": list(sides), "drawn": 0, "left_out": 0, "first_reason": ""})
+    return Reevaluation(table, ranking, models)
+
+
+def rows(table, question, fda="A", about=""):
+    return table[(table["question"] == question) & (table["fda"] == fda) & (table["about"] == about)]
+
+
+def test_the_snr_is_that_of_single_runs(reevaluation):
+    for fda, slopes in {"A": (0.1, 0.8), "B": (0.9, 0.2)}.items():
+        row = rows(reevaluation.table, "snr", fda).iloc[0]
+        assert row["before"] == pytest.approx(expected_snr(slopes[0]), rel=0.15)
+        assert row["after"] == pytest.approx(expected_snr(slopes[1]), rel=0.15)
+        assert row["before_low"] <= row["before"] <= row["before_high"]
+
+
+def test_coefficients_are_those_planted(reevaluation):
+    row = rows(reevaluation.table, "coefficient", "A", "w3").iloc[0]
+    assert row["before"] == pytest.approx(0.1, abs=0.02)
+    assert row["after"] == pytest.approx(0.8, abs=0.02)
+    assert row["p_changed"] == 1.0
+    other = rows(reevaluation.table, "coefficient", "A", "w4").iloc[0]
+    assert other["p_changed"] < 0.95
+
+
+def test_the_scope_is_the_closed_form_s_in_natural_units(reevaluation):
+    """A change d is told at 1 % and 99 % while d >= b sigma (z + z); one coded unit of w3 is 10 K."""
+    table = rows(reevaluation.table, "scope", "A", "w3")
+    one = table[table["delta"] == 12.5].iloc[0]
+    expected = 10.0 / (2.0 * ndtri(0.99) * 0.8)
+    assert one["after"] == pytest.approx(expected, rel=0.08)
+    assert one["before"] == pytest.approx(10.0)  # 21 K would be borne; the grid ends at 10
+    assert one["unit"] == "degC"
+
+
+def test_the_order_turns_round_and_the_sentences_say_so(reevaluation):
+    assert best_detectors(reevaluation, "before") == {("c", 1): ["A"]}
+    assert best_detectors(reevaluation, "after") == {("c", 1): ["B"]}
+    assert rows(reevaluation.table, "rank", "A").iloc[0][["before", "after"]].tolist() == [1.0, 2.0]
+    text = " ".join(answer_sentences(reevaluation))
+    assert "it changes on axis 1 (c) A before, B after" in text and "1 turned round" in text
+
+
+def test_after_is_nearer_to_a_truth_beside_it(reevaluation):
+    for fda in "AB":
+        assert rows(reevaluation.table, "snr", fda).iloc[0]["p_nearer"] >= 0.95
+    assert judge_detector(rows(reevaluation.table, "snr"))[1] == "nearer"
+    assert "After is nearer to the truth" in truth_sentences(reevaluation)[0]
+
+
+def test_a_correction_that_goes_the_wrong_way_is_told(sides):
+    wrong = {"before": sides["after"], "after": sides["before"], "truth": sides["truth"]}
+    table = compare_sides(wrong, "r", PAPER_FACTORS)
+    assert rows(table, "snr").iloc[0]["p_nearer"] <= 0.05
+    said = truth_sentences(Reevaluation(table, compare_ranking(wrong, "r"), pd.DataFrame()))
+    assert said[0].startswith("After is farther from the truth than before")
+
+
+def test_a_correction_that_changes_nothing_changes_no_answer(sides):
+    same = {"before": sides["after"], "after": ask("after", {"A": 0.8, "B": 0.2}), "truth": sides["truth"]}
+    table = compare_sides(same, "r", PAPER_FACTORS)
+    assert (table["p_changed"] < 0.95).all()
+    assert not table["p_nearer"].between(0.95, 1.0).any()
+    one = Reevaluation(table, compare_ranking(same, "r"), pd.DataFrame())
+    said = " ".join(answer_sentences(one))
+    assert (
+        "the same on both sides" in said and "What SNR: no change" in said and "What scope: no change" in said
+    )
+
+
+def test_without_a_truth_no_side_is_called_nearer(sides):
+    two = {side: sides[side] for side in ("before", "after")}
+    table = compare_sides(two, "r", PAPER_FACTORS)
+    assert table[["truth", "p_nearer"]].isna().all(axis=None)
+    said = truth_sentences(Reevaluation(table, compare_ranking(two, "r"), pd.DataFrame()))
+    assert said == [
+        "Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."
+    ]
+
+
+def test_drawn_models_take_the_rest_of_their_response_from_the_side_s_own():
+    own = runs("after", {"A": 0.5})
+    few = runs("after-01", {"A": 0.8}, sets=("filling",), extra=0.3)
+    ((name, extended, chosen),) = extend_to_drawn(own, choose(own), few, "after")
+    assert name == "after-01" and set(chosen["robot"]) == {"after-01"}
+    expected = runs("after-01", {"A": 0.8}, extra=0.3)
+    np.testing.assert_allclose(extended["y"], expected["y"], atol=1e-9)
+
+
+def test_what_the_model_leaves_open_widens_the_answer():
+    few = pd.concat(
+        [runs(f"after-0{k}", {"A": slope}, ("filling",)) for k, slope in enumerate((0.2, 0.4, 0.8, 1.2))]
+    )
+    alone, open_ = ask("after", {"A": 0.5}), ask("after", {"A": 0.5}, few)
+    key = ("c", 1, "A", "snr", "", 0.0)
+    low, high = np.quantile(open_.drawn[key], [0.025, 0.975])
+    assert low < 1.15 * expected_snr(1.2) and high > 0.85 * expected_snr(0.2)
+    assert np.ptp(np.quantile(alone.drawn[key], [0.025, 0.975])) < 0.3 * (high - low)
+    assert open_.value[key] == pytest.approx(alone.value[key], rel=0.05)
+
+
+def test_a_model_without_noise_has_no_snr():
+    answers = ask("after", {"A": 0.5}, noise=0.0)
+    assert np.isnan(answers.value["c", 1, "A", "snr", "", 0.0])
+    assert np.isnan(answers.value["c", 1, "A", "rank", "", 0.0])
+
+
+def test_sides_share_the_parameters_of_the_one_that_fits_worst():
+    tables = [choose(runs(side, {"A": slope}, noise=noise)) for side, slope, noise in
+              (("before", 0.5, 0.02), ("after", 0.5, 0.3))]  # fmt: skip
+    shared = share_surrogates(pd.concat(tables))
+    assert shared["parameters"].nunique() == 1
+    assert shared["parameters"].iloc[0] == tables[1]["parameters"].iloc[0]
+
+
+def test_a_surrogate_that_misses_its_checks_is_withheld(sides):
+    chosen = choose(runs("before", {"A": 0.5, "B": 0.5}))
+    assert not withheld_cells(chosen)
+    chosen.loc[chosen["fda"] == "A", "inside"] = 0.3
+    assert withheld_cells(chosen) == {("c", 1, "A")}
+    table = compare_sides(sides, "r", PAPER_FACTORS, withheld_cells(chosen))
+    one = Reevaluation(table, compare_ranking(sides, "r"), pd.DataFrame())
+    told = answer_sentences(one)
+    assert told[-1].startswith("Withheld") and "A on axis 1" in told[-1]
+    assert not any("A on axis" in text for text in [*told[:-1], *truth_sentences(one)])
+
+
+def test_largest_passing_sigma():
+    sigmas = np.array([0.1, 0.2, 0.3])
+    passes = np.array([[1, 1, 1], [1, 0, 1], [0, 1, 1], [1, 1, 0]], dtype=bool)
+    assert largest_passing(passes, sigmas).tolist() == [0.3, 0.1, 0.0, 0.2]

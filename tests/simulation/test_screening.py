@@ -1,0 +1,95 @@
+"""Factors that move no torque: found, refused by name, or dropped."""
+
+import pandas as pd
+import pytest
+
+from wearscope.cycles.base import Cycle, load_cycle
+from wearscope.errors import InputError
+from wearscope.robots.model import load_model
+from wearscope.simulation.screening import check_screening, drop_idle, screen_factors
+from wearscope.simulation.study import Conditions, simulate_point
+
+RANGES = {
+    "f": ("wear", 0.0, 50.0),
+    "w1": ("wear", 0.0, 50.0),
+    "w3": ("temperature", 30.0, 70.0),
+    "w4": ("dwell", 25.0, 75.0),
+    "w5": ("payload_mass_error", -10.0, 10.0),
+}
+CYCLES = {"point_to_point": load_cycle("point_to_point")}
+STEP = 0.002
+
+
+@pytest.fixture(scope="module")
+def medium():
+    return load_model("medium")
+
+
+def plain_friction(model, joints=()):
+    """Effects in which the named joints have Coulomb friction alone."""
+    return [
+        {"joint": one["joint"], "effect": "coulomb", "parameters": {"level": 40.0}}
+        if one["joint"] in joints
+        else one
+        for one in model.to_mapping()["effects"]
+    ]
+
+
+def idle(model):
+    table = screen_factors(model, CYCLES, RANGES, STEP)
+    return set(table.loc[~table["moves"], "factor"])
+
+
+def test_every_factor_moves_the_study_s_robot(medium):
+    assert idle(medium) == set()
+
+
+def test_the_factor_without_an_effect_is_found(medium):
+    assert idle(medium.replace(payload=None)) == {"w5"}
+    assert idle(medium.replace(effects=plain_friction(medium, ["axis_2"]))) == {"w1"}
+    assert idle(medium.replace(effects=plain_friction(medium, medium.joints))) == {"f", "w1", "w3"}
+
+
+def test_a_motion_without_pauses_is_not_moved_by_their_length(medium):
+    sweep = Cycle("sweep", "", lambda model, dwell, step: CYCLES["point_to_point"].build(model, 0.05, step))
+    cycles = {"sweep": sweep}
+    table = screen_factors(medium, cycles, RANGES, STEP).set_index("factor")
+    assert not table.loc["w4", "moves"]
+    both = screen_factors(medium, cycles | CYCLES, RANGES, STEP).set_index("factor")
+    assert both.loc["w4", "moves"] and both.loc["w4", "cycle"] == "point_to_point"
+
+
+def test_screening_says_what_the_simulation_shows(medium):
+    """A factor that is idle leaves the recorded torque as it is, to the last bit; one that moves does not."""
+    model = medium.replace(effects=plain_friction(medium, ["axis_2"]))
+    reference = CYCLES["point_to_point"].build(model, 0.05, STEP)
+    low = simulate_point(model, reference, Conditions(wear=(0.0, 0.0)))
+    second = simulate_point(model, reference, Conditions(wear=(0.0, 50.0)))
+    first = simulate_point(model, reference, Conditions(wear=(50.0, 0.0)))
+    assert low.tau.tobytes() == second.tau.tobytes()
+    assert low.tau.tobytes() != first.tau.tobytes()
+
+
+def test_refusal_names_robot_factor_and_remedy(medium):
+    table = screen_factors(medium.replace(payload=None), CYCLES, RANGES, STEP)
+    with pytest.raises(InputError, match=r"factors.w5: payload mass error .* robot 'arm'.*screening: drop"):
+        check_screening(table, "arm", ["f"])
+    dropped = check_screening(table, "arm", ["f"], "drop")
+    assert list(dropped.loc[dropped["dropped"], "factor"]) == ["w5"]
+
+
+def test_the_fault_itself_is_never_dropped(medium):
+    table = screen_factors(medium.replace(effects=plain_friction(medium, ["axis_2"])), CYCLES, RANGES, STEP)
+    with pytest.raises(InputError, match=r"factors.w1: wear moves no recorded torque of robot 'arm'") as told:
+        check_screening(table, "arm", ["f", "w1"], "drop")
+    assert "screening: drop" not in str(told.value)
+    assert check_screening(table, "arm", ["f"], "drop")["dropped"].sum() == 1
+
+
+def test_answers_about_a_dropped_factor_are_left_out_of_that_robot_alone():
+    screening = pd.DataFrame({"robot": ["a", "b"], "factor": ["w3", "w3"], "dropped": [True, False]})
+    terms = ["1", "f", "w3", "f:w3", "w3^2", "w31"]
+    table = pd.DataFrame({"robot": ["a"] * 6 + ["b"] * 6, "term": terms * 2})
+    kept = drop_idle(table, screening, "term")
+    assert list(kept.loc[kept["robot"] == "a", "term"]) == ["1", "f", "w31"]
+    assert len(kept[kept["robot"] == "b"]) == 6

@@ -1,0 +1,285 @@
+"""Recordings in the layouts that recorders write: the signals come out as they went in."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from wearscope.checking.dataset import check_dataset
+from wearscope.checking.own_code import make_batch
+from wearscope.errors import InputError
+from wearscope.robots.model import load_model
+from wearscope.starters.conversion import Mapped, convert_recordings
+from wearscope.starters.dataset import write_dataset
+from wearscope.starters.stamps import find_rate, order_rows, to_seconds
+
+URDF = Path(__file__).parents[2] / "config" / "robots" / "medium" / "robot.urdf"
+JOINTS = [f"axis_{k}" for k in range(1, 7)]
+GEAR = [-105.0, 210.0, 60.0, -99.0, 79.2, -99.0]
+SHORT = 3000
+
+
+@pytest.fixture(scope="module")
+def batches():
+    """Three motions of the medium robot at 250 Hz."""
+    model = load_model("medium").replace(payload=None)
+    names = ("point_to_point", "slow_reversals", "spot_welding")
+    return [make_batch(model, name, 0.0, seed) for seed, name in enumerate(names)]
+
+
+@pytest.fixture(scope="module")
+def truth(batches):
+    """The beginning of the first."""
+    start = 250
+    rows = slice(start, start + SHORT)
+    one = batches[0]
+    return one.t[rows] - one.t[start], one.q[rows], one.qd[rows], one.tau[rows]
+
+
+def convert(path, **mapped):
+    return convert_recordings([path], URDF, Mapped(joints=JOINTS, **mapped))
+
+
+def whole(converted):
+    """Both parts of a lone recording, as one table."""
+    return pd.concat([run.frame for run in converted.runs], ignore_index=True)
+
+
+def assert_same(converted, truth, rows=slice(0, 300), rtol=1e-9, atol=1e-9):
+    t, q, _, tau = truth
+    frame = whole(converted)
+    for k, joint in enumerate(JOINTS):
+        np.testing.assert_allclose(frame[f"q_{joint}"][rows], q[rows, k], rtol=rtol, atol=atol)
+        np.testing.assert_allclose(frame[f"tau_{joint}"][rows], tau[rows, k], rtol=rtol, atol=1e3 * atol)
+    np.testing.assert_allclose(frame["t"][rows], t[rows], atol=1e-6)
+    assert converted.rate == 250.0
+
+
+def table(truth, time, position, torque, q=1.0, tau=1.0, first=1):
+    t, positions, _, torques = truth
+    columns = {time: t}
+    for k in range(6):
+        columns[position.format(k + first)] = positions[:, k] * q
+    for k in range(6):
+        columns[torque.format(k + first)] = torques[:, k] * tau
+    return pd.DataFrame(columns)
+
+
+LAYOUTS = {
+    "own names": ("t", "q_axis_{}", "tau_axis_{}", 1.0, 1),
+    "rtde": ("timestamp", "actual_q_{}", "actual_torque_{}", 1.0, 0),
+    "brackets": ("time [s]", "position[{}]", "effort[{}]", 1.0, 0),
+    "degrees by name": ("Time", "A{}_Pos[deg]", "A{}_Trq[Nm]", 180.0 / np.pi, 1),
+    "degrees by size": ("time", "q{}", "tau{}", 180.0 / np.pi, 1),
+    "paths": ("time", "/joint_states/axis_{}/position", "/joint_states/axis_{}/effort", 1.0, 1),
+    "camel": ("TimeStamp", "JointPosition{}", "JointTorque{}", 1.0, 1),
+    "units at the end": ("t_s", "pos_axis_{}_deg", "axis_{}_torque_Nm", 180.0 / np.pi, 1),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+def test_columns_of_any_naming(layout, truth, tmp_path):
+    time, position, torque, factor, first = layout
+    frame = table(truth, time, position, torque, q=factor, first=first)
+    frame.insert(1, "target_q_note", 0.0)
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv"), truth)
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("|", "."), (" ", ".")]
+)
+def test_any_separator(separator, decimal, truth, tmp_path):
+    table(truth, "t", "q{}", "tau{}").to_csv(
+        tmp_path / "log.csv", index=False, sep=separator, decimal=decimal
+    )
+    assert_same(convert(tmp_path / "log.csv"), truth)
+
+
+CLOCKS = [
+    (1e3, 0.0, "ms"),
+    (1e6, 0.0, "us"),
+    (1e9, 1_716_190_000e9, "ns"),
+    (1.0, 1_716_190_000.0, "s"),
+    (1e3, 1_716_190_000e3, "ms"),
+]
+
+
+@pytest.mark.parametrize(("factor", "origin", "unit"), CLOCKS)
+def test_clocks_of_any_unit_and_origin(factor, origin, unit, truth, tmp_path):
+    frame = table(truth, "time", "q{}", "tau{}")
+    stamps = np.round(frame["time"] * factor) if unit in ("us", "ns") else frame["time"] * factor
+    frame["time"] = stamps.astype("int64") + int(origin) if unit == "ns" else stamps + origin
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    converted = convert(tmp_path / "log.csv")
+    assert_same(converted, truth)
+    assert any("epoch" in note for note in converted.notes) == (origin > 0.0)
+
+
+def test_dates(truth, tmp_path):
+    frame = table(truth, "time", "q{}", "tau{}")
+    frame["time"] = pd.Timestamp("2024-05-20T08:00:00Z") + pd.to_timedelta(frame["time"], unit="s")
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv"), truth)
+
+
+def test_motor_side_currents_and_signed_gears(truth, tmp_path):
+    t, q, qd, tau = truth
+    constant, gear = 0.2, np.array(GEAR)
+    frame = pd.DataFrame({"t": t})
+    for k in range(6):
+        frame[f"motor_pos_{k}"], frame[f"motor_vel_{k}"] = q[:, k] * gear[k], qd[:, k] * gear[k]
+        frame[f"actual_current_{k} [mA]"] = tau[:, k] / gear[k] / constant * 1e3
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="give --torque-constant"):
+        convert(tmp_path / "log.csv", side="motor", gear_ratio=GEAR)
+    with pytest.raises(InputError, match="give --gear-ratio"):
+        convert(tmp_path / "log.csv", side="motor", torque_constant=[constant])
+    converted = convert(tmp_path / "log.csv", side="motor", gear_ratio=GEAR, torque_constant=[constant])
+    assert_same(converted, truth, rtol=1e-7)
+    np.testing.assert_allclose(whole(converted)["qd_axis_3"][:300], qd[:300, 2], atol=1e-9)
+
+
+def test_measured_values_before_commanded_ones(truth, tmp_path):
+    frame = table(truth, "t", "actual_q_{}", "actual_current_{}", first=0)
+    for k in range(6):
+        frame.insert(1, f"target_q_{k}", 0.0)
+        frame.insert(1, f"target_moment_{k}", 7.0)
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv", torque_constant=[1.0]), truth)
+
+
+def test_numbers_from_0_beside_joints_from_1(truth, tmp_path):
+    table(truth, "t", "axis_{}_q", "axis_{}_tau", first=0).to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv"), truth)
+
+
+def test_patterns_name_what_cannot_be_told(truth, tmp_path):
+    table(truth, "t", "x{}", "y{}").to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="--position 'NAME_"):
+        convert(tmp_path / "log.csv")
+    assert_same(convert(tmp_path / "log.csv", patterns={"position": "x*", "torque": "y*"}), truth)
+    with pytest.raises(InputError, match="--position z\\*: names no column"):
+        convert(tmp_path / "log.csv", patterns={"position": "z*", "torque": "y*"})
+
+
+def test_lost_repeated_unordered_and_empty_rows(truth, tmp_path):
+    frame = table(truth, "t", "q{}", "tau{}").astype(object)
+    frame = frame.drop(index=[50, 51, 120])
+    frame.loc[200, "q3"] = None
+    frame = pd.concat([frame.loc[:300], frame.loc[[300]], frame.loc[301:]])
+    order = np.arange(len(frame))
+    order[[150, 151]] = order[[151, 150]]
+    frame.iloc[order].to_csv(tmp_path / "log.csv", index=False)
+    converted = convert(tmp_path / "log.csv")
+    kept = np.delete(np.arange(SHORT), [50, 51, 120, 200])
+    assert_same(converted, [one[kept] for one in truth])
+    told = " ".join(converted.notes)
+    assert "1 rows out of order were sorted" in told and "1 rows with a repeated time" in told
+    assert "1 of 2997 rows are not whole" in told
+
+
+@pytest.mark.parametrize("pattern", [[0.010, 0.010, 0.012], [0.004, 0.0041, 0.0039]])
+def test_a_clock_that_jitters_has_its_mean_or_median_rate(pattern):
+    t = np.cumsum(np.tile(pattern, 400))
+    rate = find_rate(t)
+    assert min(abs(rate * np.mean(pattern) - 1.0), abs(rate * np.median(pattern) - 1.0)) < 0.01
+
+
+def test_a_clock_coarser_than_its_samples_is_spread():
+    true = np.arange(2000) / 2000.0
+    coarse = pd.Series(np.floor(true * 1000.0))
+    t, _ = to_seconds(coarse, "t")
+    rows, spread, notes = order_rows(t, "t")
+    np.testing.assert_allclose(spread[:-2], true[rows][:-2], atol=6e-4)
+    assert find_rate(spread) == 2000.0 and "coarser" in notes[0]
+
+
+def test_backward_clocks_and_constant_ones_get_one_sentence(tmp_path, truth):
+    frame = table(truth, "t", "q{}", "tau{}")
+    frame["t"] = frame["t"].to_numpy()[::-1]
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="runs backwards at 2999 rows, first at row 1"):
+        convert(tmp_path / "log.csv", time_unit="s")
+    frame["t"] = 1.0
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="does not increase"):
+        convert(tmp_path / "log.csv")
+
+
+def write_bag(folder, batch, plugin, rows, apart=False):
+    """Joint states in the order that a driver happens to have, as one message or one a joint."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, time = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    order = [2, 0, 1, 5, 4, 3]
+    with Writer(folder, version=8, storage_plugin=plugin) as writer:
+        link = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        for row in range(rows):
+            stamp = 1_716_190_000_000_000_000 + round(batch.t[row] * 1e9)
+            for part in [[k] for k in order] if apart else [order]:
+                message = state(
+                    header=header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id=""),
+                    name=[JOINTS[k] for k in part],
+                    position=batch.q[row, part],
+                    velocity=batch.qd[row, part],
+                    effort=batch.tau[row, part],
+                )
+                writer.write(link, stamp, store.serialize_cdr(message, state.__msgtype__))
+    return folder
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=["sqlite", "mcap"])
+@pytest.mark.parametrize("apart", [False, True], ids=["together", "joint by joint"])
+def test_joint_states_of_ros_2(plugin, apart, batches, tmp_path):
+    bag = write_bag(tmp_path / "bag", batches[0], plugin, SHORT, apart)
+    path = next(bag.glob("*.mcap")) if plugin == StoragePlugin.MCAP else bag
+    converted = convert(path)
+    one = batches[0]
+    truth = one.t[:SHORT], one.q[:SHORT], one.qd[:SHORT], one.tau[:SHORT]
+    assert_same(converted, truth)
+    with pytest.raises(InputError, match="no joint states on '/other'; they are on /joint_states"):
+        convert(path, topic="/other")
+
+
+def test_a_bag_that_is_none_gets_one_sentence(tmp_path):
+    (tmp_path / "x.mcap").write_bytes(b"nothing of the kind")
+    with pytest.raises(InputError, match=r"x\.mcap: cannot be read as a ROS 2 bag"):
+        convert(tmp_path / "x.mcap")
+
+
+def test_the_last_recording_is_the_test_or_the_one_that_is_named(batches, tmp_path):
+    files = []
+    for name, batch in zip("abc", batches, strict=True):
+        rows = (batch.t[:SHORT], batch.q[:SHORT], batch.qd[:SHORT], batch.tau[:SHORT])
+        table(rows, "t", "q{}", "tau{}").to_csv(tmp_path / f"{name}.csv", index=False)
+        files.append(tmp_path / f"{name}.csv")
+    uses = lambda **mapped: [run.use for run in convert_recordings(files, URDF, Mapped(**mapped)).runs]  # noqa: E731
+    assert uses() == ["train", "train", "test"]
+    assert uses(test=["a.csv"]) == ["test", "train", "train"]
+    with pytest.raises(InputError, match="none of the recordings"):
+        uses(test=["d.csv"])
+
+
+def test_what_is_written_passes_the_check(batches, tmp_path):
+    """Joint by joint too: a coarse encoder's joints at rest are no fault."""
+    model = load_model("medium").replace(payload=None)
+    files = []
+    for k, batch in enumerate([*batches, make_batch(model, "axis_sweeps", 0.0, 9)]):
+        q = np.round(batch.q, 4)
+        table((batch.t, q, batch.qd, batch.tau), "t", "q{}", "tau{}").to_csv(
+            tmp_path / f"{k}.csv", index=False
+        )
+        files.append(tmp_path / f"{k}.csv")
+    mapped = Mapped()
+    converted = convert_recordings(files, URDF, mapped)
+    (tmp_path / "arm").mkdir()
+    write_dataset(tmp_path / "arm", "arm", URDF, converted, mapped)
+    found = check_dataset(tmp_path / "arm")
+    assert found.problems == []
+    assert "axis_1" in (tmp_path / "arm" / "dataset.yaml").read_text()

@@ -1,0 +1,115 @@
+"""From the folder to what is said of each session, with the truth planted."""
+
+import numpy as np
+import pytest
+
+from wearscope.errors import InputError
+from wearscope.tracking.reference import identify_reference
+from wearscope.tracking.session import assess_session, list_entries
+from wearscope.tracking.session_names import read_sessions
+from wearscope.tracking.storage import load_reference, save_reference
+
+COULOMB, VISCOUS = 6.0, 4.0
+FRICTION = {"coulomb", "viscous", "wear"}
+
+
+@pytest.fixture(scope="module")
+def said(sessions, reference):
+    """Entries and what cannot be told, by session."""
+    found = {}
+    for session in sessions.later:
+        assessment = assess_session(sessions, session, reference)
+        entries = list_entries(assessment.named, reference.structure, reference.scatter)
+        found[session] = entries, assessment.cannot_tell
+    return found
+
+
+@pytest.mark.parametrize("session", ["s4", "s5"])
+def test_healthy_machine_at_other_temperatures_is_unchanged(said, session):
+    assert said[session] == ([], [])
+
+
+def test_wear_is_named_friction_with_its_size(said):
+    entries, _ = said["s6"]
+    assert {(entry["joint"], entry["effect"]) for entry in entries} <= {("a", name) for name in FRICTION}
+    whole = sum({"coulomb": 1.0, "viscous": 0.6}.get(e["effect"], 0.0) * e["change"] for e in entries)
+    assert whole == pytest.approx(0.1 * (COULOMB + 0.6 * VISCOUS) * np.exp(-0.012 * 11.0), rel=0.4)
+
+
+def test_load_and_wear_are_told_apart_in_one_session(said):
+    entries, _ = said["s7"]
+    assert {entry["effect"] for entry in entries} <= {*FRICTION, "payload_error"}
+    assert FRICTION & {entry["effect"] for entry in entries if entry["joint"] == "a"}
+    (mass,) = [entry for entry in entries if entry["parameter"] == "moment_x"]
+    assert mass["ci95"][0] < 0.8 * 0.3 < mass["ci95"][1]
+    assert mass["unit"] == "kg m" and mass["change"] == pytest.approx(0.24, rel=0.2)
+
+
+def test_replaced_drive_is_a_gain(said):
+    ((entry,), _) = said["s8"]
+    assert (entry["joint"], entry["effect"], entry["parameter"]) == ("a", "torque_constant_error", "gain")
+    assert entry["ci95"][0] < -0.08 < entry["ci95"][1]
+    assert entry["change"] == pytest.approx(-0.08, abs=0.02)
+
+
+def test_far_warmer_session_cannot_be_told(said):
+    entries, hidden = said["s9"]
+    assert entries == []
+    assert len(hidden) == 2 and all(text.startswith("wear / temperature:") for text in hidden)
+    assert "the reference at 25 to 47" in hidden[0] and "measure healthy sessions" in hidden[0]
+
+
+def test_use_of_a_later_run_does_not_matter(sessions, reference, machine, tmp_path):
+    import shutil
+
+    other = tmp_path / "duo"
+    shutil.copytree(machine, other)
+    text = (other / "dataset.yaml").read_text()
+    head, tail = text.split("file: runs/d6r0.parquet")
+    (other / "dataset.yaml").write_text(
+        head + "file: runs/d6r0.parquet" + tail.replace("use: test", "use: train", 1)
+    )
+    one, two = (assess_session(s, "s6", reference) for s in (sessions, read_sessions(other)))
+    assert [n.change for n in one.named] == [n.change for n in two.named]
+    for a, b in zip(one.named, two.named, strict=True):
+        np.testing.assert_array_equal(a.judged.estimate.value, b.judged.estimate.value)
+
+
+def test_reference_survives_its_file(sessions, reference, tmp_path):
+    path = tmp_path / "reference.npz"
+    save_reference(path, reference)
+    again = load_reference(path)
+    one, two = (assess_session(sessions, "s7", r) for r in (reference, again))
+    assert [n.change.key for n in one.named] == [n.change.key for n in two.named]
+    assert one.cannot_tell == two.cannot_tell
+    for a, b in zip(one.named, two.named, strict=True):
+        np.testing.assert_allclose(a.judged.estimate.value, b.judged.estimate.value, rtol=1e-9)
+    save_reference(tmp_path / "again.npz", again)
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+
+
+def test_file_that_is_no_reference_is_refused(tmp_path):
+    (tmp_path / "reference.npz").write_text("nothing")
+    with pytest.raises(InputError, match=r"reference\.npz: is no reference.*track again"):
+        load_reference(tmp_path / "reference.npz")
+
+
+def test_without_a_thermometer_friction_cannot_be_told_but_a_load_can(write):
+    days = [{}, {}, {}, {"wear": 0.15}, {"mass": 0.8}]
+    sessions = read_sessions(write(days, 3, thermometer=False))
+    reference = identify_reference(sessions)
+    worn, loaded = (assess_session(sessions, session, reference) for session in ("s3", "s4"))
+    assert worn.named == []
+    (text,) = worn.cannot_tell
+    assert text.startswith("wear / temperature: the friction of a changed by +1")
+    assert "records no temp_a; record temp_a" in text
+    assert [n.change.name for n in loaded.named] == ["payload_error"] and loaded.cannot_tell == []
+
+
+def test_one_healthy_session_is_enough_and_assumes_its_scatter(write):
+    sessions = read_sessions(write([{}, {}, {"wear": 0.2}], 1, runs=3))
+    reference = identify_reference(sessions)
+    assert reference.scatter.friction >= 0.01
+    quiet, worn = (assess_session(sessions, session, reference) for session in ("s1", "s2"))
+    assert quiet.named == []
+    assert {name.change.friction for name in worn.named} == {True}

@@ -1,0 +1,62 @@
+"""Which sessions there are, and what is refused."""
+
+import pytest
+import yaml
+
+from wearscope.errors import InputError
+from wearscope.tracking.session_names import file_name, name_sessions, read_sessions, sort_sessions
+
+
+def test_dates_are_sorted_and_labels_keep_their_order():
+    assert sort_sessions(["2026-03-02", "2026-03-01T23:00:00+02:00", "2026-03-01"]) == [
+        "2026-03-01", "2026-03-01T23:00:00+02:00", "2026-03-02",
+    ]  # fmt: skip
+    assert sort_sessions(["b", "2026-03-01", "a"]) == ["b", "2026-03-01", "a"]
+
+
+def write(folder, runs, reference):
+    content = {
+        "name": "x",
+        "robot": {"urdf": "robot.urdf", "joints": ["a"]},
+        "sample_rate": 100,
+        "declared_effects": ["rigid_body"],
+        "runs": [
+            {"file": f"r{k}.parquet", "use": use, **({"session": s} if s else {})}
+            for k, (use, s) in enumerate(runs)
+        ],
+        "reference": reference,
+    }
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
+    return folder
+
+
+def test_reference_and_later_sessions(tmp_path):
+    write(tmp_path, [("train", "2026-02-01"), ("test", "2026-03-01"), ("test", "2026-01-01"), ("test", None)],
+          ["2026-02-01"])  # fmt: skip
+    sessions = read_sessions(tmp_path)
+    assert sessions.reference == ("2026-02-01",) and sessions.later == ("2026-01-01", "2026-03-01")
+    assert sessions.notes == ("r3.parquet: has no session and was not used.",)
+    assert dict(name_sessions(tmp_path).named) == {"2026-01-01": "2026-01-01", "2026-03-01": "2026-03-01"}
+
+
+@pytest.mark.parametrize(
+    ("runs", "reference", "told"),
+    [
+        ([("train", "a"), ("test", "b")], [], "reference is missing; list the sessions"),
+        ([("train", "a"), ("test", "b")], ["c"], "no run has 'session: c'"),
+        ([("train", "a"), ("test", "b")], ["b"], "no run of the reference has 'use: train'"),
+        ([("train", "a"), ("test", "a")], ["a"], "every session is in the reference"),
+    ],
+)
+def test_what_cannot_be_tracked_is_refused_in_one_sentence(tmp_path, runs, reference, told):
+    with pytest.raises(InputError, match=r"dataset\.yaml") as caught:
+        read_sessions(write(tmp_path, runs, reference))
+    assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_file_names_are_plain_and_differ():
+    assert file_name("monday") == "monday"
+    names = [file_name(label) for label in ("a/b", "a:b", "../../x", "2026-03-01T08:00:00", "é", "..")]
+    assert len(set(names)) == len(names)
+    assert all(set(name) <= set("abcdefghijklmnopqrstuvwxyzT0123456789-_.") for name in names)
+    assert not any(name.startswith(".") for name in names)

@@ -1,0 +1,147 @@
+"""The wheel: what it declares, and a study without a clone from where it is installed."""
+
+import ast
+import importlib.metadata
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+#: Distributions by the module that they give, where the names differ.
+GIVEN_BY = {"yaml": "pyyaml", "sklearn": "scikit-learn", "pinocchio": "pin", "PIL": "pillow"}
+#: What others that are declared bring along, and are never without.
+BROUGHT = {"pillow": "matplotlib", "markupsafe": "jinja2"}
+
+
+def run(*command, folder=None, timeout=600):
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(one) for one in command],
+        cwd=folder,
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=ROOT)
+    (made,) = folder.glob("*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Folder of an environment's commands: the wheel by pip, what it depends on from the tests' environment."""
+    folder = tmp_path_factory.mktemp("env")
+    run(sys.executable, "-m", "venv", folder)
+    (site,) = folder.glob("lib/python*/site-packages")
+    lent = Path(importlib.metadata.distribution("snakemake").locate_file("")).resolve()
+    (site / "lent.pth").write_text(f"import site; site.addsitedir({str(lent)!r})\n")
+    run(
+        folder / "bin" / "python",
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--ignore-installed",
+        wheel,
+    )
+    place = run(folder / "bin" / "python", "-c", "import wearscope; print(wearscope.__file__)").strip()
+    assert Path(place).is_relative_to(folder)
+    return folder / "bin"
+
+
+def list_imports():
+    """Top-level modules that the package and the workflow's scripts import, type checking aside."""
+    modules = set()
+    for file in [*ROOT.glob("src/**/*.py"), *ROOT.glob("workflow/**/*.py")]:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                modules |= {name.name.split(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                modules.add(node.module.split(".")[0])
+    return modules - set(sys.stdlib_module_names) - {"wearscope", "job"}
+
+
+def declared():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return {re.split(r"[<>=!~\[ ]", one)[0].lower() for one in project["dependencies"]}
+
+
+def test_everything_that_is_imported_is_declared():
+    needed = {GIVEN_BY.get(name, name).lower() for name in list_imports()}
+    needed = {BROUGHT.get(name, name) for name in needed}
+    assert needed <= declared(), sorted(needed - declared())
+
+
+def test_everything_that_is_declared_is_used():
+    needed = {GIVEN_BY.get(name, name).lower() for name in list_imports()}
+    # Called by name: the workflow's engine, what its own report is made with, and the figures' style.
+    assert declared() - needed <= {"snakemake", "pygments", "seaborn"}
+
+
+def test_wheel_carries_package_workflow_types_and_metadata(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        (place,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = archive.read(place).decode()
+    listed = run("git", "ls-files", "workflow", "config", "profiles", "Snakefile", folder=ROOT).split()
+    assert {f"wearscope/platform/{name}" for name in listed} <= names
+    assert {"wearscope/py.typed", "wearscope/starters/templates/study.yaml.jinja"} <= names
+    assert not any("/__pycache__/" in name or name.startswith(("tests/", "results/")) for name in names)
+    for line in (
+        "License-Expression: MIT",
+        "Requires-Python: ==3.11.*",
+        "Provides-Extra: test",
+        "Requires-Dist: click",
+    ):
+        assert line in metadata
+
+
+@pytest.mark.slow
+def test_installed_command_makes_a_study_that_snakemake_plans_by_itself(installed, tmp_path):
+    run(installed / "wearscope", "new", "study", "mine", "--robot", "medium", folder=tmp_path)
+    command = [installed / "wearscope", "run", "mine", "--dry-run"]
+    (count,) = re.findall(r"^(\d+) jobs to do", run(*command, folder=tmp_path), re.MULTILINE)
+    plan = run(installed / "python", "-m", "snakemake", "-n", "--cores", "1", folder=tmp_path / "mine")
+    assert re.findall(r"^total +(\d+)$", plan, re.MULTILINE)[0] == count
+    assert str(ROOT) not in plan
+
+
+@pytest.mark.long
+def test_installed_command_runs_its_study(installed, tmp_path):
+    run(installed / "wearscope", "new", "study", "mine", folder=tmp_path)
+    run(installed / "wearscope", "run", "mine", folder=tmp_path, timeout=1800)
+    assert (tmp_path / "mine" / "results" / "mine" / "report.html").is_file()
+
+
+@pytest.mark.long
+def test_wheel_s_own_dependencies_suffice(wheel, tmp_path):
+    """With everything else from the package index, as a user's pip would take it."""
+    run(sys.executable, "-m", "venv", tmp_path / "env")
+    pip = [tmp_path / "env" / "bin" / "python", "-m", "pip"]
+    done = subprocess.run(
+        [*pip, "download", "--quiet", "--no-deps", "--dest", tmp_path, "click"],
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        pytest.skip("no package index can be reached")
+    run(*pip, "install", "--quiet", wheel, timeout=1800)
+    run(tmp_path / "env" / "bin" / "wearscope", "new", "study", "mine", folder=tmp_path)
+    run(tmp_path / "env" / "bin" / "wearscope", "run", "mine", folder=tmp_path, timeout=1800)

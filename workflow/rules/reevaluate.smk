@@ -1,0 +1,227 @@
+RE = f"{R}/reevaluation"
+TWIN_EFFECTS = [
+    f"{SRC}/wearscope/attribution_board/simulated_twin/{name}.py"
+    for name in ("gas_spring_torque", "thinning_oil")
+]
+GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
+if GIVEN:
+    RE_NAME = "given"
+    PAIRS = GIVEN
+else:
+    RE_NAME = os.path.basename(LOOP_FOLDER)
+    PAIRS = {
+        side: [
+            f"{LOOP_FOLDER}/model_{side}.yaml",
+            *(f"{LOOP_FOLDER}/{drawn_path(side, k + 1)}" for k in range(STUDY.reevaluate.draws)),
+        ]
+        for side in ("before", "after")
+    }
+RE_SOURCES = {
+    f"{side}-{k:02d}" if k else side: reference
+    for side, references in PAIRS.items()
+    for k, reference in enumerate(references)
+}
+# Only what was planted can be simulated as it truly is.
+if not GIVEN and STUDY.dataset is None:
+    RE_SOURCES["truth"] = PAIRS["after"][0]
+RE_SIDES = [side for side in ("before", "after", "truth") if side in RE_SOURCES]
+RE_CYCLES = {name: CYCLES[name] for name in STUDY.reevaluate.cycles or list(CYCLES)[:1]}
+RE_SETS = ["identification", "filling", "checking", "nominal"]
+RE_DESIGNS = {name: f"{RE}/design/{name}.parquet" for name in RE_SETS}
+RE_CODE = (
+    True
+    if STUDY.allow_code is True
+    else [*(STUDY.allow_code or []), *STUDY.closed_loop.effects, *TWIN_EFFECTS]
+)
+REEVALUATION = [f"{R}/reevaluation.parquet", f"{R}/reevaluation_ranking.parquet", f"{RE}/models.parquet"]
+
+
+def reevaluated_models(wildcards):
+    """Model files that a reevaluation starts from, and the robot that lends."""
+    references = [*RE_SOURCES.values()]
+    if STUDY.reevaluate.carry_over is not None:
+        references.append(STUDY.reevaluate.carry_over.source)
+    made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
+    files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
+    return sorted(files)
+
+
+rule reevaluate:
+    input:
+        REEVALUATION,
+        f"{R}/reevaluation.html",
+
+
+rule make_reevaluation:
+    input:
+        models=reevaluated_models,
+        truth=rules.record_demonstration.output.truth if "truth" in RE_SIDES else [],
+        code=code("make_reevaluation", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
+    output:
+        **RE_DESIGNS,
+        models=f"{RE}/models.json",
+        sides=[f"{RE}/models/{side}.{kind}" for side in RE_SIDES for kind in ("yaml", "urdf")],
+        screening=f"{RE}/screening.parquet",
+    log:
+        f"{R}/logs/make_reevaluation.log",
+    benchmark:
+        f"{R}/benchmarks/make_reevaluation.tsv"
+    priority: -1
+    conda:
+        ENV
+    params:
+        sources=RE_SOURCES,
+        sides=RE_SIDES,
+        settings=STUDY.reevaluate.model_dump(),
+        carry_over=STUDY.reevaluate.carry_over and STUDY.reevaluate.carry_over.model_dump(),
+        cycles=RE_CYCLES,
+        factors=FACTORS,
+        ranges=STUDY.factor_ranges(),
+        tested=STUDY.tested_factors(),
+        screening=STUDY.screening,
+        questions=STUDY.scope.factors,
+        axes=STUDY.axes,
+        step=STUDY.simulation.step,
+        sample_rate=STUDY.simulation.sample_rate,
+        seed=STUDY.seed,
+        allow_code=RE_CODE,
+    message:
+        "Make the models that are reevaluated, and their design"
+    script:
+        "../scripts/make_reevaluation.py"
+
+
+rule simulate_models:
+    input:
+        **RE_DESIGNS,
+        models=f"{RE}/models.json",
+        code=code("simulate_models", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
+    output:
+        f"{RE}/traces/{{side}}.json",
+    log:
+        f"{R}/logs/simulate_models/{{side}}.log",
+    benchmark:
+        f"{R}/benchmarks/simulate_models/{{side}}.tsv"
+    priority: -1
+    conda:
+        ENV
+    params:
+        cycles=RE_CYCLES,
+        sets=RE_SETS,
+        few_sets=["filling", "nominal"],
+        kinds={name: factor.kind for name, factor in STUDY.factors.items()},
+        seed=STUDY.seed,
+        step=STUDY.simulation.step,
+        sample_rate=STUDY.simulation.sample_rate,
+        time_limit=STUDY.time_limit,
+        allow_code=RE_CODE,
+    message:
+        "Simulate the models of side {wildcards.side}"
+    script:
+        "../scripts/simulate_models.py"
+
+
+rule quantify_models:
+    input:
+        **RE_DESIGNS,
+        models=f"{RE}/models.json",
+        traces=f"{RE}/traces/{{side}}.json",
+        detectors=f"{R}/check/detectors.json",
+        code=code("quantify_models", *detector_files(), *effect_files(), *TWIN_EFFECTS),
+    output:
+        own=f"{RE}/parts/test_quantities/{{side}}.parquet",
+        drawn=f"{RE}/parts/drawn_test_quantities/{{side}}.parquet",
+        left_out=f"{RE}/parts/left_out/{{side}}.parquet",
+    log:
+        f"{R}/logs/quantify_models/{{side}}.log",
+    benchmark:
+        f"{R}/benchmarks/quantify_models/{{side}}.tsv"
+    priority: -1
+    conda:
+        ENV
+    params:
+        axes=STUDY.axes,
+        detectors=config["detectors"],
+        factors=FACTORS,
+        max_failed_share=STUDY.max_failed_share,
+        time_limit=STUDY.time_limit,
+        allow_code=RE_CODE,
+    message:
+        "Compute the test quantities of side {wildcards.side}"
+    script:
+        "../scripts/quantify_models.py"
+
+
+use rule choose_surrogates as choose_reevaluated with:
+    input:
+        test_quantities=f"{RE}/parts/test_quantities/{{side}}.parquet",
+        code=code("choose_surrogates"),
+    output:
+        f"{RE}/parts/chosen_surrogates/{{side}}.parquet",
+    log:
+        f"{R}/logs/choose_reevaluated/{{side}}.log",
+    benchmark:
+        f"{R}/benchmarks/choose_reevaluated/{{side}}.tsv"
+    priority: -1
+    message:
+        "Choose the surrogates of side {wildcards.side}"
+
+
+rule compare_sides:
+    input:
+        models=f"{RE}/models.json",
+        own=expand("{RE}/parts/test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
+        drawn=expand("{RE}/parts/drawn_test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
+        left_out=expand("{RE}/parts/left_out/{side}.parquet", RE=RE, side=RE_SIDES),
+        chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
+        code=code("compare_sides"),
+    output:
+        table=f"{R}/reevaluation.parquet",
+        ranking=f"{R}/reevaluation_ranking.parquet",
+        models=f"{RE}/models.parquet",
+    log:
+        f"{R}/logs/compare_sides.log",
+    benchmark:
+        f"{R}/benchmarks/compare_sides.tsv"
+    priority: -1
+    conda:
+        ENV
+    params:
+        robot=RE_NAME,
+        sides=RE_SIDES,
+        factors=FACTORS,
+        model=STUDY.sensitivity.model,
+        snr={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
+        scope={key: config["scope"][key] for key in ("factors", "f0", "sigma", "grid", "p_f", "p_d")},
+        seed=STUDY.seed,
+    message:
+        "Compare the answers before and after"
+    script:
+        "../scripts/compare_sides.py"
+
+
+rule report_reevaluation:
+    input:
+        reevaluation=REEVALUATION,
+        after=f"{RE}/models/after.yaml",
+        chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
+        code=code("report_reevaluation"),
+        style=REPORT_FILES,
+    output:
+        report(
+            f"{R}/reevaluation.html",
+            caption="../report/reevaluation.rst",
+            category="The loop closed",
+            labels={"figure": "what the correction changes"},
+        ),
+    log:
+        f"{R}/logs/report_reevaluation.log",
+    benchmark:
+        f"{R}/benchmarks/report_reevaluation.tsv"
+    priority: -1
+    conda:
+        ENV
+    message:
+        "Report what the correction changes"
+    script:
+        "../scripts/report_reevaluation.py"

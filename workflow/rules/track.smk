@@ -1,0 +1,101 @@
+# What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
+# on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
+if STUDY.dataset is not None:
+    TRACKED = read_tracked(STUDY.dataset)
+    TRACK_FOLDER = f"results/tracking/{dataset_name(STUDY.dataset)}"
+    TRACK_LEVEL = STUDY.tracking.false_alarm_rate
+    TRACK_EFFECTS = dict(effects=STUDY.closed_loop.effects, allow_code=STUDY.may_run_code())
+
+    rule identify_healthy:
+        input:
+            dataset=ancient(dataset_file(STUDY.dataset)),
+            files=session_files(STUDY.dataset, TRACKED.reference),
+            effects=own_effects(),
+            code=code("identify_healthy", *effect_files()),
+        output:
+            f"{TRACK_FOLDER}/reference.npz",
+        log:
+            f"{TRACK_FOLDER}/identify_healthy.log",
+        benchmark:
+            f"{TRACK_FOLDER}/identify_healthy.tsv"
+        conda:
+            ENV
+        params:
+            **LOOP_OPTIONS,
+            fields=session_fields(STUDY.dataset, TRACKED.reference),
+        message:
+            "Identify the healthy machine of {STUDY.dataset}"
+        script:
+            "../scripts/identify_healthy.py"
+
+    rule assess_session:
+        input:
+            dataset=ancient(dataset_file(STUDY.dataset)),
+            reference=rules.identify_healthy.output,
+            files=lambda wildcards: session_files(STUDY.dataset, [TRACKED.named[wildcards.session]]),
+            code=code("assess_session", *effect_files()),
+        output:
+            f"{TRACK_FOLDER}/sessions/{{session}}.json",
+        log:
+            f"{TRACK_FOLDER}/logs/{{session}}.log",
+        benchmark:
+            f"{TRACK_FOLDER}/benchmarks/{{session}}.tsv"
+        wildcard_constraints:
+            session="|".join(map(re.escape, TRACKED.named)) or "none",
+        conda:
+            ENV
+        params:
+            **TRACK_EFFECTS,
+            session=lambda wildcards: TRACKED.named[wildcards.session],
+            fields=lambda wildcards: session_fields(STUDY.dataset, [TRACKED.named[wildcards.session]]),
+            level=TRACK_LEVEL,
+        message:
+            "Compare session {wildcards.session} with the healthy machine"
+        script:
+            "../scripts/assess_session.py"
+
+    rule join_sessions:
+        input:
+            dataset=dataset_file(STUDY.dataset),
+            reference=rules.identify_healthy.output,
+            sessions=expand(rules.assess_session.output, session=list(TRACKED.named)),
+            code=code("join_sessions", *effect_files()),
+        output:
+            f"{TRACK_FOLDER}/tracking.json",
+            f"{TRACK_FOLDER}/changes.parquet",
+        log:
+            f"{TRACK_FOLDER}/join_sessions.log",
+        benchmark:
+            f"{TRACK_FOLDER}/join_sessions.tsv"
+        conda:
+            ENV
+        params:
+            **TRACK_EFFECTS,
+            level=TRACK_LEVEL,
+        message:
+            "Say what changed since the machine was healthy"
+        script:
+            "../scripts/join_sessions.py"
+
+    rule report_tracking:
+        input:
+            tables=rules.join_sessions.output,
+            code=code("report_tracking"),
+            style=REPORT_FILES,
+        output:
+            f"{TRACK_FOLDER}/report.html",
+        log:
+            f"{TRACK_FOLDER}/report_tracking.log",
+        benchmark:
+            f"{TRACK_FOLDER}/report_tracking.tsv"
+        conda:
+            ENV
+        message:
+            "Report what changed since the machine was healthy"
+        script:
+            "../scripts/report_tracking.py"
+
+
+rule track:
+    input:
+        lambda wildcards: tracked_files(),

@@ -1,0 +1,16 @@
+"""A robot's model with wear and temperature of another."""
+
+from job import run_job
+from wearscope.robots.carry_over import carry_over
+from wearscope.robots.model import load_model, save_model
+
+with run_job(snakemake) as say:
+    params = snakemake.params
+    model, source = (
+        load_model(reference, allow_code=params.allow_code)
+        for reference in (params.robot, params.settings["source"])
+    )
+    made = carry_over(model, source, params.settings["effects"], params.settings["reference"])
+    for entry in made.effects[len(model.effects) :]:
+        say(f"{entry.joint}: {entry.effect}, assumed, {entry.source}")
+    save_model(made, snakemake.output.model)

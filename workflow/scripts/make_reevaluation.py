@@ -1,0 +1,73 @@
+"""Models before and after, those drawn beside them and the truth, completed; the design of their runs."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from job import run_job
+from wearscope import tables
+from wearscope.attribution_board.simulated_twin.model import make_true_model
+from wearscope.cycles.base import load_cycle
+from wearscope.designs.factors import Factor
+from wearscope.designs.filling import checking_design, filling_design
+from wearscope.designs.kinds import make_design, nominal_design
+from wearscope.errors import InputError
+from wearscope.robots.carry_over import carry_over
+from wearscope.robots.model import load_model, save_model
+from wearscope.simulation.feasibility import check_cycle, check_robot
+from wearscope.simulation.screening import check_screening, screen_factors
+
+
+def prepare(name, model):
+    """Complete a model, check it, screen the factors on it, and write it."""
+    if params.carry_over is not None:
+        carried = params.carry_over
+        model = carry_over(model, source, carried["effects"], carried["reference"])
+    check_robot(model, params.ranges, params.step, params.sample_rate)
+    if name in params.sides:
+        for label, cycle in cycles.items():
+            check_cycle(model, cycle, label, params.ranges, params.step)
+        table = screen_factors(model, cycles, params.ranges, params.step)
+        screened.append(check_screening(table, name, params.tested, params.screening))
+    save_model(model, folder / f"{name}.yaml")
+    return model
+
+
+with run_job(snakemake) as say:
+    params, out = snakemake.params, snakemake.output
+    folder = Path(out.models).parent / "models"
+    cycles = {name: load_cycle(reference) for name, reference in params.cycles.items()}
+    if params.carry_over is not None:
+        source = load_model(params.carry_over["source"], allow_code=params.allow_code)
+    screened, made = [], {}
+    for name, reference in params.sources.items():
+        try:
+            model = load_model(reference, strict=False, allow_code=params.allow_code)
+            if name == "truth":
+                model = make_true_model(model, json.loads(Path(snakemake.input.truth).read_text()))
+            prepare(name, model)
+            made[name] = ""
+        except InputError as error:
+            if name in params.sides:
+                raise
+            made[name] = str(error)
+            say(f"{name} is left out: {error}")
+    factors = [Factor(**one) for one in params.factors]
+    asked, common = params.settings, {"questions": params.questions, "axes": params.axes, "seed": params.seed}
+    bridge = -(-3 * (len(factors) + 1) // 2)
+    designs = {
+        "identification": filling_design(
+            factors, asked["points"], asked["question_points"], asked["replicates"], **common
+        ),
+        "filling": make_design(
+            "latin_hypercube", factors, {"points": bridge, "stream": "bridge"}, params.seed
+        ),
+        "checking": checking_design(factors, asked["checking_points"], 1, **common),
+        "nominal": nominal_design(factors, 1),
+    }
+    units = {f"{factor.name}_natural": factor.unit for factor in factors}
+    for name, design in designs.items():
+        tables.write_table(out[name], design, units)
+    tables.write_table(out.screening, pd.concat(screened, ignore_index=True))
+    tables.write_text(out.models, json.dumps(made, indent=1) + "\n")

@@ -1,0 +1,14 @@
+"""What was reevaluated, as several scripts read it."""
+
+import yaml
+
+from wearscope import tables
+from wearscope.reporting.reevaluation import Reevaluation
+
+
+def read_reevaluation(files, model):
+    """Tables of a reevaluation, and what the model after assumes."""
+    with open(model, encoding="utf-8") as file:
+        entries = yaml.safe_load(file)["effects"]
+    assumed = tuple(f"{one['effect']} at {one['joint']}" for one in entries if one.get("assumed"))
+    return Reevaluation(*(tables.read_table(file) for file in files), assumed)

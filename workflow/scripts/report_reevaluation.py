@@ -1,0 +1,15 @@
+"""The page of a reevaluation."""
+
+import pandas as pd
+
+from job import run_job
+from reevaluated import read_reevaluation
+from wearscope import tables
+from wearscope.reporting.reevaluation_page import render_reevaluation
+
+with run_job(snakemake):
+    given = snakemake.input
+    chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
+    tables.write_text(
+        snakemake.output[0], render_reevaluation(read_reevaluation(given.reevaluation, given.after), chosen)
+    )
