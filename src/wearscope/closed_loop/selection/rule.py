@@ -19,6 +19,8 @@ _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
 _GENERIC, _GENERIC_TORQUE = 5.0, 2.5
+#: Share of the material torque that a term must add to what the model's other terms could give.
+_OWN = 1.0 / 3.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -54,7 +56,8 @@ def judge(
         return Refusal.ABSORBED
     whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
     torque = policy.material_torque * (_GENERIC_TORQUE if generic else 1.0)
-    if not (e.share >= share and e.torque * e.sine >= torque and e.whole >= whole):
+    own = e.torque >= torque and e.torque * e.sine >= _OWN * torque
+    if not (e.share >= share and own and e.whole >= whole):
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL

@@ -1,0 +1,89 @@
+"""Friction's reversal beside the model: its width is recovered, and its form is given no name."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.intake.reversals import soften_direction, vary_direction
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.reversal import refine_widths
+from wearscope.closed_loop.selection.search import Search
+
+WIDTHS = np.array([0.12, 0.05])
+FORMS = {
+    "tanh": np.tanh,
+    "algebraic": lambda x: x / np.sqrt(1.0 + x**2),
+    "arctangent": lambda x: 2.0 / np.pi * np.arctan(x),
+}
+
+
+def soften(form, curved=0.0):
+    """Torque that turns the generator's abrupt Coulomb friction into a smooth one."""
+
+    def torque(t, q, v, a, rng):
+        level = np.array([6.0, 3.0])
+        smooth = level * (FORMS[form](v / WIDTHS) - np.sign(v))
+        return smooth + np.array([curved, 0.0]) * v * np.abs(v)
+
+    return torque
+
+
+@pytest.fixture(scope="module")
+def curved(record_at, pose, tmp_path_factory):
+    """Smooth friction with churning losses that nobody declared, and little noise."""
+    folder = tmp_path_factory.mktemp("curved") / "duo"
+    return pose(record_at(folder, noise=0.05, extra_torque=soften("tanh", curved=2.0), seed=3))
+
+
+@pytest.mark.parametrize("wrong", [0.6, 1.6])
+def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, wrong):
+    search = Search(curved.reverse_over(wrong * WIDTHS), Policy())
+    widths = refine_widths(search.problem.prepared, search.assemble(()))
+    # The second joint lacks nothing; the first lacks a drag that has no part in its reversal.
+    assert widths[1] == pytest.approx(WIDTHS[1], rel=0.05)
+    assert widths[0] == pytest.approx(WIDTHS[0], rel=0.25)
+
+
+def test_the_width_is_recovered_once_what_was_missing_is_named(curved):
+    search = Search(curved, Policy())
+    found = search.run()
+    assert [(f.effect.name, f.joint) for f in found] == [("quadratic_viscous", 0)]
+    assert search.problem.prepared.reversal_width == pytest.approx(WIDTHS, rel=0.03)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_form_of_a_reversal_is_given_no_name(record, form):
+    folder = record(noise=0.05, extra_torque=soften(form), seed=5)
+    assert diagnose(folder).verdict["verdict"] == []
+
+
+def test_a_stribeck_friction_is_named_beside_a_smooth_reversal(record):
+    def torque(t, q, v, a, rng):
+        bump = 6.0 * np.exp(-((v[:, 0] / 0.6) ** 2)) * np.tanh(v[:, 0] / WIDTHS[0])
+        return soften("tanh")(t, q, v, a, rng) + np.column_stack([bump, 0.0 * bump])
+
+    (entry,) = diagnose(record(noise=0.3, extra_torque=torque, seed=7)).verdict["verdict"]
+    assert (entry["joint"], entry["effect"]) == ("a", "stribeck")
+
+
+def test_what_a_reversal_may_change_is_the_difference_of_its_forms():
+    v = np.linspace(-1.0, 1.0, 401)
+    sign = np.sign(v)
+    wider, algebraic, arctangent = vary_direction(v, 0.1, sign).T
+    now = soften_direction(v, 0.1, sign)
+    by_width = (soften_direction(v, 0.1 * np.exp(1e-5), sign) - now) / 1e-5
+    assert wider == pytest.approx(by_width, abs=1e-4)
+    assert now + algebraic == pytest.approx(v / np.hypot(v, 0.1), abs=1e-12)
+    # All have the same slope at the reversal and the same friction far from it.
+    assert now + arctangent == pytest.approx(2 / np.pi * np.arctan(np.pi * v / 0.2), abs=1e-12)
+    assert not vary_direction(v, 0.1, 0.0 * v).any()
+    assert not vary_direction(v, 0.0, sign).any()
+
+
+def test_a_thinned_run_reverses_as_one_that_was_made_so(record, pose):
+    prepared = pose(record(rate=1000.0, runs=2, duration=8.0)).prepared
+    run = prepared.runs[0]
+    assert run.factor > 1
+    again = prepared.reverse_over(WIDTHS).reverse_over(prepared.reversal_width).runs[0]
+    moving = run.reduce(run.signals.sign)
+    assert np.abs(run.reduce(again.signals.sign) - moving).max() < 0.02
