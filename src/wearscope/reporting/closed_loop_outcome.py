@@ -47,26 +47,44 @@ def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
         return "bad", f"No effect that the test runs bear out was named, and {rest}."
     marks = {"confirmed": "", "not_confirmed": " (not confirmed)"}
     named = [
-        f"{one['effect'].replace('_', ' ')} {_where(one)}{marks[one['status']]}"
-        + (f", or {join_words(one['equivalent'], 'or').replace('_', ' ')}" if one["equivalent"] else "")
+        f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} {_where(one)}"
+        f"{marks[one['status']]}"
         for one in held
     ]
     text = f"The declared model lacks {'; '.join(named)}. {_tell_gain(loop)}"
-    sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held)
-    return ("good" if sure and not left else "unsure"), text + (f"; {rest}." if left else ".")
+    grown = _tell_growth(loop)
+    sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
+    return ("good" if sure and not left else "unsure"), f"{text}{grown}{f'; {rest}' if left else ''}."
 
 
 def _where(entry: Mapping[str, Any]) -> str:
     return "of the robot" if entry["effect"] in _shared() else f"at {entry['joint']}"
 
 
-def _tell_gain(loop: ClosedLoop) -> str:
-    """Where the error on the test runs falls most."""
+def _changes(loop: ClosedLoop) -> list[tuple[float, str, float, float, str]]:
+    """Error after over before, joint, before, after, unit; of the joints that move on the test runs."""
     found = []
     for joint, one in loop.verdict["joints"].items():
         before, after = number(one.get("rms_before")), number(one.get("rms_after"))
         if np.isfinite([before, after]).all() and before > 0:
             found.append((after / before, joint, before, after, one["unit"]))
+    return found
+
+
+def _tell_growth(loop: ClosedLoop) -> str:
+    """Where the error on the test runs grows; empty where it does not."""
+    worse = [one for one in _changes(loop) if one[0] > _WORSE]
+    if not worse:
+        return ""
+    ratio, joint, *_ = max(worse)
+    others = len(worse) - 1
+    also = f" (and at {count_text(others, 'other joint')} by less)" if others else ""
+    return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
+
+
+def _tell_gain(loop: ClosedLoop) -> str:
+    """Where the error on the test runs falls most."""
+    found = _changes(loop)
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
     ratio, joint, before, after, unit = min(found)

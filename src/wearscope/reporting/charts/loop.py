@@ -5,18 +5,26 @@ from typing import Any
 import altair as alt
 
 from wearscope.reporting.charts.base import Chart, Choice, Source, add_zoom, named
-from wearscope.reporting.charts.loop_data import series_table, signal_choices
+from wearscope.reporting.charts.loop_data import error_table, series_table, signal_choices
 from wearscope.reporting.closed_loop import ClosedLoop
 
 STAGE_SCALE = alt.Scale(domain=["before", "after"], range=["var(--before)", "var(--after)"])
+_KINDS = {
+    "before": "var(--before)",
+    "after": "var(--after)",
+    "noise floor": "var(--ink)",
+    "as declared": "var(--soft)",
+    "black box on after": "var(--c2)",
+}
 _TIME = alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False))
 _ONE = {"joint": "joint", "run": "run"}
 
 
 def chart_errors(loop: ClosedLoop) -> Chart:
     """RMS error of every joint: before, after, noise floor and what else is known."""
-    kinds = ["before", "after", "noise floor", "as declared", "black box on after"]
-    tints = ["var(--before)", "var(--after)", "var(--ink)", "var(--soft)", "var(--c2)"]
+    known = set(error_table(loop)["kind"])
+    kinds = [kind for kind in _KINDS if kind in known]
+    tints = [_KINDS[kind] for kind in kinds]
     base = named("errors").encode(
         y=alt.Y("joint:N", title=None, sort=loop.joints),
         yOffset=alt.YOffset("kind:N", scale=alt.Scale(domain=kinds)),
