@@ -2,7 +2,8 @@
 
 import altair as alt
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source, cell_tips, named
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.encoding import cell_tips, named
 from wearscope.reporting.charts.factors import SYMLOG
 from wearscope.reporting.charts.study import together
 from wearscope.reporting.study import Study

@@ -2,7 +2,8 @@
 
 import altair as alt
 
-from wearscope.reporting.charts.base import Chart, Choice, Source, add_zoom, cell_tips, colour, named
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import add_zoom, cell_tips, colour, named
 from wearscope.reporting.labels import factor_name
 from wearscope.reporting.study import Study
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import altair as alt
 
-from wearscope.reporting.charts.base import Chart, Choice, Source, add_zoom, named
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import add_zoom, named
 from wearscope.reporting.charts.loop_data import error_table, series_table, signal_choices
 from wearscope.reporting.closed_loop import ClosedLoop
 

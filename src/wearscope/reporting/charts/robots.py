@@ -3,7 +3,8 @@
 import altair as alt
 import numpy as np
 
-from wearscope.reporting.charts.base import Chart, Choice, Source, add_zoom, named
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import add_zoom, named
 from wearscope.reporting.study import Study
 
 

@@ -3,7 +3,8 @@
 import altair as alt
 import pandas as pd
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source, cell_tips, colour, named
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source
+from wearscope.reporting.charts.encoding import cell_tips, colour, named
 from wearscope.reporting.charts.study import detection_cells
 from wearscope.reporting.labels import factor_name, quantity_text, unit_text
 from wearscope.reporting.study import Study

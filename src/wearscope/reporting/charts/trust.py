@@ -2,7 +2,8 @@
 
 import altair as alt
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source, cell_tips, colour, named
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.encoding import cell_tips, colour, named
 from wearscope.reporting.study import Study
 
 _BY = {key: key for key in CELL_KEYS}
