@@ -16,6 +16,8 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
     """Scope of a cell or a group of cells: how many meet the requirement, and the worst under the pointer."""
     names = study.config["scope"]["factors"]
     n_delta = study.config["scope"]["grid"][0]
+    known = study.scope["confidence"].notna().any()
+    surely = [alt.Tooltip("surely:Q", title="of them with 95 % confidence")] if known else []
     counted = (
         named("scope")
         .transform_aggregate(
@@ -55,7 +57,7 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
                 alt.Tooltip("change:Q", title="change of wear", format=".3"),
                 alt.Tooltip("sigma:Q", title="standard deviation of ⟦factor⟧", format=".3"),
                 alt.Tooltip("passing:Q", title="cells that meet it"),
-                alt.Tooltip("surely:Q", title="of them with 95 % confidence"),
+                *surely,
                 alt.Tooltip("cells:Q", title="of"),
                 alt.Tooltip("lowest:Q", title="lowest P_d", format=".3f"),
                 alt.Tooltip("at:N", title="which is at"),

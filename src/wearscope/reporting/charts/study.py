@@ -126,7 +126,7 @@ def scope_cells(study: Study) -> pd.DataFrame:
     """Scope matrices in natural units.
 
     Columns: the keys, ``factor``, ``change`` (of wear), ``sigma`` (of the factor), ``p_d``, ``passes``,
-    ``sure`` (-1 where the surrogate's uncertainty was not asked), ``place`` (see `places`).
+    ``sure`` (with 95 % confidence; never where that was not asked), ``place`` (see `places`).
     """
     method = "exact" if (study.scope["method"] == "exact").any() else "kde"
     rows = study.scope[study.scope["method"] == method]
@@ -136,7 +136,7 @@ def scope_cells(study: Study) -> pd.DataFrame:
         sigma=rows["sigma"] * rows["factor"].map(steps),
         p_d=np.floor(1e4 * rows["p_d"].to_numpy()) / 1e4,
         passes=rows["passes"].to_numpy(),
-        sure=np.where(rows["confidence"].isna(), -1, rows["confidence"] >= 0.95).astype(int),
+        sure=(rows["confidence"] >= 0.95).to_numpy(),
         place=places(rows),
     )
 
