@@ -9,7 +9,7 @@ rule report:
         f"{R}/report.html",
         f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
-        [*REEVALUATION, f"{R}/reevaluation.html"] if REEVALUATED else [],
+        [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
 
 
 rule figures:
