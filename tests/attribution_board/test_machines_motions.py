@@ -93,7 +93,10 @@ def test_the_generator_shares_no_code_with_the_tracer():
                     "wearscope.tables",
                 )
                 # What closes the loop on a folder, or asks for advice on it, is no part of the generator.
-                lazily = file.name == "board.py" and name == "wearscope.closed_loop.run"
+                lazily = (file.name, name) in (
+                    ("board.py", "wearscope.closed_loop.run"),
+                    ("sessions.py", "wearscope.tracking.run"),
+                )
                 lazily |= file.name == "advice.py" and name.startswith(
                     ("wearscope.closed_loop", "wearscope.cycles")
                 )

@@ -1,114 +1,13 @@
-"""A small arm over its sessions, made with Pinocchio alone, and what tracking needs of it."""
+"""A small arm over its sessions, identified once."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-import pinocchio as pin
 import pytest
-import yaml
+from session_machine import HEALTHY, LATER, write_machine
 
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session_names import Sessions, read_sessions
-
-URDF = """<robot name="duo">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
-    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
-    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
-</robot>"""
-JOINTS = ["a", "b"]
-INERTIA, COULOMB, VISCOUS = np.array([1.5, 0.6]), np.array([6.0, 3.0]), np.array([4.0, 2.0])
-NOISE = np.array([0.6, 0.3])
-HEAT = 0.012
-"""Friction falls by this share of it with each K at 35 deg C."""
-MEAN = 35.0
-RATE, DURATION = 100.0, 9.0
-
-Day = dict
-
-
-def draw_motion(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
-    for j in range(2):
-        for k in range(1, 7):
-            w = 2 * np.pi * k / DURATION
-            size, phase = rng.normal(0.0, 0.5 / k), rng.uniform(0, 2 * np.pi)
-            q[:, j] += size * np.sin(w * t + phase)
-            v[:, j] += size * w * np.cos(w * t + phase)
-            a[:, j] -= size * w**2 * np.sin(w * t + phase)
-    return q, v, a
-
-
-def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Columns of one run: a day has `temperature`, `wear` (share of friction), `mass`, `gain`."""
-    t = np.arange(int(DURATION * RATE)) / RATE
-    q, v, a = draw_motion(rng, t)
-    model = pin.buildModelFromXML(URDF)
-    if day.get("mass"):
-        model.inertias[2] += pin.Inertia(day["mass"], np.array([0.3, 0.0, 0.0]), np.zeros((3, 3)))
-    data = model.createData()
-    rigid = np.array([pin.rnea(model, data, *row).copy() for row in zip(q, v, a, strict=True)])
-    warmth = day.get("temperature", MEAN) + 2.0 * (1.0 - np.exp(-t / 4.0))
-    fall = np.exp(-HEAT * (warmth - MEAN))
-    friction = (COULOMB * np.tanh(v / 0.005) + VISCOUS * v) * fall[:, None]
-    friction[:, 0] *= 1.0 + day.get("wear", 0.0)
-    tau = rigid + INERTIA * a + friction
-    tau[:, 0] *= 1.0 + day.get("gain", 0.0)
-    tau += NOISE * rng.standard_normal(q.shape)
-    columns = {"t": t}
-    for j, joint in enumerate(JOINTS):
-        columns[f"q_{joint}"] = q[:, j] + 2e-6 * rng.standard_normal(len(t))
-        columns[f"tau_{joint}"] = tau[:, j]
-        columns[f"temp_{joint}"] = np.round(warmth, 1)
-    return columns
-
-
-def write_machine(
-    folder: Path, days: list[Day], healthy: int, seed: int = 0, runs: int = 2, thermometer: bool = True,
-    fields: dict | None = None,
-) -> Path:  # fmt: skip
-    """Write sessions s0, s1...; the first `healthy` are the reference, whose last run is a test run."""
-    (folder / "runs").mkdir(parents=True)
-    (folder / "robot.urdf").write_text(URDF)
-    entries = []
-    for d, day in enumerate(days):
-        for r in range(runs):
-            columns = simulate(day, np.random.default_rng([seed, d, r]))
-            if not thermometer:
-                columns = {name: x for name, x in columns.items() if not name.startswith("temp_")}
-            file = f"runs/d{d}r{r}.parquet"
-            pd.DataFrame(columns).to_parquet(folder / file)
-            train = d < healthy and not (d == healthy - 1 and r == runs - 1)
-            entries.append({"file": file, "use": "train" if train else "test", "session": f"s{d}"})
-    written = {
-        "name": "duo",
-        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "rotor_inertia", "coulomb", "viscous"],
-        "runs": entries,
-        "reference": [f"s{d}" for d in range(healthy)],
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(written | (fields or {})))
-    return folder
-
-
-HEALTHY = [{"temperature": x} for x in (25.0, 45.0, 35.0, 30.0)]
-LATER = [
-    {"temperature": 40.0},
-    {"temperature": 26.0},
-    {"temperature": 45.0, "wear": 0.1},
-    {"temperature": 28.0, "wear": 0.1, "mass": 0.8},
-    {"temperature": 38.0, "gain": -0.08},
-    {"temperature": 66.0},
-]
-"""Nothing, colder, worn, worn and loaded, another drive, far warmer than the reference."""
 
 
 @pytest.fixture(scope="session")

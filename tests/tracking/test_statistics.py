@@ -9,7 +9,7 @@ from wearscope.tracking.changes import Change, plain_term
 from wearscope.tracking.inference import Belief, Estimate, SessionRows, estimate_change, make_sample
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
 from wearscope.tracking.temperature import SLOPE, temperature_features
-from wearscope.tracking.trend import find_segments, find_since, fit_trend
+from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
 
 
 def one(name="coulomb", joint=0):
@@ -136,6 +136,14 @@ def test_since_goes_back_over_sessions_that_count_or_are_of_the_same_level():
     assert find_since(counting, [0, 0, 1, 1], 3) == 2
     assert find_since(counting, [0, 1, 1, 1], 3) == 1
     assert find_since([True, False, True], [0, 1, 2], 2) == 2
+
+
+def test_since_does_not_go_back_over_sessions_on_the_healthy_level():
+    # A change too small for a change point: it counts from where it is named.
+    segments = leave_healthy(np.zeros(6, dtype=int), 2)
+    assert find_since([False, False, False, True], segments, 3) == 3
+    segments = leave_healthy(np.array([0, 0, 0, 1, 1, 1]), 2)
+    assert find_since([False, False, False, True], segments, 3) == 1
 
 
 def test_trend_is_found_with_an_interval_that_covers_it():

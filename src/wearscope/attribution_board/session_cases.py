@@ -22,7 +22,7 @@ KINDS = {
 """What happens, with the weight of each."""
 THERMOMETERS = {"seen": 6.0, "unseen": 1.0, "absent": 1.0}
 """Temperatures: recorded and shown by the reference, recorded but not shown, not recorded."""
-MACHINES = {name: {"serial": 8.0, "slide": 2.0}.get(name, 0.5) for name in FAMILIES}
+MACHINES = {name: {"serial": 8.0, "slide": 2.0}.get(name, 0.15) for name in FAMILIES}
 """Families of machines; those of few joints more often, since identifying seven takes minutes."""
 SWING = 20.0
 """Swing of temperature [K] where there is one."""
@@ -130,7 +130,7 @@ def draw_case(number: int, seed: int, kind: str | None = None) -> SessionCase:
     drawn = _pick(KINDS, rng)
     kind = kind or drawn
     family = _pick(MACHINES, rng)
-    most = int(rng.integers(1, 5))
+    most = int(rng.integers(1, 4))
     machine = draw_machine(family, rng, most if family == "serial" else None)
     if not any(machine.payload_com):
         x, y, z = (float(c) for c in 0.06 * rng.normal(size=3))

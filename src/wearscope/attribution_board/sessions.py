@@ -63,20 +63,37 @@ def run_session_case(
     return result
 
 
+def keep_result(
+    number: int, out_dir: Path, seed: int, kind: str | None = None, keep: str | Path | None = None
+) -> dict[str, Any]:
+    """Result of a case, from its file where it was finished before."""
+    path = out_dir / "cases" / f"{seed}-{kind or 'any'}-{number:04d}.json"
+    if path.is_file():
+        kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return kept
+    result = run_session_case(number, seed, kind, keep)
+    write_text(path, json.dumps(result))
+    return result
+
+
 def run_sessions(
     cases: Sequence[int], seed: int, out_dir: str | Path, jobs: int = 1, kind: str | None = None,
     keep: str | Path | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Run cases and write ``sessions.parquet`` (a row a session), ``sessions.json`` and ``sessions.md``.
 
+    Finished cases stay in ``cases/``, so that a run that was stopped goes on where it was; delete them after
+    a change of what is scored.
+
     Returns
     -------
     DataFrame
         As `wearscope.attribution_board.session_score.summarise_sessions`.
     """
+    out = Path(out_dir)
     results = []
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        ask = partial(run_session_case, seed=seed, kind=kind, keep=keep)
+        ask = partial(keep_result, out_dir=out, seed=seed, kind=kind, keep=keep)
         for result in pool.map(ask, cases):
             results.append(result)
             said = result["error"] or " | ".join(
@@ -87,7 +104,6 @@ def run_sessions(
     rows = pd.DataFrame([row for result in results for row in result["rows"]])
     failed = [result for result in results if result["error"]]
     summary = summarise_sessions(rows)
-    out = Path(out_dir)
     write_table(out / "sessions.parquet", rows)
     write_text(
         out / "sessions.json",

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, PayloadEffect, Signals, load_effect
-from wearscope.tracking.structure import Structure
+
+if TYPE_CHECKING:
+    from wearscope.tracking.structure import Structure
 
 #: Changes of friction, most elementary first; what follows is asked of joints too.
 FRICTION = ("coulomb", "viscous", "friction", "load_dependent_friction", "wear")
@@ -75,7 +78,7 @@ class Change:
 
     @property
     def order(self) -> tuple[bool, bool, bool, bool, int, int]:
-        """What is believed first of changes that explain the same: friction, what is there, a load, the simple.
+        """What is believed first of changes that explain the same: friction, what is there, loads.
 
         Loads change from day to day. A spring or a balancer that was not there comes last: nobody mounts
         one unknowingly.
@@ -106,7 +109,7 @@ def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None)
     return ModelTerm(effect, joint, numbers, tuple(int(k) for k in effect.subsets()[0]))
 
 
-def list_changes(structure: Structure) -> list[Change]:
+def list_changes(structure: "Structure") -> list[Change]:
     """What may change at each joint that moves in the reference, and the load at the last one."""
     found: list[Change] = []
     last = structure.n - 1
@@ -123,7 +126,7 @@ def list_changes(structure: Structure) -> list[Change]:
     return found
 
 
-def _friction_changes(structure: Structure, joint: int, own: list[ModelTerm]) -> list[Change]:
+def _friction_changes(structure: "Structure", joint: int, own: list[ModelTerm]) -> list[Change]:
     present = {name for entry in own for name in (entry.effect.name, *entry.effect.contains)}
     coulomb, viscous = (plain_term(load_effect(name), joint) for name in ("coulomb", "viscous"))
     bump = _BUMP * float(structure.frame.top_speed[joint])

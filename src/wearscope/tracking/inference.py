@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope.tracking.changes import Change
-from wearscope.tracking.structure import RunRows, Structure, reduce_columns
 
 #: Share of a column's information below which it cannot be told from the reference's own uncertainty.
 _ABSORBED = 1e-9
@@ -123,33 +122,6 @@ class SessionRows:
     columns: np.ndarray
     shares: np.ndarray
     starts: np.ndarray
-
-
-def stack_rows(structure: Structure, changes: Sequence[Change], runs: Sequence[RunRows]) -> SessionRows:
-    """Rows of a session's runs."""
-    target, base, unrecorded, columns, shares, starts = [], [], [], [], [], []
-    first = 0
-    for rows in runs:
-        w, keep = rows.weights, rows.weights > 0
-        parts = [reduce_columns(rows.run, change.columns(rows.signals)) for change in changes]
-        scaled = []
-        for change, x in zip(changes, parts, strict=True):
-            size = structure.scales.friction if change.friction else structure.scales.torque
-            scaled.append(x * (keep / size)[:, :, None] / np.sqrt(max(float(keep.sum(axis=0).max()), 1.0)))
-        columns.append(_flatten(np.concatenate(parts, axis=2) * w[:, :, None]))
-        shares.append(_flatten(np.concatenate(scaled, axis=2)))
-        target.append((rows.target * w).ravel())
-        base.append(_flatten(rows.columns * w[:, :, None]))
-        unrecorded.append(_flatten(rows.unrecorded * w[:, :, None]))
-        starts.append(first + rows.starts * structure.n)
-        first += w.size
-    together = [np.concatenate(x) for x in (target, base, unrecorded, columns, shares, starts)]
-    together[4] /= np.sqrt(len(runs))
-    return SessionRows(*together)
-
-
-def _flatten(x: np.ndarray) -> np.ndarray:
-    return x.reshape(x.shape[0] * x.shape[1], x.shape[2])
 
 
 def make_sample(

@@ -14,11 +14,12 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.tracking.changes import Change, is_friction, list_changes, plain_term
-from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample, stack_rows
+from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
+from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.sessions import read_reference
-from wearscope.tracking.structure import RunRows, Scales, Structure, make_rows
+from wearscope.tracking.structure import Scales, Structure
 
 #: Least friction of a joint, as a share of its torque, and of its residual: what a change is measured by.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0

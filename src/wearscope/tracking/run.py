@@ -11,13 +11,15 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
+from wearscope.tracking.changes import is_friction
 from wearscope.tracking.records import FRICTION, collect_series, record_assessment, record_reference
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference
-from wearscope.tracking.trend import find_segments, find_since, fit_trend
+from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
 
 Say = Callable[[str], None]
 _COLUMNS = [
@@ -171,7 +173,7 @@ def tell_entry(
     friction = is_friction_key(key)
     series_key = f"{FRICTION}@{key.partition('@')[2]}" if friction else key
     values, errors = collect_series([*healthy, *later], series_key)
-    segments = find_segments(values, errors)[len(healthy) :]
+    segments = leave_healthy(find_segments(values, errors), len(healthy))
     counting = [
         any(
             other["joint"] == joint and (is_friction_key(other["key"]) if friction else other["key"] == key)
@@ -179,7 +181,7 @@ def tell_entry(
         )
         for record in later
     ]
-    since = find_since(counting, segments.tolist(), k)
+    since = find_since(counting, segments, k)
     ordered = ("joint", "effect", "parameter", "change", "ci95", "unit")
     return {
         **{name: entry[name] for name in ordered},
@@ -190,9 +192,6 @@ def tell_entry(
 
 def is_friction_key(key: str) -> bool:
     """Whether a change's key is one of friction, of whatever form."""
-    from wearscope.effects.base import load_effect
-    from wearscope.tracking.changes import is_friction
-
     name = key.partition("@")[0]
     return name == FRICTION or is_friction(load_effect(name))
 

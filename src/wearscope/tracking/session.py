@@ -10,12 +10,13 @@ from wearscope.closed_loop.intake.preprocessing import PreparedRun
 from wearscope.closed_loop.intake.session_runs import prepare_runs
 from wearscope.tracking.changes import Change
 from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
-from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample, stack_rows
+from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
 from wearscope.tracking.reference import Reference
+from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
 from wearscope.tracking.scatter import Scatter
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.sessions import read_session
-from wearscope.tracking.structure import Structure, hold_temperatures, make_rows
+from wearscope.tracking.structure import Structure
 
 #: False-alarm rate of a session, over all joints and changes.
 FALSE_ALARM_RATE = 0.01
@@ -210,9 +211,8 @@ def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter)
         for (effect, name), value, half, told in zip(
             change.parameters, estimate.value, width, sure, strict=True
         ):
-            if not told and sure.any() and name != change.parameters[0][1]:
-                continue
-            if not told and sure.any() and change.name == "friction":
+            # A load is told by its mass, however well that is known.
+            if not told and sure.any() and name != "mass":
                 continue
             parameter = next(p for p in effect.coefficients if p.name == name)
             entries.append(

@@ -16,9 +16,6 @@ from wearscope.tracking.temperature import SLOPE, UNRECORDED, count_features, te
 if TYPE_CHECKING:
     from wearscope.closed_loop.model.regression import Regression
 
-#: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets; least [s].
-_BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
-
 
 @dataclass(frozen=True)
 class Scales:
@@ -155,65 +152,3 @@ class Structure:
                 parts.append(part)
                 owners.append(j)
         return np.concatenate(parts, axis=2), owners
-
-
-@dataclass(eq=False)
-class RunRows:
-    """One run as rows: (M, n) rows of each joint, and regressors of them.
-
-    Attributes
-    ----------
-    run : PreparedRun
-    signals : Signals
-        Along the run, with the healthy machine's torques.
-    target : ndarray (M, n)
-        Measured torque less the known one.
-    weights : ndarray (M, n)
-        Square root of each row's weight: zero where it does not count.
-    columns : ndarray (M, n, width)
-    unrecorded : ndarray (M, n, u)
-    starts : ndarray (B,)
-        First row of each block.
-    """
-
-    run: PreparedRun
-    signals: Signals
-    target: np.ndarray
-    weights: np.ndarray
-    columns: np.ndarray
-    unrecorded: np.ndarray
-    owners: list[int]
-    starts: np.ndarray
-
-
-def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
-    """Rows of a run in the reference's structure."""
-    signals = structure.operate(run)
-    unrecorded, owners = structure.unrecorded_columns(signals)
-    duration = float(run.t[-1] - run.t[0])
-    length = max(_SHORTEST, _BLOCK_PERIODS / run.band.torque)
-    count = max(2, round(duration / length))
-    starts = np.unique(np.linspace(0, len(run.t), count + 1).astype(int)[:-1])
-    return RunRows(
-        run,
-        signals,
-        run.measured - run.reduce(run.known),
-        run.keep / structure.scales.noise,
-        reduce_columns(run, structure.columns(signals)),
-        reduce_columns(run, unrecorded),
-        owners,
-        starts,
-    )
-
-
-def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
-    """The run as if its temperatures had kept within those of the reference."""
-    low, high = (
-        np.where(np.isfinite(x), x, y) for x, y in zip(structure.warmth, (-np.inf, np.inf), strict=True)
-    )
-    return replace(run, signals=replace(run.signals, temperature=np.clip(run.signals.temperature, low, high)))
-
-
-def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
-    """Regressors (N, n, p) after the common filter, (M, n, p); there may be none."""
-    return run.reduce(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))

@@ -57,6 +57,19 @@ def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
     return own[place]
 
 
+def leave_healthy(segments: np.ndarray, healthy: int) -> list[int]:
+    """Segments of the sessions after the first `healthy` ones; each that is on their level by itself.
+
+    Parameters
+    ----------
+    segments : ndarray (S,)
+        Of all sessions, healthy ones first.
+    healthy : int
+    """
+    level = segments[healthy - 1] if healthy else -1
+    return [-2 - k if s == level else int(s) for k, s in enumerate(segments[healthy:])]
+
+
 def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) -> int:
     """First session from which a change that counts in `session` does.
 

@@ -1,0 +1,152 @@
+"""Change of the axis's friction as tracking estimates it (detector E of the default study)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
+from wearscope.effects.base import load_effect
+from wearscope.tracking.changes import Change, plain_term
+from wearscope.tracking.inference import Belief, SessionRows, estimate_change, make_sample
+
+
+@dataclass
+class FrictionChange:
+    r"""Mean rise of the friction torque since the nominal batches, as `wearscope.tracking` estimates it.
+
+    The nominal batches are the reference and a batch is a session. What the batch's torque leaves of the
+    rigid body, of the declared rotor inertia and of the nominal friction (Coulomb, low-speed bump, viscous,
+    offset) is
+
+    .. math:: r = \Delta_c \, s + \Delta_v \, v + C b + e, \quad s = sign(v)
+
+    with the changes of Coulomb and viscous friction, the errors b of the nominal friction and of the declared
+    payload as random effects, and autocorrelated noise e. The estimate is that of generalised least squares
+    (`wearscope.tracking.inference`), over means of a few samples in motion; the test quantity is
+
+    .. math:: y = \Delta_c \, \overline{|s|} + \Delta_v \, \overline{|v|}
+
+    with the means over the nominal motion. As in tracking without a thermometer, a change that temperature
+    made is one of friction too: here it is part of y's scatter.
+
+    Parameters
+    ----------
+    payload_error : float
+        Standard deviation of the payload's relative mass error.
+    low_speed_share, rest_share : float
+        Speed of the low-speed bump, and that under which a sample counts as at rest, as shares of the 99 %
+        quantile of the nominal speed magnitude.
+    row, block : float
+        Length of a mean, and of the stretch over which noise may be autocorrelated [s].
+    window : float
+        Length of the acceleration filter [s].
+    """
+
+    payload_error: float = 0.1
+    low_speed_share: float = 0.1
+    rest_share: float = 0.01
+    row: float = 0.02
+    block: float = 0.5
+    window: float = 0.03
+    unit: ClassVar[str] = "torque"
+    axis: int = field(default=0, init=False)
+    model: Any = field(default=None, init=False, repr=False)
+    top_speed: float = field(default=0.0, init=False)
+    noise: float = field(default=1.0, init=False)
+    mean_columns: Array = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    belief: Belief | None = field(default=None, init=False, repr=False)
+    change: Change | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("payload_error", "low_speed_share", "rest_share", "row", "block", "window"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive")
+
+    def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
+        """Estimate the nominal friction, its uncertainty and the noise."""
+        check_nominal(nominal)
+        self.axis, self.model = axis, model
+        speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
+        self.top_speed = float(np.quantile(speed, 0.99))
+        if not self.top_speed > 0:
+            raise ValueError("the tested axis does not move in the nominal data")
+        terms = tuple(plain_term(load_effect(name), axis) for name in ("coulomb", "viscous"))
+        self.change = Change("friction", axis, terms, True, True, 0)
+        self.noise = 1.0
+        made = [self.make_rows(batch) for batch in nominal]
+        x, y = np.concatenate([r.base for r in made]), np.concatenate([r.target for r in made])
+        scale = np.linalg.norm(x, axis=0)
+        if len(y) <= x.shape[1] or not np.all(scale > 0):
+            raise ValueError("the motion of the tested axis does not show its friction")
+        inverse = np.linalg.pinv(x.T @ x / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
+        mean = inverse @ (x.T @ y)
+        left = [r.target - r.base @ mean for r in made]
+        sums = [
+            np.add.reduceat(r.base * e[:, None], r.starts, axis=0) for r, e in zip(made, left, strict=True)
+        ]
+        every = np.concatenate(sums)
+        meat = every.T @ every
+        apart = np.sum(
+            [((r.base * e[:, None]) ** 2).sum(axis=0) for r, e in zip(made, left, strict=True)], axis=0
+        )
+        memory = max(float(np.max(np.diag(meat) / np.maximum(apart, 1e-300))), 1.0)
+        self.noise = float(np.sqrt(np.mean(np.concatenate(left) ** 2) * memory)) or 1.0
+        self.belief = Belief(mean, inverse @ meat @ inverse)
+        columns = np.concatenate([r.columns for r in made])
+        self.mean_columns = np.abs(columns).mean(axis=0)
+
+    def make_rows(self, batch: Batch) -> SessionRows:
+        """Rows of a batch in motion, in the noise's unit.
+
+        Raises
+        ------
+        ValueError
+            Where the axis moves too little.
+        """
+        step = max(1, round(self.row * batch.sample_rate))
+
+        def pool(x: Array) -> Array:
+            rows = len(x) // step
+            return np.asarray(x[: rows * step].reshape(rows, step, -1).mean(axis=1))
+
+        v = batch.qd[:, self.axis]
+        s = np.sign(v)
+        moving = pool((np.abs(v) > self.rest_share * self.top_speed).astype(float))[:, 0] == 1.0
+        if moving.sum() < 20:
+            raise ValueError(f"the tested axis moves for {moving.sum() * self.row:.2g} s only")
+        bump = s * np.exp(-np.abs(v) / (self.low_speed_share * self.top_speed))
+        target = pool(compute_joint_residual(batch, self.model, self.axis, self.window))[moving, 0]
+        base = pool(np.column_stack([s, bump, v, np.ones_like(v)]))[moving]
+        columns = pool(np.column_stack([s, v]))[moving]
+        payload = compute_payload_torque(batch, self.model, self.window)
+        load = np.zeros((len(target), 0))
+        if payload is not None:
+            load = self.payload_error * pool(payload[:, [self.axis]])[moving]
+        length = max(1, round(self.block * batch.sample_rate / step))
+        starts = np.unique(np.searchsorted(np.flatnonzero(moving), np.arange(0, len(moving), length)))
+        w = 1.0 / self.noise
+        return SessionRows(
+            target * w, base * w, load * w, columns * w, columns / np.sqrt(len(columns)),
+            starts[starts < len(target)],
+        )  # fmt: skip
+
+    def test_quantity(self, batch: Batch) -> float:
+        """Mean rise of the friction torque along the nominal motion, in the joint's unit.
+
+        Raises
+        ------
+        ValueError
+            Where the motion does not show Coulomb and viscous friction.
+        """
+        assert self.belief is not None and self.change is not None
+        sample = make_sample(self.make_rows(batch), [self.change], self.belief, np.zeros(10))
+        estimate = estimate_change(sample, self.change)
+        if estimate is None:
+            raise ValueError("the motion of the tested axis does not show its friction")
+        return float(estimate.value @ self.mean_columns)
+
+
+DETECTOR = FrictionChange

@@ -1,0 +1,68 @@
+"""Detector E against friction that is planted, and beside C on the same recordings."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wearscope.detectors.base import load_detector
+
+_SPEC = importlib.util.spec_from_file_location(
+    "friction_detectors", Path(__file__).with_name("test_friction_detectors.py")
+)
+shared = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(shared)
+simulate, MODEL = shared.simulate, shared.MODEL
+
+
+def plain(v):
+    return 20.0 * np.sign(v) + 8.0 * v
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    detector = load_detector("friction_change")
+    detector.fit([simulate(plain, noise=0.3, seed=k) for k in range(2)], 0, MODEL)
+    return detector
+
+
+def test_nominal_batch_gives_next_to_nothing(fitted):
+    values = [fitted.test_quantity(simulate(plain, noise=0.3, seed=k)) for k in range(10, 20)]
+    assert np.abs(values).max() < 0.2
+
+
+@pytest.mark.parametrize(("coulomb", "viscous"), [(2.0, 0.0), (0.0, 1.5), (-1.0, 0.5), (2.0, 1.0)])
+def test_rise_of_friction_is_recovered(fitted, coulomb, viscous):
+    batch = simulate(lambda v: plain(v) + coulomb * np.sign(v) + viscous * v, noise=0.3, seed=5)
+    v = simulate(plain, seed=0).qd[:, 0]
+    moving = np.abs(v) > 0.01 * np.quantile(np.abs(v), 0.99)
+    expected = coulomb + viscous * np.abs(v[moving]).mean()
+    assert fitted.test_quantity(batch) == pytest.approx(expected, abs=0.15)
+
+
+def test_payload_error_is_not_taken_for_friction(fitted):
+    heavier = fitted.test_quantity(simulate(plain, noise=0.3, seed=3, payload_factor=1.1))
+    worn = fitted.test_quantity(simulate(lambda v: 1.1 * plain(v), noise=0.3, seed=3))
+    assert abs(heavier) < 0.1 * worn
+
+
+def test_wear_of_the_papers_law_raises_it(fitted):
+    detector = load_detector("friction_change")
+    detector.fit([simulate(noise=0.3, seed=0)], 0, MODEL)
+    values = [detector.test_quantity(simulate(wear=f, noise=0.3, seed=4)) for f in (0.0, 10.0, 30.0, 50.0)]
+    assert np.all(np.diff(values) > 0.2)
+
+
+def test_axis_at_rest_is_refused(fitted):
+    batch = simulate(plain)
+    batch.qd[:, 0] = 0.0
+    with pytest.raises(ValueError, match="moves for 0 s only"):
+        fitted.test_quantity(batch)
+    with pytest.raises(ValueError, match="does not move in the nominal data"):
+        load_detector("friction_change").fit([batch], 0, MODEL)
+
+
+def test_options_are_checked():
+    with pytest.raises(Exception, match="payload_error must be positive"):
+        load_detector("friction_change", {"payload_error": 0.0})

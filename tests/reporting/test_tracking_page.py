@@ -1,0 +1,79 @@
+"""The page of a tracked machine, from files made by hand."""
+
+import json
+import re
+
+import pandas as pd
+import pytest
+
+from wearscope import tables
+from wearscope.errors import InputError
+from wearscope.reporting.tracking_page import write_tracking_page
+
+ENTRY = {
+    "joint": "a", "effect": "coulomb", "parameter": "level", "change": 0.6, "ci95": [0.4, 0.8],
+    "unit": "N m", "since": "d3", "equivalent": ["viscous"],
+}  # fmt: skip
+HIDDEN = "wear / temperature: the friction of b changed by +9 % (+7 to +11 %), measure <this>."
+OUTCOME = {
+    "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01,
+    "sessions": [
+        {"session": "d3", "changes": [ENTRY], "cannot_tell": []},
+        {"session": "d4", "changes": [ENTRY], "cannot_tell": [HIDDEN]},
+    ],
+    "trends": [{"joint": "a", "effect": "friction", "slope": 0.02, "ci95": [0.01, 0.03], "unit": "1/session",
+                "p": 0.01}],
+    "healthy": {"terms": [{"joint": "a", "effect": "coulomb"}],
+                "temperatures": {"a": [20.0, 30.0], "b": None},
+                "scatter": {"friction": 0.01, "torque": 0.002, "sessions": 2}},
+    "notes": ["r9.parquet: has no session and was not used."], "version": "0.1.0 (abc)",
+}  # fmt: skip
+
+
+def write(folder, outcome=OUTCOME):
+    rows = [
+        {"session": session, "joint": joint, "effect": effect, "parameter": parameter, "value": 6.0 + k,
+         "value_low": 5.8 + k, "value_high": 6.2 + k, "change": float(k), "change_low": k - 0.2,
+         "change_high": k + 0.2, "unit": "N m", "p": 0.5, "named": False, "healthy": k < 2}
+        for k, session in enumerate(["d1", "d2", "d3", "d4"])
+        for joint in ("a", "b")
+        for effect, parameter in (("friction", "torque"), ("coulomb", "level"))
+    ]  # fmt: skip
+    tables.write_table(folder / "changes.parquet", pd.DataFrame(rows))
+    (folder / "tracking.json").write_text(json.dumps(outcome))
+    write_tracking_page(folder)
+    return (folder / "report.html").read_text()
+
+
+def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
+    text = re.sub(r"<[^>]+>", "", write(tmp_path))
+    assert (
+        "coulomb of a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; viscous would explain it as well." in text
+    )
+    assert "Earlier sessions with a change: d3." in text
+    assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
+    assert "r9.parquet: has no session" in text
+
+
+def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):
+    html = write(tmp_path)
+    assert "measure &lt;this&gt;." in html and "measure <this>" not in html
+    assert not re.search(r'(src|href)="(?!data:|#)', html)
+
+
+def test_quiet_machine_is_called_unchanged(tmp_path):
+    quiet = OUTCOME | {
+        "sessions": [{"session": s, "changes": [], "cannot_tell": []} for s in ("d3", "d4")],
+        "trends": [],
+    }
+    text = write(tmp_path, quiet)
+    assert "no change" in text and "Other changes" not in text
+
+
+def test_equal_files_give_equal_pages(tmp_path):
+    assert write(tmp_path) == write(tmp_path)
+
+
+def test_folder_in_which_nothing_was_tracked_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"tracking\.json.*track the machine first"):
+        write_tracking_page(tmp_path)

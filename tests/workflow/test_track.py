@@ -1,0 +1,108 @@
+"""The target `track` in a copy of the tree: files, what a new session costs, and what is refused."""
+
+import importlib.util
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+from session_machine import write_machine
+
+from wearscope import tables
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+
+pytestmark = pytest.mark.slow
+DAYS = [{"temperature": x} for x in (28.0, 42.0, 35.0)] + [{"temperature": 40.0}, {"wear": 0.2}]
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory) -> tuple[Path, Path]:
+    """A copy in which a machine was tracked, and the machine's folder."""
+    place = tmp_path_factory.mktemp("track")
+    machine = write_machine(place / "machine", DAYS, 3)
+    clone = clones.copy_tree(place / "clone")
+    clones.run_well(clone, "track", "--config", f"dataset={machine}")
+    return clone, machine
+
+
+def test_files_are_those_of_the_contract(tracked):
+    folder = tracked[0] / "results" / "tracking" / "duo"
+    told = json.loads((folder / "tracking.json").read_text())
+    assert told["dataset"] == "duo" and told["reference"] == ["s0", "s1", "s2"]
+    assert told["false_alarm_rate"] == 0.01
+    assert [one["session"] for one in told["sessions"]] == ["s3", "s4"]
+    quiet, worn = told["sessions"]
+    assert quiet["changes"] == [] and quiet["cannot_tell"] == []
+    for entry in worn["changes"]:
+        assert list(entry) == [
+            "joint", "effect", "parameter", "change", "ci95", "unit", "since", "equivalent",
+        ]  # fmt: skip
+        assert entry["joint"] == "a" and entry["since"] == "s4"
+        assert entry["ci95"][0] < entry["change"] < entry["ci95"][1]
+    assert {entry["effect"] for entry in worn["changes"]} <= {"coulomb", "viscous", "wear"}
+    table = tables.read_table(folder / "changes.parquet")
+    assert {"session", "joint", "effect", "parameter", "value", "change", "unit", "p"} <= set(table.columns)
+    assert set(table["session"]) == {"s0", "s1", "s2", "s3", "s4"}
+    assert set(table.loc[table["named"], "session"]) == {"s4"}
+    assert "Tracked: duo" in (folder / "report.html").read_text()
+
+
+def test_nothing_is_left_to_do(tracked):
+    clone, machine = tracked
+    assert clones.stale(clone, "track", "--config", f"dataset={machine}") == set()
+
+
+def test_new_session_costs_itself_alone(tracked, tmp_path):
+    clone, machine = tracked
+    kept = machine / "dataset.yaml"
+    text = kept.read_text()
+    content = yaml.safe_load(text)
+    table = pd.read_parquet(machine / content["runs"][-1]["file"])
+    table["tau_a"] += 0.01
+    table.to_parquet(machine / "runs" / "new.parquet")
+    content["runs"].append({"file": "runs/new.parquet", "use": "test", "session": "s5"})
+    kept.write_text(yaml.safe_dump(content))
+    try:
+        said = clones.run_well(clone, "-n", "track", "--config", f"dataset={machine}")
+    finally:
+        kept.write_text(text)
+        (machine / "runs" / "new.parquet").unlink()
+    assert "Compare session s5" in said and "Compare session s3" not in said
+    assert "Identify the healthy machine" not in said
+    assert "Say what changed" in said
+
+
+def test_changed_reference_makes_all_anew(tracked):
+    clone, machine = tracked
+    kept = machine / "dataset.yaml"
+    text = kept.read_text()
+    content = yaml.safe_load(text)
+    content["reference"].append("s3")
+    kept.write_text(yaml.safe_dump(content))
+    try:
+        said = clones.run_well(clone, "-n", "track", "--config", f"dataset={machine}")
+    finally:
+        kept.write_text(text)
+    assert "Identify the healthy machine" in said and "Compare session s4" in said
+
+
+def test_what_cannot_be_tracked_is_told_in_one_sentence(tracked, tmp_path):
+    clone, machine = tracked
+    other = tmp_path / "machine"
+    shutil.copytree(machine, other)
+    content = yaml.safe_load((other / "dataset.yaml").read_text())
+    del content["reference"]
+    (other / "dataset.yaml").write_text(yaml.safe_dump(content))
+    for options, sentence in (
+        (("--config", f"dataset={other}"), "reference is missing; list the sessions"),
+        (("--config", "seed=1"), "config: dataset is missing; say which machine to track"),
+    ):
+        done = clones.run(clone, "-n", "track", *options)
+        assert done.returncode == 1 and sentence in done.stderr and "Traceback" not in done.stderr
+    # The loop can be closed all the same.
+    assert "Close the loop" in clones.run_well(clone, "-n", "closed_loop", "--config", f"dataset={other}")
