@@ -294,12 +294,14 @@ class ReevaluateSettings(Section):
     """Where all these models take wear and temperature from; null where they have their own."""
     cycles: list[str] = []
     """Test-cycles, among the study's; the first one where left out."""
-    points: Annotated[int, Field(ge=8)] = 22
-    """Points of a Latin hypercube, a model and test-cycle."""
+    points: Annotated[int, Field(ge=8)] = 12
+    """Points of a Latin hypercube over the whole region, a model and test-cycle."""
+    local_points: Annotated[int, Field(ge=2)] = 14
+    """Points about the centre, where the SNR is asked."""
     question_points: Annotated[int, Field(ge=0)] = 3
     """Points for each axis on the lines that the scope asks about."""
-    replicates: Annotated[int, Field(ge=1)] = 4
-    """Points simulated once more with other sensor noise."""
+    replicates: Annotated[int, Field(ge=1)] = 5
+    """Points about the centre that are simulated once more with other sensor noise."""
     checking_points: Annotated[int, Field(ge=2)] = 8
     """Points on which the surrogates' fit is stated."""
     draws: Annotated[int, Field(ge=0)] = 5
@@ -312,9 +314,9 @@ class ReevaluateSettings(Section):
         if bool(self.before) != bool(self.after):
             missing = "after" if self.before else "before"
             raise ValueError(f"{missing}: is missing; name models of both sides, or of none")
-        if self.replicates > self.points:
+        if self.replicates > self.local_points:
             raise ValueError(
-                f"replicates {self.replicates} are more than the {self.points} points; give fewer"
+                f"replicates {self.replicates} are more than the {self.local_points} local_points; give fewer"
             )
         return self
 
@@ -380,6 +382,15 @@ class DetectSettings(Section):
     """Simulated runs without wear of each motion; a threshold takes at least 1 / p_f - 1."""
     worn_runs: Annotated[int, Field(ge=20)] = 100
     """Simulated runs with wear of each motion, spread over the fault's range."""
+
+
+class ExportSettings(Section):
+    """A corrected model as URDF, MJCF and a table (target `export`)."""
+
+    model: str | None = None
+    """Path of the model, or a robot's name; that of the loop closed on the data set where left out."""
+    temperature: float = 50.0
+    """At which friction that depends on it is written [deg C]."""
 
 
 def _short_detectors(value: Any) -> Any:
@@ -461,6 +472,8 @@ class StudyConfig(Section):
     """The closed loop."""
     detect: DetectSettings = DetectSettings()
     """Detectors on recordings."""
+    export: ExportSettings = ExportSettings()
+    """The corrected model taken to other simulators."""
     tracking: TrackingSettings = TrackingSettings()
     """Sessions tracked."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
@@ -526,7 +539,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop", "detection", "tracking"):
+        if value in ("archive", "attribution_board", "closed_loop", "detection", "export", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 

@@ -92,9 +92,11 @@ def test_the_generator_shares_no_code_with_the_tracer():
                     "wearscope.errors",
                     "wearscope.tables",
                 )
-                # What closes the loop on a folder, tracks it or gives advice on it is no part of the generator.
-                lazily = file.name == "board.py" and name == "wearscope.closed_loop.run"
-                lazily |= file.name == "sessions.py" and name == "wearscope.tracking.run"
+                # What closes the loop on a folder, or asks for advice on it, is no part of the generator.
+                lazily = (file.name, name) in (
+                    ("board.py", "wearscope.closed_loop.run"),
+                    ("sessions.py", "wearscope.tracking.run"),
+                )
                 lazily |= file.name == "advice.py" and name.startswith(
                     ("wearscope.closed_loop", "wearscope.cycles")
                 )

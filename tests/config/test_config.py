@@ -208,6 +208,7 @@ def test_a_robot_may_borrow_wear_in_one_word_or_in_full(paper):
 
 def test_both_sides_of_a_reevaluation_are_given_or_none(paper):
     refuse({**paper, "reevaluate": {"before": ["medium"]}}, "reevaluate: after: is missing")
+    refuse({**paper, "reevaluate": {"local_points": 3, "replicates": 4}}, "reevaluate: replicates 4")
     refuse({**paper, "reevaluate": {"cycles": ["dance"]}}, "reevaluate.cycles: dance", "point_to_point")
     study = load_config({**paper, "reevaluate": {"before": ["medium"], "after": ["large"]}})
     assert study.reevaluate.before == ["medium"]

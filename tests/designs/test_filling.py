@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.filling import checking_design, filling_design, question_lines
+from wearscope.designs.filling import (
+    checking_design,
+    filling_design,
+    local_design,
+    question_lines,
+)
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
@@ -71,3 +76,14 @@ def test_what_cannot_be_made_is_refused():
         filling_design(PAPER_FACTORS, points=5, replicates=7)
     with pytest.raises(InputError, match="name nuisances among"):
         checking_design(PAPER_FACTORS, questions=["f"])
+
+
+def test_local_points_stay_about_the_centre_and_some_come_twice():
+    z = levels(local_design(PAPER_FACTORS, 12, 4, 0.75, seed=1))
+    assert len(z) == 16 and np.abs(z).max() <= 0.75
+    np.testing.assert_array_equal(z[-4:], z[:4])
+    assert len(np.unique(z, axis=0)) == 12
+    for k in range(len(NAMES)):  # a Latin hypercube: one point in each twelfth of the range
+        assert np.sort(np.floor((z[:12, k] + 0.75) / 0.125)).tolist() == list(range(12))
+    with pytest.raises(InputError, match="13 replicates of 12 points"):
+        local_design(PAPER_FACTORS, 12, 13, 0.75)

@@ -45,6 +45,12 @@ def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
     assert (healthy["p_value"] > 0.01).all()
 
 
+def test_temperatures_are_told_from_those_of_the_nominal_recordings(worn):
+    nominal = worn.detection[worn.detection["kind"] == "nominal"]
+    assert nominal.drop_duplicates(["run", "joint"])["warmer"].mean() == pytest.approx(0.0, abs=1e-6)
+    assert worn.detection["warmer"].abs().max() < 10.0 and worn.detection["warmer"].std() > 0.5
+
+
 def test_other_motions_are_refused_in_one_sentence_each(worn):
     told = {one["run"]: one["reason"] for one in worn.summary["refused"]}
     assert set(told) == {"runs/r8.parquet", "runs/r9.parquet"}
@@ -67,6 +73,7 @@ def test_written_and_shown(worn, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert "runs/r6.parquet (day 6): alarm." in page
     assert "is of another motion" in page and "<img" in page
+    assert "Than in the nominal recordings" in page
 
 
 def test_a_machine_that_scatters_more_than_the_model_gets_no_alarm(machine, duo):

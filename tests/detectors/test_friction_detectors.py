@@ -201,6 +201,45 @@ def test_one_speed_does_not_tell_wear_from_temperature():
         detector.estimate(constant)
 
 
+def split_law(reference=40.0):
+    """The parts of the law as effects of their own, what is left of it holding at a reference temperature."""
+    warm = ("eta1", "eta2", "eta3", "eta4", "eta6", "alpha")
+    still = {name: value for name, value in LAW.items() if name not in ("eta7", "eta9")}
+    still |= {"eta1": LAW["eta1"] + LAW["eta2"] * reference, "eta2": 0.0}
+    still |= {"eta3": LAW["eta3"] + LAW["eta4"] * reference, "eta4": 0.0}
+    still |= {"eta5": LAW["eta5"] + LAW["eta6"] * reference, "eta6": 0.0}
+    parts = {
+        "coulomb": {"level": still["eta0"]},
+        "stribeck": {"level": still["eta1"], "speed": still["eta3"], "exponent": still["alpha"]},
+        "viscous": {"slope": still["eta5"]},
+        "friction_temperature": {name: LAW[name] for name in warm} | {"reference": reference},
+        "wear": {name: LAW[name] for name in ("eta7", "eta8", "eta9", "alpha")},
+    }
+    effects = [{"joint": "j1", "effect": "torque_offset", "parameters": {"offset": 1.5}}]
+    effects += [{"joint": "j1", "effect": name, "parameters": values} for name, values in parts.items()]
+    return MODEL.replace(effects=effects)
+
+
+@pytest.mark.parametrize(("wear", "temperature"), [(20.0, 45.0), (35.0, 62.0)])
+def test_wear_fit_reads_the_law_as_a_whole_and_in_parts_alike(wear, temperature):
+    batch = simulate(wear=wear, temperature=temperature, noise=1.0)
+    answers = []
+    for model in (MODEL, split_law()):
+        detector = load_detector("wear_temperature_fit")
+        detector.fit([simulate()], 0, model)
+        answers.append(detector.estimate(batch))
+    # The parts that stay are not interpolated between nodes of the speed.
+    assert answers[1] == pytest.approx(answers[0], abs=0.01)
+    assert answers[0] == pytest.approx((wear, temperature), abs=1.0)
+
+
+def test_wear_fit_needs_a_dependence_on_temperature_too():
+    parts = split_law().to_mapping()["effects"]
+    model = MODEL.replace(effects=[one for one in parts if one["effect"] != "friction_temperature"])
+    with pytest.raises(ValueError, match="no effect at j1 that depends on temperature"):
+        load_detector("wear_temperature_fit").fit([simulate()], 0, model)
+
+
 def test_wear_fit_needs_the_friction_law():
     with pytest.raises(ValueError, match="no effect at j2 that depends on wear"):
         load_detector("wear_temperature_fit").fit([simulate()], 1, MODEL)

@@ -8,15 +8,8 @@ from scipy.special import ndtri
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
-from wearscope.evaluation.reevaluation import (
-    Questions,
-    answer_side,
-    compare_ranking,
-    compare_sides,
-    extend_to_drawn,
-    share_surrogates,
-    withheld_cells,
-)
+from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
+from wearscope.evaluation.sides import Questions, answer_side, extend_to_drawn, share_surrogates
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.reporting.reevaluation import (
     Reevaluation,

@@ -1,6 +1,8 @@
 import errno
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -284,3 +286,23 @@ def test_friction_law_without_its_speed_is_told(model):
     del effects[0]["parameters"]["eta3"]
     with pytest.raises(InputError, match=r"axis_1.* has no value for 'eta3'; add it"):
         check_robot(model.replace(effects=effects), RANGES, 0.001)
+
+
+def test_a_simulating_process_imports_nothing_that_it_does_not_need(tmp_path):
+    """Imports are a fifth to a half of what a short job costs."""
+    program = f"""
+import sys
+from pathlib import Path
+from wearscope.cycles.base import load_cycle
+from wearscope.robots.model import load_model
+from wearscope.simulation.chunk import Plan, simulate_chunk
+rows = [dict(point=1, f_natural=0.0)]
+model = load_model("medium", Path({str(ROOT / "config" / "robots")!r}))
+cycle = load_cycle({str(ROOT / "tests" / "workflow" / "tiny" / "short_moves.py")!r})
+plan = Plan("medium", "short", dict(f="wear"), 0, 0.004)
+assert not simulate_chunk({str(tmp_path)!r}, "identification", rows, model, cycle, plan, "code").failed
+heavy = ("pandas", "matplotlib", "sklearn", "statsmodels", "seaborn", "SALib", "snakemake", "scipy.optimize")
+print([name for name in heavy if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+from wearscope.cycles.base import Reference
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
 from wearscope.simulation.errors import SimulationError
@@ -218,3 +219,37 @@ def test_hard_gears_balance_with_and_without_a_rotor(arms, effects, rotor):
     if effects.get("joint_elasticity", {}).get("compliance") == 1e-10:
         off = trace.torque[50:] - stiff.torque[50:]
         assert np.sqrt(np.mean(off**2)) < 0.01 * np.sqrt(np.mean(stiff.torque**2))
+
+
+@pytest.mark.parametrize("lost_motion", [0.0, 2e-3])
+def test_what_pybullet_gets_is_told_by_effect(arms, lost_motion):
+    """The shares add up to the torque applied, at rest and through reversals; each is its effect's."""
+    bent = [("lift", "backlash", {"lost_motion": lost_motion, "mesh_torque": 20.0})] if lost_motion else []
+    model = arms.make_arm([*arms.rub(12.0, 9.0), *bent])
+    held = arms.stand(2.0, 4e-3)
+    t = np.maximum(held.t - 0.2, 0.0)[:, None]
+    size, rate = np.array([0.3, 0.2, 0.1, 0.3]), np.array([3.0, 5.0, 7.0, 11.0])
+    angle, moves = rate * t, t > 0.0
+    v, a = size * rate * np.sin(angle), size * rate**2 * np.cos(angle) * moves
+    reference = Reference(held.t, held.q + size * (1.0 - np.cos(angle)), v, a)
+    trace, _ = trace_forward(model, reference, by_effect=True)
+    shares = trace.shares
+    assert set(shares) == {"motor", "rotor", "bias", "coulomb", "viscous"}
+    made = shares["motor"] - shares["rotor"] + shares["bias"] - shares["coulomb"] - shares["viscous"]
+    size = np.abs(trace.applied).max(axis=0)
+    off = np.abs(made - trace.applied) / size
+    # What is left of the speed of a motor that comes to rest, at most 1e-4 of its change, is dropped.
+    assert np.max(off) < 5e-4 and np.quantile(off, 0.95) < 1e-6
+    # Away from reversals, where the step's mean is what its middle has.
+    turns = np.any(np.diff(np.sign(trace.v), axis=0, prepend=0.0) != 0.0, axis=1)
+    moving = ~np.convolve(turns, np.ones(5), "same").astype(bool) & np.all(trace.v != 0.0, axis=1)
+    assert np.mean(moving) > 0.5
+    np.testing.assert_allclose(shares["coulomb"][moving], 12.0 * np.sign(trace.v[moving]))
+    np.testing.assert_allclose(shares["viscous"][moving], 9.0 * trace.v[moving], atol=1e-9)
+    rest = np.all(trace.v[:40] == 0.0, axis=1)
+    assert rest.all()
+    assert np.all(np.abs(shares["coulomb"][:40]) < 12.0) and np.all(shares["viscous"][:40] == 0.0)
+    # Without being asked, nothing is told, and nothing else changes.
+    plain, _ = trace_forward(model, reference)
+    assert plain.shares is None
+    np.testing.assert_array_equal(plain.torque, trace.torque)

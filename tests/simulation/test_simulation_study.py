@@ -210,7 +210,7 @@ def made_trace(dt=1e-3, count=400):
     grid = np.arange(count + 1)[:, None] * dt
     q = np.hstack([np.sin(3.0 * grid), grid**2])
     v = np.hstack([3.0 * np.cos(3.0 * grid), 2.0 * grid])[:-1]
-    return Trace(t, q, v, np.column_stack([np.cos(20.0 * t), 5.0 * t]), np.full((count, 2), np.nan))
+    return Trace(t, q, v, np.column_stack([np.cos(20.0 * t), 5.0 * t]), np.full((count, 2), np.nan), 0.0 * v)
 
 
 def test_sensors_quantise_delay_and_scale():

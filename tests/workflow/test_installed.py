@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 #: Distributions by the module that they give, where the names differ.
 GIVEN_BY = {"yaml": "pyyaml", "sklearn": "scikit-learn", "pinocchio": "pin", "PIL": "pillow"}
 #: What others that are declared bring along, and are never without.
-BROUGHT = {"pillow": "matplotlib", "markupsafe": "jinja2"}
+BROUGHT = {"pillow": "matplotlib", "markupsafe": "jinja2", "llvmlite": "numba"}
 
 
 def run(*command, folder=None, timeout=600):
@@ -44,7 +44,7 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Folder of an environment's commands: the wheel by pip, what it depends on from the tests' environment."""
+    """Commands of an environment: the wheel by pip, what it depends on lent by the tests' own."""
     folder = tmp_path_factory.mktemp("env")
     run(sys.executable, "-m", "venv", folder)
     (site,) = folder.glob("lib/python*/site-packages")
@@ -75,7 +75,8 @@ def list_imports():
                 modules |= {name.name.split(".")[0] for name in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
                 modules.add(node.module.split(".")[0])
-    return modules - set(sys.stdlib_module_names) - {"wearscope", "job"}
+    scripts = {file.stem for file in ROOT.glob("workflow/scripts/*.py")}
+    return modules - set(sys.stdlib_module_names) - scripts - {"wearscope"}
 
 
 def declared():

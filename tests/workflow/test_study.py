@@ -273,7 +273,7 @@ def bad() -> dict:
     ("target", "rules"),
     [
         ("design", {"make_design", "design"}),
-        ("simulate", {"make_design", "check_cycle", "simulate_points", "simulate"}),
+        ("simulate", {"make_design", "check_cycle", "screen_robot", "simulate_points", "simulate"}),
     ],
 )
 def test_stage_needs_only_what_is_before_it(clone, target, rules):
@@ -293,6 +293,52 @@ def test_unknown_robot_is_told(clone, bad):
 def test_temperature_below_the_friction_law_is_told(clone, bad):
     bad["factors"]["w3"] = {**bad["factors"]["w3"], "range": [10, 70]}
     refuse(clone, bad, "w3", "10", "axis_1")
+
+
+def without_wear(clone: Path) -> str:
+    """A model with plain friction, as a closed loop leaves it, beside the study's."""
+    medium = clone / "config" / "robots" / "medium"
+    model = yaml.safe_load((medium / "model.yaml").read_text())
+    model["effects"] = [
+        {"joint": joint, "effect": effect, "parameters": values, "source": "fitted"}
+        for joint in model["joints"]
+        for effect, values in (("coulomb", {"level": 40.0}), ("viscous", {"slope": 10.0}))
+    ]
+    (clone / "plain.yaml").write_text(yaml.safe_dump(model))
+    shutil.copy(medium / "robot.urdf", clone / "robot.urdf")
+    return "plain.yaml"
+
+
+def test_factor_that_moves_no_torque_is_told(clone, bad):
+    bad["robots"] = [without_wear(clone)]
+    refuse(clone, bad, "factors.f", "wear moves no recorded torque", "robot 'plain'", "carry_over")
+    bad["carry_over"] = {"plain": {"source": "medium", "effects": ["wear"]}}
+    refuse(clone, bad, "factors.w3", "temperature moves no recorded torque", "screening: drop")
+
+
+def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
+    bad |= {"robots": [without_wear(clone)], "carry_over": {"plain": "medium"}, "study": "borrowed"}
+    (clone / "borrowed.yaml").write_text(yaml.safe_dump(bad))
+    run_well(clone, "check", study="borrowed.yaml")
+    text = (clone / "results" / "borrowed" / "robots" / "plain.yaml").read_text()
+    assert text.count("assumed: true") == 3 + 6  # wear where it wears, temperature everywhere
+    screening = tables.read_table(clone / "results" / "borrowed" / "screening" / "plain.parquet")
+    assert screening["moves"].all() and not screening["dropped"].any()
+
+
+def test_two_models_are_reevaluated(clone, bad):
+    small = {"points": 8, "local_points": 6, "question_points": 2, "replicates": 2, "checking_points": 4}
+    bad |= {"study": "two", "reevaluate": {"before": ["medium"], "after": [without_wear(clone)], **small}}
+    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
+    run_well(clone, "reevaluate", cores=2, study="two.yaml")
+    results = clone / "results" / "two"
+    table = tables.read_table(results / "reevaluation.parquet")
+    assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
+    wanted = "robot cycle axis fda question truth p_changed before before_low before_high after after_low"
+    assert set(wanted.split()) <= set(table.columns)
+    assert table["truth"].isna().all() and (results / "reevaluation" / "report.html").is_file()
+    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
+    assert stale(clone, "reevaluate", study="two.yaml") <= {"reevaluate"}
 
 
 def test_infeasible_cycle_is_told(clone, bad):

@@ -1,8 +1,7 @@
 def refuse_without_dataset(wildcards):
     """End the run in one sentence."""
     raise SystemExit(
-        "config: dataset is missing, so there are no recordings to judge; name a data set, as in "
-        "snakemake --cores 2 detect --config dataset=PATH"
+        "config: dataset is missing; name a data set, as in snakemake --cores 2 detect --config dataset=PATH"
     )
 
 

@@ -1,7 +1,6 @@
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
-    f"{SRC}/wearscope/attribution_board/simulated_twin/{name}.py"
-    for name in ("gas_spring_torque", "thinning_oil")
+    f"{PACKAGE}/attribution_board/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
 ]
 GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
 if GIVEN:
@@ -49,7 +48,7 @@ def reevaluated_models(wildcards):
 rule reevaluate:
     input:
         REEVALUATION,
-        f"{R}/reevaluation.html",
+        f"{RE}/report.html",
 
 
 rule make_reevaluation:
@@ -80,6 +79,7 @@ rule make_reevaluation:
         tested=STUDY.tested_factors(),
         screening=STUDY.screening,
         questions=STUDY.scope.factors,
+        snr={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
         axes=STUDY.axes,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
@@ -209,7 +209,7 @@ rule report_reevaluation:
         style=REPORT_FILES,
     output:
         report(
-            f"{R}/reevaluation.html",
+            f"{RE}/report.html",
             caption="../report/reevaluation.rst",
             category="The loop closed",
             labels={"figure": "what the correction changes"},

@@ -3,7 +3,7 @@ rule report:
         f"{R}/report.html",
         f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if STUDY.closed_loop.demonstration else [],
-        [*REEVALUATION, f"{R}/reevaluation.html"] if REEVALUATED else [],
+        [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
 
 
 rule figures:

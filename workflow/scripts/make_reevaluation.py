@@ -10,7 +10,7 @@ from wearscope import tables
 from wearscope.attribution_board.simulated_twin.model import make_true_model
 from wearscope.cycles.base import load_cycle
 from wearscope.designs.factors import Factor
-from wearscope.designs.filling import checking_design, filling_design
+from wearscope.designs.filling import checking_design, filling_design, local_design
 from wearscope.designs.kinds import make_design, nominal_design
 from wearscope.errors import InputError
 from wearscope.robots.carry_over import carry_over
@@ -56,10 +56,14 @@ with run_job(snakemake) as say:
     factors = [Factor(**one) for one in params.factors]
     asked, common = params.settings, {"questions": params.questions, "axes": params.axes, "seed": params.seed}
     bridge = -(-3 * (len(factors) + 1) // 2)
+    whole = filling_design(factors, asked["points"], asked["question_points"], 0, **common)
+    # The SNR's fault levels and three standard deviations of its nuisances.
+    reach = max(abs(params.snr["f0"]), abs(params.snr["f0"] + params.snr["delta"]), 3 * params.snr["sigma"])
+    near = local_design(factors, asked["local_points"], asked["replicates"], reach, params.seed)
+    identification = pd.concat([whole, near], ignore_index=True)
+    identification["point"] = range(1, len(identification) + 1)
     designs = {
-        "identification": filling_design(
-            factors, asked["points"], asked["question_points"], asked["replicates"], **common
-        ),
+        "identification": identification,
         "filling": make_design(
             "latin_hypercube", factors, {"points": bridge, "stream": "bridge"}, params.seed
         ),

@@ -14,10 +14,11 @@ from wearscope.robots.model import load_model
 
 with run_job(snakemake) as say:
     params, given, side = snakemake.params, snakemake.input, snakemake.wildcards.side
-    outcomes = json.loads(Path(given.traces).read_text())
+    simulated = json.loads(Path(given.traces).read_text())
     factors = [Factor(**one) for one in params.factors]
-    parts, left_out = {}, []
-    for name, cycles in outcomes.items():
+    left_out = [{"model": name, "reason": why} for name, why in simulated["left_out"].items()]
+    parts = {}
+    for name, cycles in simulated["traces"].items():
         path = Path(given.models).parent / "models" / f"{name}.yaml"
         model = load_model(path, strict=False, allow_code=params.allow_code)
         try:

@@ -36,4 +36,5 @@ class Findings:
 
     def add(self, *sentences: str) -> None:
         """Add problems that are not among them yet."""
-        self.problems += [one for one in dict.fromkeys(sentences) if one not in self.problems]
+        told = (str(InputError(one)) for one in sentences)  # what they quote cannot break the line
+        self.problems += [one for one in dict.fromkeys(told) if one not in self.problems]

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from wearscope.checking.findings import Findings
-from wearscope.cycles.base import list_cycles, load_cycle
-from wearscope.effects.base import load_effect
+from wearscope.cycles.base import Cycle, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, check_effects, list_breaches, load_model
 from wearscope.robots.model_file import Allowed, find_model, read_model_file
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot
+from wearscope.simulation.screening import check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_points
 
 #: Factors that a robot is checked with where no study says others.
@@ -46,48 +46,59 @@ def _with_effects(model: RobotModel, effects: Sequence) -> RobotModel:
     return model.model_copy(update={"effects": list(effects)})
 
 
-def find_idle_factors(model: RobotModel, ranges: Ranges) -> list[str]:
-    """Factors on which nothing of the robot depends, a sentence each."""
-    signals: set[str] = set()
-    worn: set[str] = set()
-    for entry in model.effects:
+def find_idle_factors(
+    model: RobotModel, ranges: Ranges, cycles: Mapping[str, Cycle] | None = None
+) -> dict[str, str]:
+    """Factors that move no torque of the robot along test-cycles, with a sentence on each.
+
+    Parameters
+    ----------
+    model : RobotModel
+    ranges : mapping of str to (kind, low, high)
+    cycles : mapping of str to Cycle, optional
+        The platform's point-to-point moves where left out.
+
+    Raises
+    ------
+    InputError
+        Where a test-cycle cannot be planned.
+    """
+    table = screen_factors(model, cycles or {TRIED: load_cycle(TRIED)}, ranges, STEP)
+    idle: dict[str, str] = {}
+    for name in ranges:
         try:
-            depends = load_effect(entry.effect).depends_on
-        except InputError:
-            continue
-        signals |= {name.split("_")[0] for name in depends}
-        if any(name.startswith("wear_") for name in depends):
-            worn.add(entry.joint)
-    idle = []
-    for name, (kind, _, _) in ranges.items():
-        if kind == "temperature" and "temp" not in signals:
-            idle.append(
-                f"factors.{name}: no effect of robot '{model.name}' depends on temperature; add "
-                "friction_wear_temperature to a joint, or drop the factor."
-            )
-        if kind == "payload_mass_error" and (model.payload is None or model.payload.mass == 0.0):
-            idle.append(
-                f"factors.{name}: robot '{model.name}' declares no payload; add one, or drop the factor."
-            )
-    wear = [name for name, (kind, _, _) in ranges.items() if kind == "wear"]
-    for name, joint in zip(wear, model.wear_joints, strict=False):
-        if joint not in worn:
-            idle.append(
-                f"factors.{name}: no effect of joint '{joint}' of robot '{model.name}' depends on wear; add "
-                "friction_wear_temperature or wear to it, or drop the factor."
-            )
+            check_screening(table[table["factor"] == name], model.name, [])
+        except InputError as error:
+            idle[name] = str(error)
     return idle
 
 
 def check_factors(
-    model: RobotModel, ranges: Ranges, found: Findings, sample_rate: float | None = None
+    model: RobotModel,
+    ranges: Ranges,
+    found: Findings,
+    sample_rate: float | None = None,
+    cycles: Mapping[str, Cycle] | None = None,
+    may_drop: Sequence[str] = (),
 ) -> None:
-    """Add the factors that a robot does not cover, or on which nothing of it depends."""
+    """Add the factors that a robot does not cover, or that move nothing; some of these may be dropped."""
+    known = len(found.problems)
     wear = {name: one for name, one in ranges.items() if one[0] == "wear"}
     parts: list[Mapping] = [wear, *({name: one} for name, one in ranges.items() if one[0] != "wear")]
     for part in parts:
         found.attempt(lambda part=part: check_robot(model, part, STEP, sample_rate))  # type: ignore[misc]
-    found.add(*find_idle_factors(model, ranges))
+    idle = (
+        found.attempt(lambda: find_idle_factors(model, ranges, cycles))
+        if len(found.problems) == known
+        else None
+    )
+    for name, sentence in (idle or {}).items():
+        if name in may_drop:
+            found.notes.append(
+                f"factors.{name}: moves no torque of robot '{model.name}' and will be dropped."
+            )
+        else:
+            found.add(sentence)
 
 
 def simulate_extremes(model: RobotModel, ranges: Ranges, found: Findings) -> None:

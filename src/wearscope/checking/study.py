@@ -7,10 +7,12 @@ from typing import Any
 
 from wearscope.checking.findings import Findings
 from wearscope.checking.robot import STEP, check_factors, check_model
-from wearscope.config import StudyConfig, list_breaches, load_config
+from wearscope.config import CarryOverSettings, StudyConfig, label, list_breaches, load_config
 from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.detectors.base import load_detector
 from wearscope.errors import InputError
+from wearscope.robots.carry_over import carry_over
+from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.model_file import Allowed
 from wearscope.simulation.feasibility import check_cycle
 
@@ -38,9 +40,14 @@ def check_study(config: Mapping[str, Any], what: str, folder: str | Path = ".") 
 def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Findings) -> None:
     """Check robots, test-cycles and detectors, of a configuration that is wrong elsewhere as well."""
     allow: Allowed = study.allow_code if study else False
-    robots = [
-        found_one for name in _texts(config.get("robots")) if (found_one := check_model(name, found, allow))
-    ]
+    robots = []
+    for name in _texts(config.get("robots")):
+        model = check_model(name, found, allow)
+        carried = study.carry_over.get(label(name)) if study is not None else None
+        if model is not None and carried is not None:
+            model = found.attempt(lambda model=model, carried=carried: _complete(model, carried, allow))  # type: ignore[misc]
+        if model is not None:
+            robots.append(model)
     cycles: dict[str, Cycle] = {}
     for name in _texts(config.get("cycles")):
         cycle = found.attempt(lambda name=name: load_cycle(name))  # type: ignore[misc]
@@ -58,19 +65,24 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
         if max(study.axes) > model.n:
             found.add(f"axes: robot '{model.name}' has {model.n} axes; drop axis {max(study.axes)}.")
         known = len(found.problems)
-        check_factors(model, ranges, found, study.simulation.sample_rate)
+        may_drop = [name for name in ranges if name != "f"] if study.screening == "drop" else []
+        check_factors(model, ranges, found, study.simulation.sample_rate, cycles, may_drop)
         if len(found.problems) > known:
             continue
-        for label, cycle in cycles.items():
+        for name, cycle in cycles.items():
             found.attempt(
-                lambda model=model, cycle=cycle, label=label: check_cycle(
-                    model, cycle, label, ranges, 10 * STEP
-                )  # type: ignore[misc]
+                lambda model=model, cycle=cycle, name=name: check_cycle(model, cycle, name, ranges, 10 * STEP)  # type: ignore[misc]
             )
     points = study.design.count_points(study.factors)
     runs = points * 2 * len(robots) * len(cycles)
     cells = len(robots) * len(cycles) * len(study.axes) * len(study.detectors)
     found.notes.append(f"{cells} cells; {points} design points, {runs} simulations of the paper's design.")
+
+
+def _complete(model: RobotModel, carried: CarryOverSettings, allow: Allowed) -> RobotModel:
+    """The robot as it is simulated, with what it borrows."""
+    source = load_model(carried.source, allow_code=allow)
+    return carry_over(model, source, carried.effects, carried.reference)
 
 
 def _texts(value: Any) -> list[str]:

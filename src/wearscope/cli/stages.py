@@ -8,7 +8,7 @@ import click
 
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
-from wearscope.cli.study import StudyPlace, count_cores, find_study
+from wearscope.cli.study import StudyPlace, count_cores, find_study, read_name
 from wearscope.cli.workflow import build_command, call_snakemake, explain_failure
 from wearscope.errors import InputError
 
@@ -27,11 +27,13 @@ def run_targets(
     Raises
     ------
     InputError
-        Where a setting is malformed, or Snakemake fails: one sentence on why, and the log's place.
+        Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
     """
     for setting in settings:
         if "=" not in setting or setting.startswith("="):
             raise InputError(f"--set {setting}: is no setting; write --set name=value.")
+    if config is not None:
+        read_name(config)
     command = build_command(
         targets, folder, cores or count_cores(), config, settings, ("--dry-run",) if dry_run else ()
     )
@@ -221,17 +223,33 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
 
 @click.command()
 @study_argument
+@click.option(
+    "--dataset", type=click.Path(path_type=Path), help="Whose loop gives the models before and after."
+)
+@click.option("--before", multiple=True, metavar="MODEL", help="Instead: a model before; may be repeated.")
+@click.option("--after", multiple=True, metavar="MODEL", help="A model after; may be repeated.")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 @workflow_options
-def reevaluate(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
     """Ask the questions of STUDY of a model before and after its correction.
 
     \b
-    Example:
-      wearscope reevaluate my-study --open
+    Examples:
+      wearscope reevaluate my-study --dataset arm-data --open
+      wearscope reevaluate my-study --before arm --after results/closed_loop/arm/model_after.yaml
     """
     place = find_study(study)
-    run_targets(("reevaluate",), place.folder, place.config, cores, settings, dry_run, verbose)
+    chosen = []
+    if dataset is not None:
+        chosen.append(f"dataset={_name_dataset(str(dataset))[0]}")
+    if before or after:
+        sides = {"before": [_locate(one) for one in before], "after": [_locate(one) for one in after]}
+        chosen.append(f"reevaluate={json.dumps(sides)}")
+    run_targets(("reevaluate",), place.folder, place.config, cores, (*chosen, *settings), dry_run, verbose)
     if not dry_run:
-        for page in sorted(place.results.rglob("reevaluation/report.html")):
-            _show_result(page, opened)
+        _show_result(place.results / "reevaluation.html", opened)
+
+
+def _locate(robot: str) -> str:
+    """Absolute path of a robot given by one; names stay."""
+    return str(Path(robot).resolve()) if Path(robot).exists() else robot

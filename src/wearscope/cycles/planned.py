@@ -1,6 +1,7 @@
 """Motions made from a few numbers, within a robot's limits, to show what another motion did not."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +37,9 @@ class PlannedMotion:
         Share of the speed limits and of the range.
     seconds : float
         Longest duration; moves that do not fit are left out.
+    within : mapping or None
+        `home`, `lower`, `upper`, `speed`, `acceleration`, `jerk` by joint that the motion was planned within;
+        the robot's own where None.
     """
 
     kind: str
@@ -44,6 +48,7 @@ class PlannedMotion:
     pace: float = 1.0
     size: float = 1.0
     seconds: float = 30.0
+    within: Mapping[str, Sequence[float]] | None = None
 
     @property
     def name(self) -> str:
@@ -68,9 +73,26 @@ class PlannedMotion:
 
     def build(self, model: RobotModel, dwell: float, step: float) -> Reference:
         """Reference motion of a robot; see `wearscope.cycles.base.Cycle`."""
-        plan = MotionPlan(model, dwell, step)
+        plan = MotionPlan(self._limit(model), dwell, step)
         getattr(self, f"_plan_{self.kind}")(plan)
         return plan.finish()
+
+    def _limit(self, model: RobotModel) -> RobotModel:
+        """Robot with the limits that the motion was planned within."""
+        if self.within is None:
+            return model
+        given = {key: [float(x) for x in values] for key, values in self.within.items()}
+        drive = model.drive.model_dump(exclude_none=True)
+        drive |= {f"{key}_limit": given[key] for key in ("speed", "acceleration", "jerk")}
+        return model.replace(drive=drive, home=given["home"], lower=given["lower"], upper=given["upper"])
+
+    def plan_within(self, model: RobotModel) -> "PlannedMotion":
+        """The same motion, which holds a robot's limits and gives it whatever robot it is built for."""
+        low, high = model.position_limits
+        speed, acceleration, jerk = model.motion_limits()
+        values = {"home": model.home_posture, "lower": low, "upper": high}
+        values |= {"speed": speed, "acceleration": acceleration, "jerk": jerk}
+        return replace(self, within={key: x.tolist() for key, x in values.items()})
 
     def make_cycle(self, joints: list[str]) -> Cycle:
         """The motion as a test-cycle."""

@@ -93,6 +93,38 @@ def checking_design(
     return design_table(np.vstack([cube, asked]), factors)
 
 
+def local_design(
+    factors: Sequence[Factor], points: int, replicates: int, reach: float, seed: int = 0
+) -> pd.DataFrame:
+    """Points about the centre of the design, where the SNR (11) is asked; some simulated once more.
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+    points : int
+        Of a Latin hypercube.
+    replicates : int
+        At most `points`.
+    reach : float
+        Largest coded level.
+    seed : int
+
+    Returns
+    -------
+    DataFrame
+        As `filling_design`.
+
+    Raises
+    ------
+    InputError
+        Fewer than 2 points, or more replicates than points.
+    """
+    if replicates > points:
+        raise InputError(f"local design: {replicates} replicates of {points} points; give at most as many.")
+    cube = _hypercube(factors, points, "local", seed) * (reach / CODED_HIGH)
+    return design_table(np.vstack([cube, cube[:replicates]]), factors)
+
+
 def question_lines(
     factors: Sequence[Factor],
     points: int,

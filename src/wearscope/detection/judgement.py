@@ -71,7 +71,7 @@ class Detection:
             "temperature_change": "K",
             "payload_error": "%",
         }
-        units |= {"wear_detected": "1", "p_value": "1", "p_f": "1", "scatter_ratio": "1"}
+        units |= {"warmer": "K", "wear_detected": "1", "p_value": "1", "p_f": "1", "scatter_ratio": "1"}
         units |= dict.fromkeys(("y", "threshold"), "as the column unit says")
         for name in TABLES:
             table = getattr(self, name)
@@ -168,6 +168,7 @@ def _tabulate_measured(
 ) -> pd.DataFrame:
     cells = {(row["motion"], (row["joint"], row["fda"])): row for row in thresholds.to_dict("records")}
     records = []
+    warmer = _compare_temperatures(tested)
     for one in tested.asked:
         if one.kind not in (NOMINAL, JUDGED):
             continue
@@ -198,9 +199,23 @@ def _tabulate_measured(
                     "wear": wear[0],
                     "wear_low": wear[1],
                     "wear_high": wear[2],
+                    "warmer": warmer.get((one.run, cell[0]), np.nan),
                 }
             )
     return pd.DataFrame(records)
+
+
+def _compare_temperatures(tested: Tested) -> dict[tuple[str, str], float]:
+    """By recording and joint: mean temperature less that of the nominal recordings [K]."""
+    joints = tested.prepared.dataset.joints
+    found: dict[tuple[str, str], float] = {}
+    for group in tested.groups:
+        usual = np.mean([one.temperature for one in group.nominal], axis=0)
+        for one in (*group.nominal, *group.judged):
+            found |= {
+                (one.file, joint): float(x) for joint, x in zip(joints, one.temperature - usual, strict=True)
+            }
+    return found
 
 
 def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:

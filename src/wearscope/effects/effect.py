@@ -342,4 +342,4 @@ class Effect:
                 "the file, or take the effect out of the model."
             )
         coefficients, shape = self.pack(values)
-        plant.terms.append(Term(self.row, joint, shape, coefficients, self.n_states))
+        plant.terms.append(Term(self.row, joint, shape, coefficients, self.n_states, self.name))

@@ -15,6 +15,7 @@ class Term:
     shape: np.ndarray
     coefficients: np.ndarray
     n_states: int
+    effect: str = ""
 
 
 @dataclass

@@ -32,6 +32,7 @@ from wearscope.reporting.figures.closed_loop import (
     draw_residual_against,
     draw_residual_over_time,
 )
+from wearscope.reporting.next_measurement import describe_measurements
 from wearscope.reporting.page import Section, badge, embed_figure, render_page, render_table
 
 
@@ -57,6 +58,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Simulated forward", describe_forward(loop), "forward"),
         Section("What is left unnamed", describe_rest(loop), "unnamed"),
         Section("Not determined, and which motion would help", describe_undetermined(loop), "undetermined"),
+        Section("The next measurement", describe_measurements(loop.verdict), "next-measurement"),
         Section("Notes", describe_notes(loop), "notes"),
     ]
     title = f"Closed loop: {loop.verdict['dataset']}"

@@ -18,6 +18,10 @@ from wearscope.reporting.page import format_number
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
 
 
+#: Difference of temperatures that an alarm is said with [K].
+WARMER = 1.0
+
+
 @dataclass(frozen=True)
 class Detections:
     """Outcome of target ``detect``.
@@ -71,7 +75,7 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
         alarms = rows[rows["verdict"] == "alarm"]
         if len(alarms):
             told = "; ".join(_tell_alarm(row) for row in alarms.to_dict("records"))
-            said.append(("alarm", f"{name}: alarm. {told}.{_tell_rest(rows)}"))
+            said.append(("alarm", f"{name}: alarm. {told}.{_tell_warmth(alarms)}{_tell_rest(rows)}"))
         elif (rows["verdict"] == "no alarm").any():
             said.append(("plain", f"{name}: no alarm.{_tell_rest(rows)}"))
         else:
@@ -85,6 +89,18 @@ def _tell_alarm(row: Mapping[str, Any]) -> str:
         f"{write_quantity(row['threshold'], row['unit'])}"
     )
     return text + tell_wear(row)
+
+
+def _tell_warmth(alarms: pd.DataFrame) -> str:
+    """How much warmer or colder the joints with an alarm were, where it is more than a kelvin."""
+    away = alarms.drop_duplicates("joint")
+    away = away[away["warmer"].abs() > WARMER]
+    parts = [
+        f"{row['joint']} {format_number(abs(row['warmer']), 2)} K "
+        f"{'warmer' if row['warmer'] > 0 else 'colder'}"
+        for row in away.to_dict("records")
+    ]
+    return f" Than in the nominal recordings {join_words(parts)}: it may be that." if parts else ""
 
 
 def tell_wear(row: Mapping[str, Any]) -> str:

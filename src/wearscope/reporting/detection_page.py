@@ -155,6 +155,7 @@ def _values(found: Detections) -> Markup:
                 else badge("nominal"),
                 "p, simulated": row["p_value"],
                 "p, machine": row["p_machine"],
+                "warmer [K]": row["warmer"],
                 "wear like it (95 %)": f"{format_number(row['wear'], 2)} "
                 "({format_number(row['wear_low'], 2)} to "
                 f"{format_number(row['wear_high'], 2)})",

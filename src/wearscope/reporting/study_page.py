@@ -165,7 +165,7 @@ def _corrected(study: Study) -> Markup:
     """What the correction changes; nothing where it was not asked."""
     if study.reevaluation is None:
         return Markup("")
-    link = Markup('<p><a href="reevaluation.html">All of it: reevaluation.html</a></p>')
+    link = Markup('<p><a href="reevaluation/report.html">All of it: reevaluation/report.html</a></p>')
     return Markup("<h3>What the correction changes</h3>{}{}").format(
         summarise_reevaluation(study.reevaluation), link
     )

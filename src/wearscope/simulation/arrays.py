@@ -106,12 +106,29 @@ class Work(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What the steps leave, each (N, n): motor position, speed and torque at t_k, and what PyBullet gets."""
+    """What the steps leave.
+
+    Attributes
+    ----------
+    position, speed, torque : ndarray (N, n)
+        Of the motors, at t_k.
+    applied : ndarray (N, n)
+        Joint torque for PyBullet.
+    motor, rotor, bias : ndarray (N, n), or (0, n) where not asked for
+        Means over the step: torque of the motors, what their rotors take, and by how much `applied` exceeds
+        what the links get.
+    terms : ndarray (N, m), or (0, m)
+        Means over the step of the effects' torques, term by term.
+    """
 
     position: np.ndarray
     speed: np.ndarray
     torque: np.ndarray
     applied: np.ndarray
+    motor: np.ndarray
+    rotor: np.ndarray
+    bias: np.ndarray
+    terms: np.ndarray
 
 
 class Motion(NamedTuple):
@@ -146,6 +163,14 @@ def make_work(n: int) -> Work:
     shapes = {"matrix": (n, n), "jacobian": (n, n)}
     kinds = {"turning": np.int64, "old_mode": np.int64}
     return Work(*(np.zeros(shapes.get(f, n), dtype=kinds.get(f, np.float64)) for f in Work._fields))
+
+
+def make_log(count: int, n: int, terms: int, by_effect: bool) -> Log:
+    """Log of `count` steps, with what each effect takes if asked for."""
+    detailed = count if by_effect else 0
+    position, speed, torque, applied = (np.full((count, n), np.nan) for _ in range(4))
+    motor, rotor, bias = (np.zeros((detailed, n)) for _ in range(3))
+    return Log(position, speed, torque, applied, motor, rotor, bias, np.zeros((detailed, terms)))
 
 
 def make_motion(n: int) -> Motion:

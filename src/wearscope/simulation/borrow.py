@@ -10,7 +10,7 @@ from numba.extending import intrinsic
 
 @intrinsic
 def borrow(typingctx, arrays):
-    """Give a (named) tuple of arrays without their owners: the calling Python, which outlives it, has them."""
+    """Give a (named) tuple of arrays without owners: the calling Python, which outlives it, has them."""
 
     def generate(context, builder, signature, arguments):
         (value,) = arguments

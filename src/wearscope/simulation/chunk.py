@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from wearscope.robots.model import RobotModel
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of
-from wearscope.simulation.study import make_conditions, simulate_points
+from wearscope.simulation.study import KEPT, make_conditions, simulate_points
 from wearscope.simulation.traces import point_path
 from wearscope.supervision import ProcessLost, run_supervised
 
@@ -204,11 +204,11 @@ def _simulate_rows(
 def _prepare_points(
     rows: Sequence[Mapping[str, Any]], set_name: str, model: RobotModel, cycle: Cycle, plan: Plan
 ) -> Iterator[tuple]:
-    references: dict[float, Reference] = {}
+    @lru_cache(maxsize=KEPT)
+    def build(dwell: float) -> Reference:
+        return cycle.build(model, dwell, plan.step)
+
     for row in rows:
         levels = natural_levels(row, plan.kinds)
-        dwell = dwell_of(levels, plan.kinds)
-        if dwell not in references:
-            references[dwell] = cycle.build(model, dwell, plan.step)
         seed = seed_of(plan.seed, plan.robot, plan.cycle, set_name, int(row["point"]))
-        yield references[dwell], make_conditions(levels, plan.kinds), seed
+        yield build(dwell_of(levels, plan.kinds)), make_conditions(levels, plan.kinds), seed

@@ -145,8 +145,12 @@ def trace_forward(
     friction_feedforward: bool = True,
     longest_step: float = LONGEST_STEP,
     feedforward: Array | None = None,
+    by_effect: bool = False,
 ) -> tuple[Trace, float]:
-    """As `simulate_forward`, before the sensors: the run at every step, and the step [s]."""
+    """As `simulate_forward`, before the sensors: the run at every step, and the step [s].
+
+    With `by_effect` the trace also tells what the torque for PyBullet is made of.
+    """
     declared = model if declared is None else declared
     if declared.joints != model.joints:
         raise InputError(
@@ -171,6 +175,7 @@ def trace_forward(
     with World() as world:
         prove_world(world, body, dt)
         trace = run_motion(
-            world, body, plant, law, dt, repeat(temperature), repeat(wear), start, float(fine.t[0])
-        )
+            world, body, plant, law, dt, repeat(temperature), repeat(wear), start, float(fine.t[0]),
+            by_effect=by_effect,
+        )  # fmt: skip
     return trace, dt

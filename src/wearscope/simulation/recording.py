@@ -62,7 +62,7 @@ def write_recording(
     torque_units = ["N m"] * n if torque_units is None else list(torque_units)
     speed_units = [f"{unit}/s" for unit in position_units]
     names = pa.DictionaryArray.from_arrays(
-        pa.array(np.repeat(np.arange(n, dtype=np.int32), count)), pa.array(list(joints))
+        tables.to_array(np.repeat(np.arange(n, dtype=np.int32), count)), tables.to_array(list(joints))
     )
     table = tables.to_arrow(
         {

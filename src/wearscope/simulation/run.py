@@ -7,14 +7,24 @@ import numpy as np
 from wearscope.effects.base import Plant
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
-from wearscope.simulation.arrays import Gears, Law, Log, Motion, State, make_motion, make_state, make_work
+from wearscope.simulation.arrays import (
+    Gears,
+    Law,
+    Log,
+    Motion,
+    State,
+    make_log,
+    make_motion,
+    make_state,
+    make_work,
+)
 from wearscope.simulation.chain import build_chain, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.gear import deflection
 from wearscope.simulation.plant import build_gears
 from wearscope.simulation.step import advance_block
-from wearscope.simulation.terms import pack_terms
+from wearscope.simulation.terms import order_terms, pack_terms
 from wearscope.simulation.world import World
 
 #: Steps between two readings of PyBullet's state.
@@ -41,6 +51,11 @@ class Trace:
         Motor torque, as joint torque.
     link_q : ndarray (N, n)
         Position of the links, where PyBullet was read (each `BLOCK` steps), else NaN.
+    applied : ndarray (N, n)
+        Joint torque that PyBullet got for the step about `t`.
+    shares : dict of str to ndarray (N, n), or None
+        What `applied` is made of, means over the step about `t`:
+        ``motor - rotor + bias - (all effects by name)``.
     """
 
     t: Array
@@ -48,6 +63,8 @@ class Trace:
     v: Array
     torque: Array
     link_q: Array
+    applied: Array
+    shares: dict[str, Array] | None = None
 
 
 def start_state(state: State, motion: Motion, gears: Gears, chain, q: Array, v: Array) -> None:
@@ -85,6 +102,7 @@ def run_motion(
     start: tuple[Array, Array],
     t0: float = 0.0,
     block: int | None = None,
+    by_effect: bool = False,
 ) -> Trace:
     """Simulate one run.
 
@@ -106,6 +124,8 @@ def run_motion(
         Time of the first step [s].
     block : int, optional
         Steps solved ahead of PyBullet, `BLOCK` by default.
+    by_effect : bool
+        Whether the trace tells what the torque for PyBullet is made of.
 
     Raises
     ------
@@ -122,7 +142,7 @@ def run_motion(
     chain = build_chain(body, plant.inertials) if ghost else bodies
     state, work, motion = make_state(n), make_work(n), make_motion(n)
     w, v = make_scratch(n), make_scratch(n)
-    log = Log(*(np.full((count, n), np.nan) for _ in range(4)))
+    log = make_log(count, n, len(plant.terms), by_effect)
     start_state(state, motion, gears, chain, *start)
     warm, worn = as_rows(temperature, n), as_rows(wear, n)
     world.load(write_plant_urdf(body), body.names, body.gravity, dt)
@@ -151,7 +171,17 @@ def run_motion(
         v=log.speed,
         torque=log.torque,
         link_q=link_q,
+        applied=log.applied,
+        shares=_name_shares(log, plant) if by_effect else None,
     )
+
+
+def _name_shares(log: Log, plant: Plant) -> dict[str, Array]:
+    shares = {"motor": log.motor, "rotor": log.rotor, "bias": log.bias}
+    for column, term in enumerate(order_terms(plant)):
+        share = shares.setdefault(term.effect, np.zeros_like(log.motor))
+        share[:, term.joint] += log.terms[:, column]
+    return shares
 
 
 def _compare(q: Array, v: Array, state: State, names: list[str], t: float) -> None:

@@ -20,7 +20,7 @@ from wearscope.simulation.arrays import INNER
 from wearscope.simulation.balance import NO_BALANCE, REST, WHOLE, balance_part
 from wearscope.simulation.borrow import borrow
 from wearscope.simulation.dynamics import mass_and_bias
-from wearscope.simulation.terms import remember
+from wearscope.simulation.terms import remember, share_out
 
 #: Modules of this room that the compiled step is made of.
 SOURCES = ("arrays", "balance", "borrow", "chain", "dynamics", "gear", "step", "terms")
@@ -64,7 +64,9 @@ def _finish_part(law, gears, state, work, motion, k, length, h, start, lasting):
 
 
 @njit(**INNER)
-def _take_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, start, warm, worn, may_trust):
+def _take_step(
+    rows, terms, law, gears, state, work, motion, w, log, k, t, dt, start, warm, worn, may_trust
+):  # fmt: skip
     """Take the speeds from `start` after t_k to half a step after it; False where torques do not balance."""
     left = 0.5 * dt - start
     parts = 0
@@ -98,6 +100,13 @@ def _take_step(rows, terms, law, gears, state, work, motion, w, k, t, dt, start,
             ends = parts > MAX_PARTS
             if ends:
                 length = left
+        if len(log.terms) > 0:
+            share_out(
+                rows, terms, state.mode, motion, work.need, log.terms[k], length / dt, t + at, h, warm, worn
+            )
+            for j in range(len(state.q)):
+                log.motor[k, j] += length / dt * work.motor[j]
+                log.rotor[k, j] += length / dt * gears.armature[j] * motion.acceleration[j]
         remember(rows, terms, motion, t + at, length, warm, worn)
         _finish_part(law, gears, state, work, motion, k, length, h, start, length > LASTING * dt)
         start += length
@@ -168,7 +177,7 @@ def _compile_advance(stamp: int) -> Callable:
             warm = temperature[min(k, len(temperature) - 1)]
             worn = wear[min(k, len(wear) - 1)]
             if not _take_step(
-                rows, terms, law, gears, state, work, motion, w, k, t0 + k * dt, dt, start, warm, worn,
+                rows, terms, law, gears, state, work, motion, w, log, k, t0 + k * dt, dt, start, warm, worn,
                 may_trust,
             ):  # fmt: skip
                 return k
@@ -185,6 +194,11 @@ def _compile_advance(stamp: int) -> Callable:
                 for c in range(n):
                     torque += body.mass_matrix[j, c] * work.rate[c]
                 log.applied[k, j] = torque
+                if len(log.bias) > 0:
+                    links = (0.5 - start / dt) * w.bias[j]
+                    for c in range(n):
+                        links += w.mass_matrix[j, c] * work.rate[c]
+                    log.bias[k, j] = torque - links
             for j in range(n):
                 if gears.flexible[j]:
                     state.gap[j] += dt * (state.y[j] - state.v[j])

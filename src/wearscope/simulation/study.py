@@ -21,6 +21,9 @@ from wearscope.simulation.run import run_motion
 from wearscope.simulation.sensors import find_stride, record
 from wearscope.simulation.world import World, prove_world
 
+#: References, and controllers along them, kept for further points: those of a design's levels, not those of
+#: thousands of points that each have their own.
+KEPT = 8
 #: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
@@ -137,6 +140,8 @@ class Simulator:
                 self.model.torque_limit,
             )
             kept = self._laws[id(reference)] = (reference, law)
+            if len(self._laws) > KEPT:
+                del self._laws[next(iter(self._laws))]
         return kept[1]
 
     def body(self, payload_mass_error: float) -> RigidBody:

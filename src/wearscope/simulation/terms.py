@@ -10,6 +10,7 @@ from wearscope.simulation.arrays import INNER
 
 #: Difference of speed over which a slope is taken.
 PROBE = 1e-7
+_ROW = types.FunctionType(ROW)
 
 
 class Terms(NamedTuple):
@@ -57,6 +58,22 @@ def _is_coupled(term: Term, n: int) -> bool:
     return not np.array_equal(values[0], values[1], equal_nan=True)
 
 
+def order_terms(plant: Plant) -> list[Term]:
+    """A plant's terms in the order of their joints."""
+    return sorted(plant.terms, key=lambda term: term.joint)
+
+
+# Compiled once and kept, where the list's own methods would be compiled in every process.
+@njit(types.ListType(_ROW)(), cache=True)
+def _start_rows():
+    return typed.List.empty_list(_ROW)
+
+
+@njit(types.void(types.ListType(_ROW), _ROW), cache=True)
+def _add_row(rows, row):
+    rows.append(row)
+
+
 def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     """Rows and numbers of a plant's terms.
 
@@ -69,10 +86,10 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     rows : typed.List of compiled row (m,)
     Terms
     """
-    ordered = sorted(plant.terms, key=lambda term: term.joint)
-    rows = typed.List.empty_list(types.FunctionType(ROW))
+    ordered = order_terms(plant)
+    rows = _start_rows()
     for term in ordered:
-        rows.append(term.row)
+        _add_row(rows, term.row)
     m = len(ordered)
     widest = max([1, *(len(t.coefficients) for t in ordered)])
     deepest = max([1, *(len(t.shape) for t in ordered)])
@@ -187,6 +204,34 @@ def evaluate_terms(
                 slope[j] = jacobian[j, j]
         elif low[j] > high[j]:
             low[j], high[j] = high[j], low[j]
+
+
+@njit(error_model="numpy")
+def share_out(rows, terms, mode, motion, need, shares, weight, t, dt, temperature, wear):
+    """Add the torque of each term, times a weight, to `shares` (m,).
+
+    A motor at rest needs less than friction could give; the terms then give the same part of what they could.
+    """
+    below, above = np.zeros(len(mode)), np.zeros(len(mode))
+    lowest = np.zeros(len(shares))
+    for i in range(len(terms.joint)):
+        j = terms.joint[i]
+        motion.sign[j] = mode[j] if mode[j] != 0 else -1.0
+        lowest[i] = _evaluate(rows[i], terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+        below[j] += lowest[i]
+        if mode[j] == 0:
+            motion.sign[j] = 1.0
+            above[j] += _evaluate(rows[i], terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+    for i in range(len(terms.joint)):
+        j = terms.joint[i]
+        torque = lowest[i]
+        if mode[j] == 0:
+            motion.sign[j] = 1.0
+            most = _evaluate(rows[i], terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
+            width = above[j] - below[j]
+            torque += (most - torque) * ((need[j] - below[j]) / width if width != 0.0 else 0.0)
+            motion.sign[j] = 0.0
+        shares[i] += weight * torque
 
 
 @njit(**INNER)

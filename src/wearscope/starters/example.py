@@ -9,6 +9,7 @@ import pandas as pd
 from wearscope.checking.own_code import make_batch
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
+from wearscope.robots.spatial import Array
 from wearscope.starters.writing import new_folder
 
 #: Test-cycle by day of recording.
@@ -37,9 +38,9 @@ def write_example(target: Path) -> None:
         shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")
         for seed, (day, cycle) in enumerate(DAYS.items()):
             batch = make_batch(model, cycle, 0.0, seed)
-            columns = {"time [ms]": np.round(1e3 * batch.t, 3)}
+            columns: dict[str, Array] = {"time [ms]": (1e3 * batch.t).round(3)}
             for k in range(model.n):
-                columns[f"actual_q_{k}"] = np.round(np.degrees(batch.q[:, k]), _DIGITS)
+                columns[f"actual_q_{k}"] = np.degrees(batch.q[:, k]).round(_DIGITS)
             for k in range(model.n):
-                columns[f"actual_torque_{k}"] = np.round(batch.tau[:, k], _DIGITS)
+                columns[f"actual_torque_{k}"] = batch.tau[:, k].round(_DIGITS)
             pd.DataFrame(columns).to_csv(folder / f"{day}.csv", sep=";", index=False)

@@ -19,6 +19,8 @@ from wearscope.robots.urdf import movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
 from wearscope.starters.figures import Figures, assume, choose, take_option
 
+# Beyond these nothing is a robot's joint [rad or m; per s].
+LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 1e-4, 1e3
 # Assumed where nothing is stated.
 SPEED = {"rad": 2.0, "m": 0.5}
 MOTOR_SPEED = 300.0  # rad/s, at the joint's speed limit
@@ -101,6 +103,17 @@ def make_robot(
     InputError
         Where the URDF cannot be used, or a stated number is none.
     """
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            return _make(urdf, name, stated)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"{urdf}: its numbers are too large or too small to compute with ({error}); correct its masses, "
+            "inertias and limits."
+        ) from None
+
+
+def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict[str, Figures], list[str]]:
     tree = parse_urdf(urdf)
     joints = list(stated.joints) or movable_joints(tree)
     text = normalise_urdf(urdf, joints)
@@ -108,6 +121,7 @@ def make_robot(
     ordered = [found[joint] for joint in joints]
     n = len(joints)
     figures = _read_limits(ordered, stated, n)
+    _refuse_odd(str(urdf), ordered, figures["speed_limit"])
     body = RigidBody(text, joints, list(stated.gravity))
     mass = float(sum(link.mass for link in parse_urdf(text).links.values()))
     payload = _choose_payload(stated, mass)
@@ -152,6 +166,18 @@ def _read_limits(ordered: Sequence[Joint], stated: Stated, n: int) -> dict[str, 
             assume(np.array(default), "the URDF states none"),
         )
     }
+
+
+def _refuse_odd(urdf: str, ordered: Sequence[Joint], speed: Figures) -> None:
+    """Refuse joints that cannot move: no test-cycle could be planned."""
+    for joint, value in zip(ordered, speed.values.tolist(), strict=True):
+        if joint.upper - joint.lower < LEAST_RANGE:
+            raise InputError(f"{urdf}: joint '{joint.name}' has no room between its limits; correct them.")
+        if not SLOWEST <= value <= FASTEST:
+            raise InputError(
+                f"{urdf}: joint '{joint.name}' has the speed limit {value:g}, which is no robot's; state "
+                "--speed-limit in rad/s, or m/s where it slides."
+            )
 
 
 def _from_urdf(ordered: Sequence[Joint], key: str) -> Figures:

@@ -6,12 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from wearscope.checking.robot import find_idle_factors
+from wearscope.config import label
 from wearscope.errors import InputError
 from wearscope.home import find_home
+from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder
 
+#: Who lends wear and temperature to a model that has none, such as that of a closed loop.
+LENDER = "medium"
 DETECTORS = {
     "A": "{use: residual_energy, options: {align: path}}",
     "B": "distribution_distance",
@@ -51,11 +55,11 @@ def choose_factors(models: Sequence[RobotModel]) -> tuple[list[str], list[str]]:
         wear = [one for one in chosen if FACTORS[one][1] == "wear"]
         asked = [*wear, name] if kind == "wear" else [name]
         ranges = {one: (FACTORS[one][1], *FACTORS[one][2]) for one in asked}
-        reasons = []
+        reasons: list[str] = []
         for model in models:
-            reasons += find_idle_factors(model, ranges)
             try:
                 check_robot(model, ranges, 0.001)
+                reasons += find_idle_factors(model, ranges).values()
             except InputError as error:
                 reasons.append(str(error))
         if not reasons:
@@ -99,7 +103,16 @@ def write_study(
     """
     name = check_folder_name(target.name, "study")
     models = [load_model(robot) for robot in robots]
+    borrowed = {}
+    for k, model in enumerate(models):
+        if find_lacking(model) and robots[k] != LENDER:
+            models[k] = carry_over(model, load_model(LENDER))
+            borrowed[label(robots[k])] = LENDER
     factors, notes = choose_factors(models)
+    notes += [
+        f"Robot {robot} lacks wear or temperature, which it borrows from {lender}: assumed, not identified."
+        for robot, lender in borrowed.items()
+    ]
     wear = [one for one in factors if FACTORS[one][1] == "wear"]
     nuisances = [one for one in factors if FACTORS[one][1] in ("temperature", "payload_mass_error")]
     scope = nuisances or [one for one in factors if one != "f"]
@@ -112,6 +125,7 @@ def write_study(
         "study.yaml",
         name=name,
         robots=[_relate(robot, target) for robot in robots],
+        borrowed=borrowed,
         cycles=[_relate(cycle, target) for cycle in cycles] or (ALL_CYCLES if large else CYCLES),
         axes=list(range(1, len(wear) + 1)),
         detectors=named,

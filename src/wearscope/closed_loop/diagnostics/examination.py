@@ -19,6 +19,7 @@ from wearscope.closed_loop.diagnostics.dependence import (
     thin_signals,
 )
 from wearscope.closed_loop.diagnostics.forward import compare_forward
+from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.intake.preprocessing import Prepared
 from wearscope.closed_loop.selection.significance import make_flips
 
@@ -80,12 +81,15 @@ def examine(
     Returns
     -------
     dict
-        For ``verdict.json``: `advice`, `undetermined`, `black_box` and `forward` (by joint and stage).
+        For ``verdict.json``: `advice`, `undetermined`, `next_measurement`, `estimates` (every
+        parameter of the model after with its interval), `black_box` and `forward` (by
+        joint and stage).
     """
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
     angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
     advice, undetermined = advise(diagnosis.problem, angles), find_undetermined(diagnosis.problem, angles)
+    planned = plan_measurements(diagnosis, progress)
     progress("what the residuals depend on")
     diagnostics = diagnose_residuals(prepared, predicted)
     layout = diagnosis.problem.layout
@@ -108,9 +112,27 @@ def examine(
     return {
         "advice": advice,
         "undetermined": undetermined,
+        "next_measurement": write_measurements(Path(out), planned, prepared.dataset.joints),
+        "estimates": _list_estimates(diagnosis),
         "black_box": _by_joint(black_box, ["rms", "rms_black_box", "share_removed"]),
         "forward": _by_joint(forward[forward["run"] == "all"], ["torque_rms", "motion_rms", "outcome"]),
     }
+
+
+def _list_estimates(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
+    """Every parameter of the model after, with its 95 % interval where it was estimated."""
+    joints = diagnosis.prepared.dataset.joints
+    return [
+        {
+            "joint": joints[one.entry.joint],
+            "effect": one.entry.effect.name,
+            "parameters": {
+                name: {"value": _plain(one.values[name]), "ci95": [_plain(low), _plain(high)]}
+                for name, (low, high) in one.intervals.items()
+            },
+        }
+        for one in diagnosis.estimates["after"]
+    ]
 
 
 def _by_joint(table: pd.DataFrame, columns: list[str]) -> dict[str, dict[str, dict[str, Any]]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from wearscope import tables
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
@@ -25,8 +26,12 @@ if TYPE_CHECKING:
 #: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
 #: limits, and this many times as fast as the recorded ones.
 STRETCH, FASTER = 2.0, 1.5
-#: Length of a generated motion [s], pause between its moves [s], most runs that are promised.
-SECONDS, DWELL, MOST_RUNS = 30.0, 0.1, 6
+#: Length of a generated motion [s], pause between its moves [s].
+SECONDS, DWELL = 30.0, 0.1
+#: Fewest and most runs that are promised: a run that is held out must have its like among the others.
+LEAST_RUNS, MOST_RUNS = 2, 6
+#: Runs of each plan with which the plans are compared.
+_COMPARED = 3.0
 #: Probability of telling the names apart from which on a number of runs is promised.
 POWER = 0.9
 #: Cold start [deg C].
@@ -196,7 +201,8 @@ def list_plans(
     temperatures = temperatures if warm else temperatures[:1]
     moving = [int(j) for j in np.flatnonzero(prepared.moving)]
     built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
-        (motion.name, motion, motion.build) for motion in list_motions(moving, joint)
+        (motion.name, motion, motion.build)
+        for motion in (one.plan_within(model) for one in list_motions(moving, joint))
     ]
     for name in list_cycles() if cycles is None else cycles:
         cycle = load_cycle(name)
@@ -293,8 +299,8 @@ def plan_measurements(
 
 
 def _find_best(rivalry: Rivalry, plans: Iterator[Plan], prepared: Prepared) -> tuple[Plan, Sums, int] | None:
-    """The plan with the highest probability of telling the names apart, then the most evidence a second."""
-    best: tuple[tuple[float, float], Plan, Sums] | None = None
+    """The plan that tells the names apart by most standard errors."""
+    best: tuple[float, Plan, Sums] | None = None
     count = 0
     for plan in plans:
         run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
@@ -302,9 +308,8 @@ def _find_best(rivalry: Rivalry, plans: Iterator[Plan], prepared: Prepared) -> t
             continue
         count += 1
         sums = rivalry.look_along(run)
-        both = rivalry.recorded.add(sums, 2.0)
-        evidence = rivalry.worst(both).evidence
-        value = (round(rivalry.power(both, evidence), 3), evidence / max(both.rows, 1.0))
+        both = rivalry.recorded.add(sums, _COMPARED)
+        value = rivalry.score(both, rivalry.worst(both))
         if best is None or value > best[0]:
             best = (value, plan, sums)
     return None if best is None else (best[1], best[2], count)
@@ -314,11 +319,11 @@ def _promise(
     rivalry: Rivalry, joint: str, names: Sequence[Any], plan: Plan, sums: Sums, tried: int
 ) -> NextMeasurement:
     before = rivalry.worst(rivalry.recorded)
-    runs, power, after = 1, 0.0, before
-    for runs in range(1, MOST_RUNS + 1):
+    runs, power, after = LEAST_RUNS, 0.0, before
+    for runs in range(LEAST_RUNS, MOST_RUNS + 1):
         both = rivalry.recorded.add(sums, float(runs))
         after = rivalry.worst(both)
-        power = rivalry.power(both, after.evidence)
+        power = float(stats.norm.cdf(rivalry.score(both, after)))
         if power >= POWER:
             break
     return NextMeasurement(
@@ -330,7 +335,7 @@ def _promise(
 def write_measurements(
     folder: Path, found: Sequence[NextMeasurement], joints: list[str]
 ) -> list[dict[str, Any]]:
-    """Write each plan as a test-cycle (where it was generated) and as a table, and return their entries.
+    """Write each promised plan as a test-cycle (where it was generated) and a table; return all entries.
 
     ``next_measurement_<k>.py`` defines ``CYCLE``; ``next_measurement_<k>.csv`` has t [s] and by joint
     position, speed and acceleration, for a controller.
@@ -340,6 +345,9 @@ def write_measurements(
         old.unlink()
     for k, one in enumerate(found, start=1):
         entry = one.to_mapping()
+        entries.append(entry)
+        if one.power < POWER:
+            continue
         stem = f"next_measurement_{k}"
         reference = one.plan.reference
         columns = {"t": reference.t}
@@ -352,5 +360,4 @@ def write_measurements(
             reason = f"Tells {' from '.join(one.names)} at joint {one.joint}."
             tables.write_text(folder / f"{stem}.py", write_cycle(one.plan.motion, joints, reason))
             entry["cycle_file"] = f"{stem}.py"
-        entries.append(entry)
     return entries

@@ -4,7 +4,6 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from wearscope.closed_loop.diagnostics.planned_run import with_runs
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
@@ -13,8 +12,10 @@ from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Effect, Signals
 
-#: Shapes of a name that stand for all of them.
-_SHAPES = 15
+#: Shapes of a name, of those that its search starts from, that stand for all of them.
+_SHAPES = 9
+#: Factors on its estimated shape parameters, for what refining a shape, or a faster motion, reaches.
+_REFINED = ((0.5, 1.0, 2.0, 4.0), (0.6, 1.0, 1.6))
 #: As the rule that names: standard errors and share of the loss left that tell two names apart.
 ERRORS, MATERIAL = 2.0, 0.02
 #: Longest autocorrelation of the residual that is summed [rows].
@@ -41,14 +42,18 @@ class Sums:
         Of the model's columns, then those of every name's shapes.
     rows : float
         Rows that count at the joints where the names are felt.
+    parts : tuple of (float, ndarray (M, n, K))
+        Weighted columns of each run, and how often it is there.
     """
 
     gram: np.ndarray
     rows: float
+    parts: tuple[tuple[float, np.ndarray], ...]
 
     def add(self, other: "Sums", times: float = 1.0) -> "Sums":
         """These runs and `times` another."""
-        return Sums(self.gram + times * other.gram, self.rows + times * other.rows)
+        more = tuple((times * count, x) for count, x in other.parts)
+        return Sums(self.gram + times * other.gram, self.rows + times * other.rows, self.parts + more)
 
 
 @dataclass(frozen=True)
@@ -61,10 +66,13 @@ class Contrast:
         Expected difference of the losses [residual variances].
     angle : float
         Between the name's torque and the other's model [deg].
+    residual : ndarray (K,)
+        Coefficients of what is between them.
     """
 
     evidence: float
     angle: float
+    residual: np.ndarray
 
 
 class Rivalry:
@@ -99,9 +107,10 @@ class Rivalry:
         target = np.concatenate(
             [(y * w).reshape(-1) for y, w in zip(model.target, model.weights, strict=True)]
         )
-        score = np.concatenate(parts[0:1] + parts[1:]).T @ target
+        score = np.concatenate([x.reshape(-1, x.shape[2]) for x in parts]).T @ target
         self.prior = model.prior[np.ix_(self.base, self.base)]
         self.betas = [self._fit(k, score) for k in range(len(names))]
+        self.length = int(np.median([block.stop - block.start for block in model.blocks]))
         self.inflation = max(self._measure_inflation(j) for j in self.joints)
 
     def _lay_out(self) -> list[list[slice]]:
@@ -120,7 +129,7 @@ class Rivalry:
         return spans
 
     def _columns(self, run: PreparedRun, signals: Signals) -> np.ndarray:
-        """Weighted columns (M n, K) of the model and all names along a run."""
+        """Weighted columns (M, n, K) of the model and all names along a run."""
         model, n = self.model, self.model.prepared.n
         weights = run.keep / model.sigma
         parts = []
@@ -138,15 +147,12 @@ class Rivalry:
                 full[:, name.joint] = made
                 made = full
             parts.append(made)
-        x = np.concatenate(parts, axis=2) * weights[:, :, None]
-        return x.reshape(-1, x.shape[2])
+        return np.concatenate(parts, axis=2) * weights[:, :, None]
 
     def _sum(self, parts: list[np.ndarray]) -> Sums:
-        n = self.model.prepared.n
-        rows = sum(
-            float(np.any(p.reshape(-1, n, p.shape[1])[:, self.joints] != 0, axis=2).sum()) for p in parts
-        )
-        return Sums(sum(p.T @ p for p in parts), rows)
+        rows = sum(float(np.any(x[:, self.joints] != 0.0, axis=2).sum()) for x in parts)
+        flat = [x.reshape(-1, x.shape[2]) for x in parts]
+        return Sums(sum(x.T @ x for x in flat), rows, tuple((1.0, x) for x in parts))
 
     def look_along(self, run: PreparedRun) -> Sums:
         """Sums of a planned run."""
@@ -157,15 +163,19 @@ class Rivalry:
     def _project(self, gram: np.ndarray) -> np.ndarray:
         """Gram matrix of the names' columns after the model is projected out."""
         p = len(self.base)
-        inner, cross = gram[:p, :p] + self.prior, gram[:p, p:]
-        ridge = 1e-9 * np.diag(np.maximum(np.diag(inner), 1e-12))
-        return gram[p:, p:] - cross.T @ np.linalg.solve(inner + ridge, cross)
+        cross = gram[:p, p:]
+        return gram[p:, p:] - cross.T @ np.linalg.solve(self._inner(gram), cross)
+
+    def _inner(self, gram: np.ndarray) -> np.ndarray:
+        """Normal matrix (P, P) of the model beside the names."""
+        p = len(self.base)
+        inner = gram[:p, :p] + self.prior
+        return inner + 1e-9 * np.diag(np.maximum(np.diag(inner), 1e-12))
 
     def _fit(self, k: int, score: np.ndarray) -> np.ndarray:
         """Coefficients (K - P,) of a name's best shape and variant on the recorded runs."""
         p, gram = len(self.base), self.recorded.gram
-        inner = gram[:p, :p] + self.prior + 1e-9 * np.diag(np.maximum(np.diag(gram[:p, :p]), 1e-12))
-        reduced = score[p:] - gram[p:, :p] @ np.linalg.solve(inner, score[:p])
+        reduced = score[p:] - gram[p:, :p] @ np.linalg.solve(self._inner(gram), score[:p])
         left = self._project(gram)
         best, most = np.zeros(len(reduced)), -np.inf
         for span in self.spans[k]:
@@ -182,27 +192,41 @@ class Rivalry:
         p = len(self.base)
         left, beta = self._project(sums.gram), self.betas[true]
         whole = float(beta @ left @ beta)
-        taken = 0.0
+        taken, away = 0.0, beta
         for span in self.spans[model]:
             own = slice(span.start - p, span.stop - p)
             cross = left[own] @ beta
             fit = _solve(left[own, own], cross, np.diag(sums.gram)[span])
-            taken = max(taken, float(2 * fit @ cross - fit @ left[own, own] @ fit))
-        away = max(whole - taken, 0.0)
-        angle = np.degrees(np.arcsin(np.sqrt(np.clip(away / whole, 0.0, 1.0)))) if whole > 0 else 0.0
-        return Contrast(away, float(angle))
+            gain = float(2 * fit @ cross - fit @ left[own, own] @ fit)
+            if gain > taken:
+                taken, away = gain, beta.copy()
+                away[own] -= fit
+        evidence = max(whole - taken, 0.0)
+        angle = np.degrees(np.arcsin(np.sqrt(np.clip(evidence / whole, 0.0, 1.0)))) if whole > 0 else 0.0
+        inner = self._inner(sums.gram)
+        onto = -np.linalg.solve(inner, sums.gram[:p, p:] @ away)
+        return Contrast(evidence, float(angle), np.concatenate([onto, away]))
 
     def worst(self, sums: Sums) -> Contrast:
         """The least telling contrast between the named effect and another name, either being the truth."""
         pairs = [(0, k) for k in range(1, len(self.names))] + [(k, 0) for k in range(1, len(self.names))]
         return min((self.contrast(sums, a, b) for a, b in pairs), key=lambda c: c.evidence)
 
-    def power(self, sums: Sums, evidence: float) -> float:
-        """Probability that held-out runs tell the names apart, as `selection.rule.separates` asks."""
-        error = 2.0 * np.sqrt(self.inflation * evidence)
+    def score(self, sums: Sums, contrast: Contrast) -> float:
+        """Standard errors by which held-out losses tell the names apart beyond what the rule asks.
+
+        The error of a sum over blocks holds the noise and how unevenly the evidence lies: what stands in a
+        few blocks may be chance. As `selection.rule.separates` asks.
+        """
+        energy = 0.0
+        for count, x in sums.parts:
+            away = np.sum((x @ contrast.residual) ** 2, axis=1)
+            blocks = np.add.reduceat(away, np.arange(0, len(away), self.length))
+            energy += count * float(np.sum(blocks**2))
+        error = float(np.sqrt(4.0 * self.inflation * contrast.evidence + energy))
         if error <= 0.0:
-            return 0.0
-        return float(stats.norm.cdf((evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error))
+            return -ERRORS
+        return (contrast.evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error
 
     def _measure_inflation(self, joint: int) -> float:
         """Variance of a sum of residuals over that of as many independent ones."""
@@ -224,6 +248,21 @@ def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray
     return np.linalg.solve(inner + np.diag(1e-7 * size + 1e-30), score)
 
 
+def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
+    """Shapes (S, k) and those about them that refining them reaches, within their bounds."""
+    if effect.periodic:  # the wavenumber is found to far less than a factor
+        return shapes
+    for factors, k in zip(_REFINED, effect.estimated_shapes(), strict=False):
+        parameter = effect.shape[k]
+        grown = [shapes]
+        for factor in factors:
+            other = shapes.copy()
+            other[:, k] = np.clip(other[:, k] * factor, parameter.lower, parameter.upper)
+            grown.append(other)
+        shapes = np.unique(np.vstack(grown), axis=0)
+    return shapes
+
+
 def list_names(model: Regression, index: int, equivalent: list[str], effects: list[Effect]) -> list[Name]:
     """The named effect of a term and the others of its set, with shapes and variants to fit."""
     term = model.entries[index]
@@ -235,7 +274,7 @@ def list_names(model: Regression, index: int, equivalent: list[str], effects: li
         joint = model.prepared.n - 1 if effect.per_robot else term.joint
         shapes = effect.shapes(joined, joint)
         pick = np.unique(np.linspace(0, len(shapes) - 1, min(_SHAPES, len(shapes))).round().astype(int))
-        shapes = shapes[pick]
+        shapes = spread_shapes(effect, shapes[pick])
         if effect is term.effect and term.shape:
             shapes = np.vstack([shapes, np.array(term.shape)])
         subsets = tuple(tuple(map(int, subset)) for subset in effect.subsets())

@@ -1,16 +1,14 @@
 """The set of names of a term: what held-out runs cannot tell apart from it, with a stated coverage."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from arch.bootstrap import MCS
 
-from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.closed_loop.selection.search import Found, Search, match_gain
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
@@ -18,8 +16,6 @@ _DRAWS, _LENGTH, _MOST = 500, 2, 12
 _SAME = 1e-9
 #: Share of the best alternative's gain below which one is not compared.
 _NEAR = 0.7
-#: Share of a term's gain that an alternative must reach on the rows that it is fitted on to be weighed.
-_HOPELESS = 0.5
 #: What may stand beside a name although it may not give it.
 _OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
 
@@ -73,8 +69,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
             if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
         ]
         own = search.refine(beside, search.weigh_again(beside, f))
-        least = _HOPELESS * own.gain
-        weighed = search.weigh_all(beside, offered, partial(_return, least))
+        weighed = search.weigh_all(beside, offered, match_gain(beside, own))
         weighed.sort(key=lambda e: -e.gain)
         best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
         near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)][
@@ -92,10 +87,6 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent
-
-
-def _return(value: float, _: Candidate) -> float:
-    return value
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:

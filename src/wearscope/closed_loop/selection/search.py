@@ -424,8 +424,8 @@ class Search:
         offered = [c for c in offered if set(c.joints) & set(joints)]
         refused = self.judge(own)
         keeps = refused in _KEEPING
-        least = _HOPELESS * own.gain
-        weighed = self.weigh_all(beside, offered, (lambda _: least) if keeps else self.find_least(beside))
+        least = match_gain(beside, own) if keeps else self.find_least(beside)
+        weighed = self.weigh_all(beside, offered, least)
         able = [e for e in weighed if e.refusal is Refusal.NONE]
         if keeps:
             chosen = rule.choose([own, *(self.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
@@ -495,6 +495,16 @@ class Search:
                 }
             )
         self._step += 1
+
+
+def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float]:
+    """Reduction of the loss below which a candidate cannot stand in the place of a term.
+
+    Both on the rows that they are fitted on: what is held out of a few runs can lie far beyond the others.
+    """
+    sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
+    least = _HOPELESS * float(assembly.add(sums).gain.max())
+    return lambda _: least
 
 
 def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:

@@ -1,0 +1,224 @@
+"""What a format can hold of a model's effects, and what is left."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wearscope.effects.base import Effect, load_effect
+from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Array, Inertia
+from wearscope.simulation.plant import build_plant
+
+URDF, MJCF = "URDF", "MJCF"
+#: Least radius of gyration of a corrected body [m].
+LEAST_RADIUS = 1e-3
+
+
+@dataclass(frozen=True)
+class Left:
+    """An effect, or a part of it, that a format cannot hold.
+
+    Attributes
+    ----------
+    format : str
+    joint, effect : str
+    reason : str
+    """
+
+    format: str
+    joint: str
+    effect: str
+    reason: str
+
+
+@dataclass
+class Holdings:
+    """Numbers of a model that formats take, by joint, and what they leave out.
+
+    Attributes
+    ----------
+    friction : ndarray (n,)
+        Coulomb level [N m or N].
+    damping, quadratic : ndarray (n,)
+        Factors of v and of v abs(v).
+    armature : ndarray (n,)
+    stiffness, preload : ndarray (n,)
+        The motor supplies stiffness q + preload.
+    body : RigidBody
+        With the payload, both as corrected.
+    corrected : ndarray (n, 10)
+        Corrections of the links' inertial parameters in the model, those of the payload at the last link.
+    left : list of Left
+    """
+
+    friction: Array
+    damping: Array
+    quadratic: Array
+    armature: Array
+    stiffness: Array
+    preload: Array
+    body: RigidBody
+    corrected: Array
+    left: list[Left] = field(default_factory=list)
+
+    def torque(self, v: Array, a: Array, q: Array, load: Array, format: str = MJCF) -> Array:
+        """Torque (N, n) that is held, with the rigid body's `load` (N, n)."""
+        held = load + self.friction * np.sign(v) + self.damping * v
+        if format == MJCF:
+            held = (
+                held + self.quadratic * v * np.abs(v) + self.armature * a + self.stiffness * q + self.preload
+            )
+        return held
+
+
+def take_holdings(model: RobotModel, temperature: float) -> Holdings:
+    """What URDF and MJCF hold of a model without wear at a temperature [deg C].
+
+    Parameters
+    ----------
+    model : RobotModel
+    temperature : float
+        At which friction that depends on it is taken.
+    """
+    plant = build_plant(model)
+    zeros = [np.zeros(model.n) for _ in range(5)]
+    body = model.rigid_body(model.declared_payload)
+    held = Holdings(
+        zeros[0], zeros[1], zeros[2], plant.armature.copy(), zeros[3], zeros[4], body, plant.inertials
+    )
+    for j in np.flatnonzero(held.armature):
+        held.left.append(Left(URDF, model.joints[j], "rotor_inertia", "URDF has no rotor inertia"))
+    for entry in model.effects:
+        effect = load_effect(entry.effect).for_robot(model.n)
+        _take(
+            held, model, model.joints.index(entry.joint), entry.joint, effect, entry.parameters, temperature
+        )
+    _take_inertials(held, model)
+    _refuse_negative(held, model)
+    return held
+
+
+def _take(
+    held: Holdings,
+    model: RobotModel,
+    j: int,
+    joint: str,
+    effect: Effect,
+    values: dict[str, float],
+    warmth: float,
+) -> None:
+    name = effect.name
+    if name in ("rigid_body", "rotor_inertia", "rotor_inertia_error", "payload_error", "inertial_error"):
+        return
+    given = dict(
+        zip((p.name for p in effect.parameters), np.concatenate(effect.pack(values)).tolist(), strict=True)
+    )
+    if name == "coulomb":
+        held.friction[j] += given["level"]
+    elif name == "viscous":
+        held.damping[j] += given["slope"]
+    elif name == "quadratic_viscous":
+        held.quadratic[j] += given["curvature"]
+        _leave(held, URDF, joint, name, "URDF's damping is linear in the speed")
+    elif name == "joint_spring":
+        held.stiffness[j] += given["stiffness"]
+        held.preload[j] += given["preload"]
+        _leave(held, URDF, joint, name, "URDF has no joint spring")
+    elif name == "friction_wear_temperature":
+        held.friction[j] += given["eta0"]
+        held.damping[j] += given["eta5"] + given["eta6"] * warmth
+        told = f"only its Coulomb and viscous parts at {warmth:g} deg C without wear are held"
+        for format in (URDF, MJCF):
+            _leave(held, format, joint, name, told)
+    else:
+        reason = "it has no such term"
+        if effect.row is None or effect.n_states:
+            reason = "it has no memory of the kind and no such sensor or transmission"
+        elif any("temp" in signal or signal == "t" for signal in effect.depends_on):
+            reason = "it knows no temperature and no time"
+        for format in (URDF, MJCF):
+            _leave(held, format, joint, name, reason)
+
+
+def _leave(held: Holdings, format: str, joint: str, effect: str, reason: str) -> None:
+    held.left.append(Left(format, joint, effect, reason))
+
+
+def _take_inertials(held: Holdings, model: RobotModel) -> None:
+    """Corrected inertial parameters of links, and of the payload, as bodies that can exist."""
+    if not np.any(held.corrected):
+        return
+    links = held.body.inertial_parameters.reshape(model.n, -1)
+    for j in np.flatnonzero(np.any(held.corrected, axis=1)):
+        last = j == model.n - 1
+        own = np.zeros(10) if held.body.payload is None else held.body.payload.parameters
+        wanted = (own if last else links[j]) + held.corrected[j]
+        if not wanted[0] > 0.0:
+            reason = f"the corrected body would weigh {wanted[0]:.4g} kg; the correction is left out"
+        else:
+            body, grown = make_possible(wanted)
+            if last:
+                held.body = held.body.with_payload(_as_payload(body))
+            else:
+                links[j] = body.to_parameters()
+                held.body = held.body.with_inertial_parameters(links.ravel())
+            if grown == 0.0:
+                continue
+            reason = (
+                f"no body has its inertia with its mass and centre of mass; its moments are raised by "
+                f"{grown:.3g} kg m^2"
+            )
+        for format in (URDF, MJCF):
+            _leave(held, format, model.joints[j], "payload_error" if last else "inertial_error", reason)
+
+
+def make_possible(parameters: Array) -> tuple[Inertia, float]:
+    """Body with given mass and centre of mass, its moments raised to those of one that can exist.
+
+    Parameters
+    ----------
+    parameters : ndarray (10,)
+        With a positive mass.
+
+    Returns
+    -------
+    body : Inertia
+    grown : float
+        Largest change of a moment of inertia [kg m^2]; 0 where such a body exists.
+    """
+    stated = Inertia.from_parameters(parameters)
+    # Second moments of the mass: a body exists where none of them is negative.
+    spread = 0.5 * np.trace(stated.tensor) * np.eye(3) - stated.tensor
+    values, turn = np.linalg.eigh(0.5 * (spread + spread.T))
+    least = LEAST_RADIUS**2 * stated.mass
+    if values[0] >= least:
+        return stated, 0.0
+    spread = turn @ np.diag(np.maximum(values, least)) @ turn.T
+    body = Inertia(stated.mass, stated.com, np.trace(spread) * np.eye(3) - spread)
+    return body, float(np.abs(body.tensor - stated.tensor).max())
+
+
+def _as_payload(body: Inertia) -> Payload:
+    x, y, z = body.com.tolist()
+    t = body.tensor
+    moments = (t[0, 0], t[0, 1], t[0, 2], t[1, 1], t[1, 2], t[2, 2])
+    xx, xy, xz, yy, yz, zz = (float(value) for value in moments)
+    return Payload(float(body.mass), (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def _refuse_negative(held: Holdings, model: RobotModel) -> None:
+    """Leave out what a format takes from zero on only."""
+    for values, what in (
+        (held.friction, "Coulomb friction"),
+        (held.damping, "viscous friction"),
+        (held.armature, "rotor inertia"),
+    ):
+        for j in np.flatnonzero(values < 0.0):
+            for format in (URDF, MJCF):
+                _leave(held, format, model.joints[j], what, f"{values[j]:.4g} is negative")
+            values[j] = 0.0
+    for j in np.flatnonzero((held.stiffness <= 0.0) & ((held.stiffness != 0.0) | (held.preload != 0.0))):
+        reason = f"its stiffness {held.stiffness[j]:.4g} is not positive"
+        _leave(held, MJCF, model.joints[j], "joint_spring", reason)
+        held.stiffness[j] = held.preload[j] = 0.0

@@ -1,0 +1,150 @@
+"""A model exported into a folder: URDF, MJCF, a table of parameters, and what the formats cannot hold."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import tables
+from wearscope.cycles.base import Reference
+from wearscope.cycles.planned import PlannedMotion
+from wearscope.effects.base import load_effect
+from wearscope.errors import InputError
+from wearscope.export.comparison import Comparison, compare
+from wearscope.export.formats import make_spec, write_mjcf, write_urdf
+from wearscope.export.holdings import take_holdings
+from wearscope.robots.model import RobotModel
+
+FILES = ("robot.urdf", "robot.xml", "parameters.csv", "export.json")
+#: Motion along which MuJoCo is compared, and its step [s].
+MOTION, STEP = PlannedMotion("points", pace=0.7, size=0.8, seconds=15.0), 0.004
+
+
+def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None) -> pd.DataFrame:
+    """Every parameter of a model's effects, one row each.
+
+    Parameters
+    ----------
+    model : RobotModel
+    verdict : mapping, optional
+        ``verdict.json`` of the loop that made the model: its intervals.
+
+    Returns
+    -------
+    DataFrame
+        `joint`, `effect`, `parameter`, `value`, `low`, `high` (95 %; NaN where none is known), `unit`,
+        `source`.
+    """
+    intervals = _read_intervals(verdict or {})
+    rows = []
+    for entry in model.effects:
+        effect = load_effect(entry.effect).for_robot(model.n)
+        j = model.joints.index(entry.joint)
+        units = {p.name: p.unit_at(model.position_units[j], model.torque_units[j]) for p in effect.parameters}
+        for name, value in entry.parameters.items():
+            low, high = intervals.get((entry.joint, effect.name, name), (np.nan, np.nan))
+            # A joint may have several of an effect: an interval is that of the value that it holds.
+            if not low <= value <= high:
+                low = high = np.nan
+            rows.append((entry.joint, effect.name, name, value, low, high, units[name], entry.source))
+    for j, joint in enumerate(model.joints):
+        if model.drive.rotor_inertia is not None:
+            unit = "kg m^2" if model.position_units[j] == "rad" else "kg"
+            value = float(model.rotor_inertia[j])
+            rows.append(
+                (joint, "rotor_inertia", "inertia", value, np.nan, np.nan, unit, "stated by the drive")
+            )
+    columns = ["joint", "effect", "parameter", "value", "low", "high", "unit", "source"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _read_intervals(verdict: Mapping[str, Any]) -> dict[tuple[str, str, str], tuple[float, float]]:
+    found = {}
+    for entry in [*verdict.get("estimates", []), *verdict.get("verdict", [])]:
+        for name, one in entry["parameters"].items():
+            low, high = one["ci95"]
+            if low is not None and high is not None:
+                found[entry["joint"], entry["effect"], name] = (float(low), float(high))
+    return found
+
+
+def export_model(
+    model: RobotModel,
+    folder: str | Path,
+    verdict: Mapping[str, Any] | None = None,
+    temperature: float = 50.0,
+    reference: Reference | None = None,
+) -> dict[str, Any]:
+    """Write a model as URDF, MJCF and a table, with what they cannot hold.
+
+    Parameters
+    ----------
+    model : RobotModel
+    folder : path-like
+        Gets `FILES`.
+    verdict : mapping, optional
+        For the parameters' intervals.
+    temperature : float
+        At which friction that depends on it is written [deg C].
+    reference : Reference, optional
+        Motion along which MuJoCo's torque is compared; moves between drawn postures by default.
+
+    Returns
+    -------
+    dict
+        The content of ``export.json``: `robot`, `temperature`, `left` (format, joint, effect, reason) and
+        `mujoco` (by joint: RMS torque, differences; None where the model has no limits to plan a motion in).
+    """
+    out = Path(folder)
+    held = take_holdings(model, temperature)
+    compared = None
+    if reference is None and model.drive.speed_limit is not None:
+        reference = MOTION.build(model, 0.05, STEP)
+    if reference is not None:
+        compared = compare(model, held, make_spec(model, held), reference, temperature)
+    summary = {
+        "robot": model.name,
+        "temperature": temperature,
+        "left": [asdict(one) for one in held.left],
+        "mujoco": None if compared is None else _tell_comparison(model, compared),
+    }
+    tables.write_text(out / "robot.urdf", write_urdf(model, held))
+    tables.write_text(out / "robot.xml", write_mjcf(model, held))
+    tables.write_text(out / "parameters.csv", list_parameters(model, verdict).to_csv(index=False))
+    tables.write_text(out / "export.json", json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+def _tell_comparison(model: RobotModel, found: Comparison) -> dict[str, dict[str, Any]]:
+    return {
+        joint: {
+            "unit": model.torque_units[j],
+            "torque_rms": float(found.torque[j]),
+            "difference_without_coulomb": float(found.smooth[j]),
+            "difference_where_moving": float(found.held_moving[j]),
+            "difference": float(found.held[j]),
+            "not_held_where_moving": float(found.left[j]),
+        }
+        for j, joint in enumerate(model.joints)
+    }
+
+
+def read_verdict_beside(path: Path) -> dict[str, Any] | None:
+    """``verdict.json`` in the folder of a model file; None where there is none.
+
+    Raises
+    ------
+    InputError
+        Where it is no JSON.
+    """
+    file = path.parent / "verdict.json"
+    if not file.is_file():
+        return None
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8")))
+    except ValueError as error:
+        raise InputError(f"{file}: is no JSON; close the loop again.") from error

@@ -1,0 +1,96 @@
+"""What a further run would tell: against brute force, and followed on a machine with a planted effect."""
+
+import numpy as np
+import pytest
+
+from wearscope.attribution_board.advice import list_advice_cases, run_advice_case, summarise_advice
+from wearscope.attribution_board.generate import generate_dataset
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.next_measurement import (
+    list_payloads,
+    plan_measurements,
+    planning_model,
+    write_measurements,
+)
+from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
+from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names
+from wearscope.cycles.base import Reference
+from wearscope.reporting.next_measurement import describe_measurements
+
+pytestmark = pytest.mark.slow
+#: A single vertical joint whose gain error, mass, payload and counterbalance all look like gravity's share.
+CASE = list_advice_cases("development", 200, 77)[1]
+
+
+@pytest.fixture(scope="module")
+def diagnosis(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("advice") / CASE.name
+    generate_dataset(folder, CASE.machine, CASE.planted, CASE.seed, CASE.recipe)
+    return diagnose(folder)
+
+
+@pytest.fixture(scope="module")
+def rivalry(diagnosis):
+    number, named = next((k, a) for k, a in enumerate(diagnosis.attributions) if a.equivalent)
+    index = len(diagnosis.before.entries) + number
+    names = list_names(diagnosis.after, index, named.equivalent, list(diagnosis.problem.effects))
+    return Rivalry(diagnosis.after, index, names)
+
+
+def test_evidence_is_what_least_squares_leaves(rivalry):
+    """The contrast from sums is that of a fit of the rival and the model to the other's torque, row "
+    "by row."""
+    p = len(rivalry.base)
+    x = np.concatenate([part.reshape(-1, part.shape[2]) for _, part in rivalry.recorded.parts])
+    for true, model in ((0, 1), (1, 0)):
+        torque = x[:, p:] @ rivalry.betas[true]
+        left = []
+        for span in rivalry.spans[model]:
+            columns = np.hstack([x[:, :p], x[:, span]])
+            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+            fit = np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
+            left.append(float(np.sum((torque - columns @ fit) ** 2)))
+        contrast = rivalry.contrast(rivalry.recorded, true, model)
+        assert contrast.evidence == pytest.approx(min(left), rel=0.02, abs=1e-3 * float(torque @ torque))
+
+
+def test_a_planned_run_has_the_regressors_that_its_recording_has(diagnosis, rivalry):
+    prepared = diagnosis.prepared
+    run = prepared.runs_for("train")[0]
+    s = run.signals
+    record = next(one for one in prepared.dataset.runs if one.file == run.file)
+    reference = Reference(np.arange(len(s.t)) / prepared.band.rate, s.q, s.v, s.a)
+    planned = make_planned_run(prepared, reference, record.payload, float(np.mean(s.temperature)))
+    both = planned.keep & run.keep[: len(planned.keep)]
+    assert both.mean() > 0.8 * run.keep.mean()
+    own = rivalry.recorded.parts[0][1]
+    other = rivalry.look_along(planned).parts[0][1]
+    p = len(rivalry.base)
+    rows = both.any(axis=1)
+    a, b = own[rows][..., :p], other[rows][..., :p]
+    assert np.linalg.norm(a - b) < 0.05 * np.linalg.norm(a)
+
+
+def test_the_advice_widens_the_angle_and_is_written_as_a_cycle(diagnosis, tmp_path):
+    (advice,) = plan_measurements(diagnosis)
+    assert advice.names[0] == "torque_constant_error" and len(advice.names) > 1
+    assert advice.angle_after > 10 * advice.angle_before
+    assert advice.evidence_after > 10 * advice.evidence_before + 1.0
+    model = planning_model(diagnosis.prepared, diagnosis.models["before"])
+    low, high = model.position_limits
+    assert (advice.plan.reference.q >= low - 1e-9).all() and (advice.plan.reference.q <= high + 1e-9).all()
+    assert advice.plan.payload in list_payloads(diagnosis.prepared)
+    (entry,) = write_measurements(tmp_path, [advice], diagnosis.prepared.dataset.joints)
+    page = str(describe_measurements({"next_measurement": [entry]}))
+    if advice.power >= 0.9:
+        assert (tmp_path / "next_measurement_1.csv").is_file() and "Record" in page
+    else:
+        assert not list(tmp_path.iterdir()) and "No motion of the" in page
+
+
+def test_following_the_advice_names_the_planted_effect(tmp_path):
+    row = run_advice_case(CASE, tmp_path)
+    assert (row["error"], row["outcome"]) == ("", "right")
+    summary = summarise_advice([row, row | {"outcome": "still open"}, {"outcome": "one name"}])
+    assert summary["cases"] == 3 and summary["followed"]["right"]["hits"] == 1
+    assert summary["followed"]["still open"] == 1

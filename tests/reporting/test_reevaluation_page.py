@@ -1,0 +1,111 @@
+"""The page of a reevaluation, and its summary on the study's first page."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, truth_sentences
+from wearscope.reporting.reevaluation_page import render_reevaluation, summarise_reevaluation
+from wearscope.reporting.study_page import render_study
+
+
+def row(fda, question, before, after, truth, p_changed, p_nearer, about="", delta=np.nan, unit="1"):
+    sides = {"before": before, "after": after, "truth": truth}
+    ends = {
+        f"{side}_{end}": value * k
+        for side, value in sides.items()
+        for end, k in (("low", 0.9), ("high", 1.1))
+    }
+    place = {"robot": "twin<1>", "cycle": "c", "axis": 2, "fda": fda, "withheld": False}
+    asked = {"question": question, "about": about, "delta": delta, "unit": unit}
+    return {**place, **asked, **sides, **ends, "p_changed": p_changed, "p_nearer": p_nearer}
+
+
+@pytest.fixture
+def table():
+    return pd.DataFrame(
+        [
+            row("A", "snr", 2.0, 9.0, 9.5, 1.0, 1.0),
+            row("A", "rank", 2.0, 1.0, 1.0, 1.0, 1.0),
+            row("A", "scope", 1.0, 6.0, 7.0, 0.99, 0.98, "w3", 12.5, "degC"),
+            row("A", "coefficient", 1.6, 0.3, 0.28, 0.99, 0.97, "w3"),
+            row("B", "snr", 5.0, 5.1, 5.0, 0.1, 0.5),
+            row("B", "rank", 1.0, 2.0, 2.0, 1.0, 1.0),
+            row("B", "scope", 4.0, 4.0, 4.0, 0.0, 0.5, "w3", 12.5, "degC"),
+            row("B", "coefficient", 0.1, 0.1, 0.1, 0.0, 0.5, "w3"),
+        ]
+    )
+
+
+@pytest.fixture
+def ranking():
+    pairs = [("A", "B", 0.01, 0.99, 0.99), ("B", "A", 0.99, 0.01, 0.01)]
+    return pd.DataFrame(
+        [("twin<1>", "c", 2, *pair) for pair in pairs],
+        columns=["robot", "cycle", "axis", "fda", "over", "before", "after", "truth"],
+    )
+
+
+@pytest.fixture
+def one(table, ranking):
+    models = pd.DataFrame(
+        {"side": ["before", "after", "truth"], "drawn": [3, 2, 0], "left_out": [0, 1, 0],
+         "first_reason": ["", "it <fell> over.", ""]}
+    )  # fmt: skip
+    return Reevaluation(table, ranking, models, ("wear at axis_2",))
+
+
+def test_the_three_answers_are_said_in_words(one):
+    relevance, best, snr, scope = answer_sentences(one)
+    assert "w3 for A on axis 2 (1.6 to 0.3 of wear's)" in relevance
+    assert "on axis 2 (c) B before, A after" in best and "1 turned round" in best
+    assert "A on axis 2 2 (1.8 to 2.2) before, 9 (8.1 to 9.9) after" in snr and "B" not in snr
+    assert "A on axis 2 bears σ of w3 up to 1 °C before, 6 °C after, at a change of wear of 12.5" in scope
+
+
+def test_each_detector_is_set_beside_the_truth(one):
+    said = truth_sentences(one)
+    what = "A on axis 2 (SNR, rank and scope) and B on axis 2 (rank)"
+    assert said == [f"After is nearer to the truth than before, for {what}."]
+
+
+def test_a_scope_that_goes_the_other_way_is_mixed(one, table):
+    table.loc[(table["fda"] == "A") & (table["question"] == "scope"), "p_nearer"] = 0.01
+    said = " ".join(truth_sentences(one))
+    assert "Neither is nearer with 95 % certainty for A on axis 2" in said
+
+
+def test_the_page_stands_alone_and_escapes(one):
+    chosen = pd.DataFrame(
+        {"robot": ["before"], "axis": [2], "fda": ["A"], "kind": ["gaussian_process"], "fit": [97.0],
+         "state": ["reached"], "n_points": [50]}
+    )  # fmt: skip
+    page = render_reevaluation(one, chosen)
+    assert "twin&lt;1&gt;" in page and "<fell>" not in page
+    assert "wear at axis_2" in page and "1 more left out" in page
+    assert page.count("<img ") == 1 and "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_without_a_truth_the_page_names_none(one, table):
+    table[["truth", "truth_low", "truth_high", "p_nearer"]] = np.nan
+    text = str(summarise_reevaluation(one))
+    assert "cannot be simulated" in text and "in truth" not in text
+
+
+def test_the_study_s_first_page_says_what_the_correction_changes(one, change):
+    study = change(reevaluation=one)
+    page = render_study(study, compare_with_paper(study))
+    summary = page[: page.index("Beside the paper</h2>")] if "Beside the paper</h2>" in page else page
+    assert "What the correction changes" in summary and "After is nearer to the truth" in summary
+    assert "What the correction changes" not in render_study(change(), compare_with_paper(change()))
+
+
+def test_a_dropped_factor_stands_on_the_first_page(change):
+    screening = pd.DataFrame(
+        {"robot": ["medium", "large"], "factor": ["w5", "w5"], "kind": "payload_mass_error",
+         "change": [0.0, 0.1], "moves": [False, True], "dropped": [True, False]}
+    )  # fmt: skip
+    study = change(screening=screening)
+    page = render_study(study, compare_with_paper(study))
+    assert "payload error (w5) moves no recorded torque of medium" in page

@@ -1,0 +1,44 @@
+# The corrected model of a data set, or the model that is named.
+if STUDY.export.model is not None:
+    EXPORTED = robot_files(STUDY.export.model)
+    EXPORT = f"results/export/{label(STUDY.export.model)}"
+elif STUDY.dataset is not None:
+    EXPORTED = [f"{LOOP_FOLDER}/model_after.yaml", f"{LOOP_FOLDER}/verdict.json"]
+    EXPORT = f"results/export/{dataset_name(STUDY.dataset)}"
+else:
+    EXPORTED, EXPORT = [], None
+
+if EXPORT is None:
+
+    rule export:
+        input:
+            refuse_without_dataset,
+
+else:
+
+    rule export:
+        input:
+            f"{EXPORT}/export.json",
+
+    rule export_model:
+        input:
+            model=EXPORTED,
+            code=code("export_model", *effect_files()),
+        output:
+            f"{EXPORT}/robot.urdf",
+            f"{EXPORT}/robot.xml",
+            f"{EXPORT}/parameters.csv",
+            f"{EXPORT}/export.json",
+        log:
+            f"{EXPORT}/export_model.log",
+        benchmark:
+            f"{EXPORT}/export_model.tsv"
+        conda:
+            ENV
+        params:
+            temperature=STUDY.export.temperature,
+            allow_code=STUDY.allow_code or STUDY.may_run_code(),
+        message:
+            "Export {input.model[0]}"
+        script:
+            "../scripts/export_model.py"
