@@ -12,8 +12,9 @@ BIN := $(VENV)/bin
 LOCKS := envs/build.lock envs/requirements.lock
 
 export OMP_NUM_THREADS ?= 1
+export NO_MKDOCS_2_WARNING := true
 
-.PHONY: run test test-kills setup lint format lock clean
+.PHONY: run test test-fast test-kills setup docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -44,6 +45,11 @@ $(VENV)/locked: $(LOCKS)
 		--requirement envs/requirements.lock
 	@touch $@
 
+# The site, in site/; a warning is an error.
+docs: setup
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html."
+
 lint: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
@@ -63,4 +69,4 @@ lock:
 	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) site .pytest_cache .ruff_cache .mypy_cache
