@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 
 from wearscope.config import load_config
+from wearscope.cycles.base import load_cycle
+from wearscope.cycles.poses import posture_table
 from wearscope.designs.checks import describe_design
-from wearscope.designs.factors import Factor
+from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.detectors.run import count_failures
@@ -19,10 +21,15 @@ from wearscope.evaluation.audit import (
     choose_audit_points,
     scope_boundary,
 )
+from wearscope.evaluation.conclusion import conclude_study, threshold_table
+from wearscope.evaluation.detection import detection_table
+from wearscope.evaluation.responses import response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.evaluation.snr import rank_by_median, snr_table
 from wearscope.reporting.study import Study
+from wearscope.robots.friction import friction_curves
+from wearscope.robots.model import load_model
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
 from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates
@@ -130,3 +137,31 @@ def scale_term(study, term, factor_by_fda):
 def set_term(study):
     """Return surrogates with the normalised coefficient of a term set by detector."""
     return lambda term, sizes: scale_term(study, term, sizes)
+
+
+@pytest.fixture(scope="session")
+def asked(study):
+    """The small study with all that its charts ask for, and loops left out."""
+    levels = nominal_levels(study.factors)
+    cells = [(key[:4], one) for key, one in surrogates_of(study.surrogates, "full")]
+    runs = planted_test_quantities(cycles=("a", "b"), axes=(1, 2), fdas=("A", "B", "C"), seed=3)[0]
+    conclusions, rankings = conclude_study(study.scope, study.snr, study.factors, 0.01, 0.99)
+    thresholds = [
+        threshold_table(cells, one, study.factors, levels, -2.0).assign(asked=one.robot)
+        for one in conclusions
+    ]
+    robot = load_model("medium")
+    postures = posture_table(robot, load_cycle("point_to_point"), 0.05, frames=12)
+    deltas, sigmas = np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.5])
+    return replace(
+        study,
+        conclusions=conclusions,
+        rankings=rankings,
+        thresholds=pd.concat(thresholds, ignore_index=True),
+        responses=response_table(cells, study.factors, levels, 9),
+        simulated=simulated_table(cells, runs, study.factors, levels),
+        detection=detection_table(cells, levels, ["w3", "w5"], deltas, sigmas, -2.0, [0.01, 0.05, 0.2]),
+        friction=friction_curves(robot, (30.0, 70.0), (0.0, 50.0), points=12),
+        postures=postures.assign(cycle="a"),
+        units={"A": "-", "B": "-", "C": "N m"},
+    )

@@ -23,11 +23,11 @@ def sensitivity(study, term, size):
 
 def test_what_outweighs_wear_is_named_and_none_is_an_answer(study, change):
     loud = relevant_factors(change(sensitivity=sensitivity(study, "w4", -3.0)))
-    assert loud[0].startswith("A: outweighed by w4 in 8 of 8 cells (95 %: 68 to 100 %)")
+    assert loud[0].startswith("A: outweighed by delay in 8 of 8 cells (95 %: 68 to 100 %)")
     quiet = relevant_factors(change(sensitivity=sensitivity(study, "w4", 0.0)))
     assert quiet[0] == "A: none; no term outweighs wear in more than half of the 8 cells."
-    assert "w4" in quiet[-1] and "hardly matter" in quiet[-1]
-    assert "w4" not in loud[-1]
+    assert "elay" in quiet[-1] and "hardly matter" in quiet[-1]
+    assert "Delay" not in loud[-1] and "delay" not in loud[-1]
 
 
 def test_an_unsettled_share_is_called_so(study, change):
@@ -35,7 +35,7 @@ def test_an_unsettled_share_is_called_so(study, change):
     rows = (table["term"] == "w4") & (table["fda"] == "A")
     table.loc[rows, ["n_relevant", "share_relevant", "share_low", "share_high"]] = 5, 0.625, 0.3, 0.86
     said = relevant_factors(change(sensitivity=table))[0]
-    assert said.startswith("A: perhaps outweighed by w4 in 5 of 8 cells (95 %: 30 to 86 %);")
+    assert said.startswith("A: perhaps outweighed by delay in 5 of 8 cells (95 %: 30 to 86 %);")
 
 
 def test_a_square_is_named_only_where_the_full_model_agrees(study, change):
@@ -43,10 +43,10 @@ def test_a_square_is_named_only_where_the_full_model_agrees(study, change):
     surrogates = study.surrogates.copy()
     square = (surrogates["term"] == "w4^2") & (surrogates["model"] == "full")
     surrogates.loc[square, "theta_normalised"] = 0.01
-    assert "w4²" not in relevant_factors(change(sensitivity=table, surrogates=surrogates))[0]
+    assert "delay²" not in relevant_factors(change(sensitivity=table, surrogates=surrogates))[0]
     surrogates.loc[square, "theta_normalised"] = 3.0
     both = relevant_factors(change(sensitivity=table, surrogates=surrogates))
-    assert "w4² in 8 of 8" in both[0] and "w4" not in both[-1]
+    assert "delay² in 8 of 8" in both[0] and "elay" not in both[-1]
 
 
 def test_a_detector_without_any_effect_of_wear_is_unknown(study, change):
@@ -102,11 +102,11 @@ def test_tolerances_are_read_off_the_grid(study, change):
 
 def test_scope_in_natural_units_its_end_and_nothing_reached(study, change):
     table = tolerance_table(change(scope=with_limit(study, 0.09))).set_index(["group", "factor"])
-    assert table.loc[("A", "w3")].iloc[-3:].to_list() == ["not reached", "0.1 (1 °C)", "0.1 (1 °C)"]
+    assert table.loc[("A", "temperature")].iloc[-3:].to_list() == ["not reached", "1 °C", "1 °C"]
     wide = tolerance_table(change(scope=with_limit(study, 1.0))).set_index(["group", "factor"])
-    assert wide.loc[("A", "w5")].iloc[-1] == "≥ 1 (5 %)"
+    assert wide.loc[("A", "payload error")].iloc[-1] == "≥ 5 %"
     nothing = effective_scope(change(scope=study.scope.assign(passes=False)))
-    assert nothing[0].startswith("Varying temperature (w3): none;") and len(nothing) == 2
+    assert nothing[0].startswith("With varying temperature: none;") and len(nothing) == 2
 
 
 def test_scope_sentences_rank_the_detectors(study, change):
@@ -115,17 +115,14 @@ def test_scope_sentences_rank_the_detectors(study, change):
     said = effective_scope(change(scope=scope))
     assert "B 100 %, A 40 %, C 0 %" in said[0]
     assert (
-        said[1]
-        == "With a change of wear f of 50, half the cells of B bear σ up to 10 °C, the end of the grid."
+        said[1] == "With a change of wear of 50, half the cells of B bear σ up to 10 °C, the end of the grid."
     )
 
 
 def test_a_best_detector_that_reaches_nothing_says_so(study, change):
     scope = study.scope.copy()
     scope["passes"] = (scope["fda"] == "B") & (scope["robot"] == "large") & (scope["axis"] == 1)
-    assert effective_scope(change(scope=scope))[1].startswith(
-        "Even B, with a change of wear f of 50, does not"
-    )
+    assert effective_scope(change(scope=scope))[1].startswith("Even B, with a change of wear of 50, does not")
 
 
 def test_audit_counts_what_was_held_and_leaves_failed_out(study, change):

@@ -108,4 +108,4 @@ def test_a_dropped_factor_stands_on_the_first_page(change):
     )  # fmt: skip
     study = change(screening=screening)
     page = render_study(study, compare_with_paper(study))
-    assert "payload error (w5) moves no recorded torque of medium" in page
+    assert "Payload error moves no recorded torque of medium" in page

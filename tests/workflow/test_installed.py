@@ -34,6 +34,15 @@ def run(*command, folder=None, timeout=600):
     return done.stdout + done.stderr
 
 
+def lend_packages(folder):
+    """An environment with the packages of the tests' own; returns its Python."""
+    run(sys.executable, "-m", "venv", folder)
+    (site,) = folder.glob("lib/python*/site-packages")
+    lent = Path(importlib.metadata.distribution("snakemake").locate_file("")).resolve()
+    (site / "lent.pth").write_text(f"import site; site.addsitedir({str(lent)!r})\n")
+    return folder / "bin" / "python"
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dist")
@@ -112,6 +121,23 @@ def test_wheel_carries_package_workflow_types_and_metadata(wheel):
         "Requires-Dist: click",
     ):
         assert line in metadata
+
+
+@pytest.mark.slow
+def test_clone_is_installed_as_make_does_it(tmp_path):
+    """By path, with the locked packages only: nothing is built in isolation."""
+    python = lend_packages(tmp_path)
+    install = [
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--ignore-installed",
+        "--editable",
+        ROOT,
+    ]
+    run(python, "-m", "pip", *install)
+    assert run(tmp_path / "bin" / "wearscope", "--version").startswith("wearscope, version ")
 
 
 @pytest.mark.slow

@@ -124,10 +124,13 @@ def test_touched_files_and_other_files_rerun_nothing(changed):
     assert stale(changed) == set()
 
 
-AFTER_SNR = {"compute_snr", "draw_findings", "write_report", "report", "all"}
+AFTER_SNR = {
+    "compute_snr", "draw_findings", "draw_conclusion", "compare_paper", "write_report", "report", "all",
+}  # fmt: skip
 AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
-    "audit_surrogates", "draw_audit", "draw_findings", "write_report", "report", "all",
+    "audit_surrogates", "draw_audit", "draw_findings", "compute_responses", "draw_conclusion",
+    "compare_paper", "write_report", "report", "all",
 }  # fmt: skip
 AFTER_SURROGATES = (
     AFTER_SNR
@@ -154,7 +157,11 @@ def add_line(path: Path) -> None:
     [
         ("snr", {"runs": 2000}, AFTER_SNR),
         ("scope", {"grid": [5, 4], "runs": 1000, "p_d": 0.95}, AFTER_SCOPE),
-        ("sensitivity", {"model": "full"}, {"compute_sensitivity", *AFTER_SNR} - {"compute_snr"}),
+        (
+            "sensitivity",
+            {"model": "full"},
+            {"compute_sensitivity", *AFTER_SNR} - {"compute_snr", "draw_conclusion"},
+        ),
         ("max_failed_share", 0.2, AFTER_TEST_QUANTITIES),
         ("seed", 1, None),
     ],
@@ -222,7 +229,8 @@ def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
         "a finished point was redone"
     )
     ours, theirs = digests(folder), digests(finished)
-    assert theirs.keys() - ours.keys() == {"findings.parquet"}
+    asked = ("responses", "simulated", "detection", "thresholds", "rankings", "friction", "postures")
+    assert theirs.keys() - ours.keys() == {f"{name}.parquet" for name in (*asked, "findings")}
     assert [name for name in ours if ours[name] != theirs[name]] == []
 
 

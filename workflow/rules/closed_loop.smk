@@ -6,6 +6,7 @@ LOOP_FILES = [
     "model_after.yaml",
 ]
 TWIN = f"{R}/closed_loop/twin"
+TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.attribution_board.twin has it
 DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
 BOARD = "results/attribution_board"
 LOOP_OPTIONS = dict(

@@ -109,8 +109,9 @@ CATEGORIES = {
 # Style sheets and templates of figures and page, which no import shows.
 REPORT_FILES = sorted(
     os.path.relpath(file)
-    for pattern in ("*.mplstyle", "templates/*")
+    for pattern in ("*.mplstyle", "templates/*", "templates/*/*")
     for file in glob.glob(f"{PACKAGE}/reporting/{pattern}")
+    if os.path.isfile(file)
 )
 
 

@@ -106,3 +106,61 @@ rule join_scope:
         "Join the scope matrices"
     script:
         "../scripts/join_scope.py"
+
+
+# The same questions as a reader may change them: other factors, other probabilities of false alarm.
+rule compute_responses:
+    input:
+        unpack(asked_of(STUDY.scope.model)),
+        test_quantities=f"{R}/test_quantities.parquet",
+        code=code("compute_responses"),
+    output:
+        responses=f"{R}/responses.parquet",
+        simulated=f"{R}/simulated.parquet",
+        detection=f"{R}/detection.parquet",
+    log:
+        f"{R}/logs/compute_responses.log",
+    benchmark:
+        f"{R}/benchmarks/compute_responses.tsv"
+    conda:
+        ENV
+    params:
+        scope=config["scope"],
+        factors=FACTORS,
+    message:
+        "Follow the test quantities along each factor, and the detection over false alarms"
+    script:
+        "../scripts/compute_responses.py"
+
+
+rule conclusion:
+    input:
+        f"{R}/conclusion.json",
+
+
+rule draw_conclusion:
+    input:
+        unpack(asked_of(STUDY.scope.model)),
+        test_quantities=f"{R}/test_quantities.parquet",
+        scope=f"{R}/scope.parquet",
+        snr=f"{R}/snr.parquet",
+        answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
+        code=code("draw_conclusion"),
+    output:
+        conclusion=f"{R}/conclusion.json",
+        thresholds=f"{R}/thresholds.parquet",
+        rankings=f"{R}/rankings.parquet",
+    log:
+        f"{R}/logs/draw_conclusion.log",
+    benchmark:
+        f"{R}/benchmarks/draw_conclusion.tsv"
+    conda:
+        ENV
+    params:
+        scope=config["scope"],
+        factors=FACTORS,
+        seed=STUDY.seed,
+    message:
+        "Conclude which detector to use, what it finds and what it bears"
+    script:
+        "../scripts/draw_conclusion.py"

@@ -1,14 +1,49 @@
+# What a page tells of the configuration: not what else was asked for beside the study.
+REPORTED = {key: value for key, value in config.items() if key not in ("dataset", "attribution_board")}
+# The demonstration's twin is the medium robot: in another robot's study it has no place.
+TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.robots
+
+
 rule report:
     input:
         f"{R}/report.html",
         f"{R}/findings.parquet",
-        [f"{TWIN}/report.html"] if STUDY.closed_loop.demonstration else [],
+        [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
         [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
 
 
 rule figures:
     input:
         expand(f"{R}/figures/{{name}}.{{kind}}", name=FIGURES, kind=["svg", "png"]),
+
+
+rule describe_robots:
+    input:
+        robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
+        code=code(
+            "describe_robots",
+            *cycle_files(),
+            *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
+        ),
+    output:
+        friction=f"{R}/friction.parquet",
+        postures=f"{R}/postures.parquet",
+    log:
+        f"{R}/logs/describe_robots.log",
+    benchmark:
+        f"{R}/benchmarks/describe_robots.tsv"
+    priority: -1
+    conda:
+        ENV
+    params:
+        factors=FACTORS,
+        robots=ROBOTS,
+        cycles=CYCLES,
+        allow_code=STUDY.allow_code,
+    message:
+        "Describe the robots: friction, postures along the test-cycles"
+    script:
+        "../scripts/describe_robots.py"
 
 
 rule draw_setup:
@@ -93,6 +128,36 @@ rule draw_audit:
         "../scripts/draw_audit.py"
 
 
+rule compare_paper:
+    input:
+        surrogates=f"{R}/surrogates.parquet",
+        validation=f"{R}/validation.parquet",
+        fits=f"{R}/fit_table.parquet",
+        sensitivity=f"{R}/sensitivity.parquet",
+        snr=f"{R}/snr.parquet",
+        ranking=f"{R}/ranking.parquet",
+        scope=f"{R}/scope.parquet",
+        failures=f"{R}/failures.parquet",
+        checks=f"{R}/design/checks.parquet",
+        answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
+        code=code("compare_paper"),
+    output:
+        f"{R}/findings.parquet",
+    log:
+        f"{R}/logs/compare_paper.log",
+    benchmark:
+        f"{R}/benchmarks/compare_paper.tsv"
+    conda:
+        ENV
+    params:
+        config=REPORTED,
+        factors=FACTORS,
+    message:
+        "Compare with what the paper found"
+    script:
+        "../scripts/compare_paper.py"
+
+
 rule write_report:
     input:
         surrogates=f"{R}/surrogates.parquet",
@@ -109,16 +174,25 @@ rule write_report:
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
         direct=DIRECT_TABLES[0] if DIRECT else [],
+        conclusion=f"{R}/conclusion.json",
+        thresholds=f"{R}/thresholds.parquet",
+        rankings=f"{R}/rankings.parquet",
+        responses=f"{R}/responses.parquet",
+        simulated=f"{R}/simulated.parquet",
+        detection=f"{R}/detection.parquet",
+        friction=f"{R}/friction.parquet",
+        postures=f"{R}/postures.parquet",
+        findings=f"{R}/findings.parquet",
         figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
         loop=[
-            *(DEMONSTRATION[:1] if STUDY.closed_loop.demonstration else []),
+            *(DEMONSTRATION[:1] if TELLS_DEMONSTRATION else []),
             *(LOOP[:1] if STUDY.dataset is not None else []),
         ],
-        truth=rules.record_demonstration.output.truth if STUDY.closed_loop.demonstration else [],
+        truth=rules.record_demonstration.output.truth if TELLS_DEMONSTRATION else [],
         reevaluation=REEVALUATION if REEVALUATED else [],
         after=f"{RE}/models/after.yaml" if REEVALUATED else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=code("write_report"),
+        code=code("write_report", *detector_files()),
         style=REPORT_FILES,
     output:
         report=report(
@@ -127,7 +201,6 @@ rule write_report:
             category="Report",
             labels={"figure": "the whole report"},
         ),
-        findings=f"{R}/findings.parquet",
     log:
         f"{R}/logs/write_report.log",
     benchmark:
@@ -135,7 +208,7 @@ rule write_report:
     conda:
         ENV
     params:
-        config={key: value for key, value in config.items() if key not in ("dataset", "attribution_board")},
+        config=REPORTED,
         factors=FACTORS,
         robots=ROBOTS,
         benchmarks=f"{R}/benchmarks",

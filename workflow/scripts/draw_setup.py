@@ -49,7 +49,7 @@ with run_job(snakemake):
         more,
         joint,
         f"{robot}, {params.cycle}, axis {params.axis}",
-        tuple(f"f = {coded[point]:g}" for point in pair),
+        tuple(f"wear {coded[point]:g}" for point in pair),
         (model.position_units[joint], model.torque_units[joint]),
     )
     save_figure(figure, out.recording_svg, out.recording_png)

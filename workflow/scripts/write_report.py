@@ -8,16 +8,20 @@ from reevaluated import read_reevaluation
 from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.detectors.base import name_unit
+from wearscope.evaluation.conclusion import read_conclusion
+from wearscope.plugins import load
 from wearscope.provenance import describe_provenance, list_platform_files
 from wearscope.reporting.costs import read_costs
-from wearscope.reporting.findings import compare_with_paper, findings_table
+from wearscope.reporting.findings import read_findings
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 
 TABLES = (
     "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures",
-    "failed_simulations", "checks",
+    "failed_simulations", "checks", "thresholds", "rankings", "responses", "simulated", "detection",
+    "friction", "postures",
 )  # fmt: skip
 
 with run_job(snakemake):
@@ -26,6 +30,9 @@ with run_job(snakemake):
     models = {
         robot: load_model(reference, allow_code=params.allow_code)
         for robot, reference in params.robots.items()
+    }
+    detectors = {
+        name: load(one["use"], "detectors", "DETECTOR") for name, one in params.config["detectors"].items()
     }
     made = describe_provenance(list_platform_files())
     study = Study(
@@ -41,6 +48,8 @@ with run_job(snakemake):
         planted=json.loads(Path(given.truth).read_text()) if given.get("truth") else None,
         figures={Path(file).stem: Path(file) for file in given.figures},
         costs=read_costs(params.benchmarks),
+        conclusions=[read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text())],
+        units={name: name_unit(detector, models.values()) for name, detector in detectors.items()},
         provenance={
             "wearscope": made["code"]["wearscope"],
             "commit": made["code"]["commit"],
@@ -53,6 +62,5 @@ with run_job(snakemake):
             for robot, model in models.items()
         },
     )
-    findings = compare_with_paper(study)
-    tables.write_table(snakemake.output.findings, findings_table(findings))
+    findings = read_findings(tables.read_table(given.findings))
     tables.write_text(snakemake.output.report, render_study(study, findings))

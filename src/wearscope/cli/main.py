@@ -18,6 +18,7 @@ COMMANDS = {
     "track": "stages:track",
     "detect": "stages:detect",
     "reevaluate": "stages:reevaluate",
+    "export": "stages:export",
     "report": "stages:report",
     "show": "show:show",
     "compare": "compare:compare",

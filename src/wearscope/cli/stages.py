@@ -253,3 +253,24 @@ def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, 
 def _locate(robot: str) -> str:
     """Absolute path of a robot given by one; names stay."""
     return str(Path(robot).resolve()) if Path(robot).exists() else robot
+
+
+@click.command()
+@click.argument("model")
+@workflow_options
+def export(model, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+    """Write MODEL, a robot or a loop's corrected model, as what people simulate in: URDF, MJCF, a table.
+
+    \b
+    Example:
+      wearscope export results/closed_loop/arm/model_after.yaml
+    """
+    from wearscope.config import label
+
+    place = _study_or_default(None)
+    folder, config = (Path.cwd(), None) if place is None else (place.folder, place.config)
+    chosen = f"export={json.dumps({'model': _locate(model)})}"
+    run_targets(("export",), folder, config, cores, (chosen, *settings), dry_run, verbose)
+    if not dry_run:
+        for file in sorted((folder / "results" / "export" / label(model)).glob("*")):
+            click.echo(_shorten(file))

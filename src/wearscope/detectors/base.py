@@ -1,6 +1,6 @@
 """What a detector sees (`Batch`), what it must offer (`Detector`), and how one is found (`load_detector`)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -88,6 +88,18 @@ class Detector(Protocol):
 
         Raise an exception where the batch allows none; it is counted as a failed point.
         """
+
+
+def name_unit(detector: Any, models: "Iterable[RobotModel]") -> str:
+    """Unit of a detector's test quantity on some robots; empty where it is not said.
+
+    Where their wearing joints differ in torque's unit, both are named.
+    """
+    unit = str(getattr(detector, "unit", ""))
+    if unit != "torque":
+        return unit
+    units = {model.torque_units[model.joints.index(joint)] for model in models for joint in model.wear_joints}
+    return " or ".join(sorted(units, reverse=True))
 
 
 def load_detector(reference: str, options: Mapping[str, Any] | None = None) -> Detector:

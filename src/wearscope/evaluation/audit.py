@@ -307,3 +307,8 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
         records.append({**dict(zip(keys, key, strict=True)), **verdict, "agrees": agrees})
     columns = [*keys, "passes_surrogate", "passes_direct", "agrees"]
     return pd.DataFrame(records, columns=columns)
+
+
+def withheld_answers(answers: pd.DataFrame) -> list[str]:
+    """Detectors of the audit's answers that are withheld, sorted."""
+    return sorted(answers.loc[answers["answer"] == "withheld", "fda"])

@@ -72,7 +72,7 @@ def spread(quadratic: ArrayLike) -> Array:
     return np.hypot(quadratic[..., 1], np.sqrt(2.0) * quadratic[..., 2])
 
 
-def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -> Array:
+def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 200) -> Array:
     """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
 
     The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
@@ -81,7 +81,7 @@ def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -
     Parameters
     ----------
     quadratic : array (..., 3)
-    probability : float
+    probability : float or array (...,)
     iterations : int
         Upper bound; it stops when no bracket shrinks further.
 
@@ -89,7 +89,7 @@ def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -
     -------
     array (...,)
     """
-    quadratic = np.asarray(quadratic, dtype=float)
+    quadratic, wanted = np.asarray(quadratic, dtype=float), np.asarray(probability, dtype=float)
     shifted = quadratic.copy()
     shifted[..., 0] = 0.0
     b, c = np.abs(quadratic[..., 1]), quadratic[..., 2]
@@ -103,7 +103,7 @@ def threshold(quadratic: ArrayLike, probability: float, iterations: int = 200) -
         middle = 0.5 * (low + high)
         if np.all((middle <= low) | (middle >= high)):
             break
-        above = tail_probability(shifted, middle) > probability
+        above = tail_probability(shifted, middle) > wanted
         low = np.where(above, middle, low)
         high = np.where(above, high, middle)
     return quadratic[..., 0] + high

@@ -9,13 +9,15 @@ from wearscope.reporting.figures.scope import count_matrix
 from wearscope.reporting.findings import SMALL
 from wearscope.reporting.labels import (
     count_text,
+    factor_name,
     group_columns,
     group_name,
     join_words,
     natural_step,
+    quantity_text,
     split_groups,
     term_factors,
-    term_label,
+    term_name,
     unit_text,
 )
 from wearscope.reporting.page import format_number
@@ -57,7 +59,9 @@ def relevant_factors(study: Study) -> list[str]:
     table = study.sensitivity
     by = group_columns(table)
     confirmed = _confirmed_terms(study, by)
-    sentences = [_outweighing(name, rows, confirmed.get(name)) for name, rows in split_groups(table, by)]
+    sentences = [
+        _outweighing(study, name, rows, confirmed.get(name)) for name, rows in split_groups(table, by)
+    ]
     main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
     quiet = [
         str(term)
@@ -67,12 +71,17 @@ def relevant_factors(study: Study) -> list[str]:
     ]
     if quiet:
         sentences.append(
-            f"{join_words(quiet)} hardly matter{'s' if len(quiet) == 1 else ''} to any of them: the median "
+            f"{_capital(join_words([term_name(one, study.factors) for one in quiet]))} hardly "
+            f"matter{'s' if len(quiet) == 1 else ''} to any of them: the median "
             f"coefficient is below {SMALL:g} of that of wear."
         )
     else:
         sentences.append(f"No factor has a median coefficient below {SMALL:g} of that of wear everywhere.")
     return sentences
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
@@ -90,7 +99,7 @@ def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
     return found
 
 
-def _outweighing(name: str, rows: pd.DataFrame, confirmed: set[str] | None) -> str:
+def _outweighing(study: Study, name: str, rows: pd.DataFrame, confirmed: set[str] | None) -> str:
     cells = int(rows["n"].max())
     if cells == 0:
         return f"{name}: unknown, wear has no direct effect on y in any cell."
@@ -102,15 +111,15 @@ def _outweighing(name: str, rows: pd.DataFrame, confirmed: set[str] | None) -> s
         return f"{name}: none; no term outweighs wear in more than half of the {count_text(cells, 'cell')}."
     strong = strong.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
     settled = strong["share_low"] > HALF
-    parts = [_term_shares(part) for part in (strong[settled], strong[~settled])]
+    parts = [_term_shares(study, part) for part in (strong[settled], strong[~settled])]
     if not parts[0]:
         return f"{name}: perhaps outweighed by {parts[1]}; the interval leaves open in how many cells."
     return f"{name}: outweighed by {parts[0]}{'; perhaps by ' if parts[1] else ''}{parts[1]}."
 
 
-def _term_shares(rows: pd.DataFrame, most: int = 3) -> str:
+def _term_shares(study: Study, rows: pd.DataFrame, most: int = 3) -> str:
     parts = [
-        f"{term_label(str(row.term))} in {row.n_relevant} of {row.n} cells (95 %: "
+        f"{term_name(str(row.term), study.factors)} in {row.n_relevant} of {row.n} cells (95 %: "
         f"{100 * row.share_low:.0f} to {100 * row.share_high:.0f} %)"
         for row in rows.head(most).itertuples()
     ]
@@ -194,20 +203,22 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
 def tolerance_table(study: Study) -> pd.DataFrame:
     """Tolerances of every group and factor as a table to read, in natural units too."""
     records: list[dict[str, object]] = []
+    fault = study.factor("f")
     for factor in study.config["scope"]["factors"]:
-        unit = unit_text(study.factor(factor).unit)
+        unit, name = study.factor(factor).unit, factor_name(study.factor(factor))
         step = natural_step(study.factor(factor))
         for one in tolerances(study, factor):
-            column = f"σ that half the cells bear at Δ = {one.delta:.2g}"
-            if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, factor):
+            change = quantity_text(one.delta * natural_step(fault), fault.unit, 3)
+            column = f"σ borne, wear changed by {change}"
+            if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, name):
                 records.append(
-                    {"group": one.group, "factor": factor, "cells": one.cells}
+                    {"group": one.group, "factor": name, "cells": one.cells}
                     | {"verdicts that pass [%]": 100 * one.share}
                 )
             if np.isnan(one.sigma):
                 text = "not reached"
             else:
-                text = f"{format_number(one.sigma, 2)} ({format_number(one.sigma * step, 2)} {unit})".strip()
+                text = quantity_text(one.sigma * step, unit)
                 text = f"≥ {text}" if one.largest else text
             records[-1][column] = text
     return pd.DataFrame(records)
@@ -224,17 +235,17 @@ def effective_scope(study: Study) -> list[str]:
             continue
         groups = {one.group: one.share for one in found}
         ranked = sorted(groups, key=lambda name: -groups[name])
-        description = study.factor(factor).description
+        description = factor_name(study.factor(factor))
         if all(share == 0 for share in groups.values()):
             sentences.append(
-                f"Varying {description} ({factor}): none; nowhere on the grid does any cell detect "
+                f"With varying {description}: none; nowhere on the grid does any cell detect "
                 f"{100 * p_d:g} % of faults at {100 * p_f:g} % false alarms."
             )
             continue
         listed = ", ".join(f"{name} {100 * groups[name]:.0f} %" for name in ranked[:6])
         left = f", and {len(ranked) - 6} more" if len(ranked) > 6 else ""
         sentences.append(
-            f"Varying {description} ({factor}): {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
+            f"With varying {description}: {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
             f"alarms on these shares of the grid, {listed}{left}."
         )
         sentences.append(_largest_change(study, factor, ranked[0], found))
@@ -247,9 +258,9 @@ def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance
     change = f"{format_number(one.delta * natural_step(fault), 2)} {unit_text(fault.unit)}".strip()
     if np.isnan(one.sigma):
         return (
-            f"Even {group}, with a change of wear f of {change}, does not reach it in half of its cells at "
+            f"Even {group}, with a change of wear of {change}, does not reach it in half of its cells at "
             "the smallest variation of the grid."
         )
     size = f"{format_number(one.sigma * step, 2)} {unit_text(study.factor(factor).unit)}".strip()
     end = ", the end of the grid" if one.largest else ""
-    return f"With a change of wear f of {change}, half the cells of {group} bear σ up to {size}{end}."
+    return f"With a change of wear of {change}, half the cells of {group} bear σ up to {size}{end}."

@@ -51,7 +51,7 @@ def _detectors(study: Study) -> str:
 
 def _factors(study: Study) -> str:
     levels = "; ".join(
-        f"{one.name} {one.description}, {one.low:g} to {one.high:g} {unit_text(one.unit)}".strip()
+        f"{one.description}, {one.low:g} to {one.high:g} {unit_text(one.unit)}".strip()
         for one in study.factors
     ).replace(" -", " −")
     return (
@@ -65,8 +65,8 @@ def _distribution(study: Study) -> str:
     snr, scope = study.config["snr"], study.config["scope"]
     text = (
         f"Normal with mean 0 in coded units, the middle of each range. SNR: all nuisances at once, σ = "
-        f"{snr['sigma']:g}, f from {snr['f0']:g} to {snr['f0'] + snr['delta']:g}. Scope: one nuisance at a "
-        f"time, the others as in z⁰, f from {scope['f0']:g}. Tails beyond ±2 leave the ranges that were "
+        f"{snr['sigma']:g}, wear from {snr['f0']:g} to {snr['f0'] + snr['delta']:g}. Scope: one nuisance at "
+        f"a time, the others as in z⁰, wear from {scope['f0']:g}. Tails beyond ±2 leave the ranges that were "
         "simulated" + ("; there a chosen surrogate is held at the end." if _asks_chosen(study) else ".")
     )
     return text.replace(" -", " −")

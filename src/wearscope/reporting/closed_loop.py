@@ -13,7 +13,16 @@ from wearscope import tables
 from wearscope.errors import InputError
 
 STAGES = ("before", "after")
-_OPTIONAL = ("signals", "isolability", "diagnostics", "dependence", "black_box", "forward", "forward_series")
+_OPTIONAL = (
+    "signals",
+    "profiles",
+    "isolability",
+    "diagnostics",
+    "dependence",
+    "black_box",
+    "forward",
+    "forward_series",
+)
 
 
 @dataclass(frozen=True)
@@ -25,7 +34,8 @@ class ClosedLoop:
     verdict : mapping
         ``verdict.json``.
     residual, candidates : DataFrame
-    signals, isolability, diagnostics, dependence, black_box, forward, forward_series : DataFrame or None
+    signals, profiles, isolability, diagnostics, dependence, black_box, forward, forward_series :
+        DataFrame or None
         None where the loop was closed without them.
     """
 
@@ -33,6 +43,7 @@ class ClosedLoop:
     residual: pd.DataFrame
     candidates: pd.DataFrame
     signals: pd.DataFrame | None = None
+    profiles: pd.DataFrame | None = None
     isolability: pd.DataFrame | None = None
     diagnostics: pd.DataFrame | None = None
     dependence: pd.DataFrame | None = None
@@ -63,6 +74,11 @@ class ClosedLoop:
         ranked = sorted(self.joints, key=rank)
         chosen = [joint for joint in ranked if rank(joint) < 3][:most]
         return chosen or [max(self.joints, key=self._relative_error)]
+
+    def foremost(self) -> str:
+        """The joint shown first: one whose model was corrected, else as `shown` has them."""
+        named = [entry["joint"] for entry in self.verdict["verdict"] if entry["status"] == "confirmed"]
+        return str(named[0]) if named else self.shown()[0]
 
     def _relative_error(self, joint: str) -> float:
         values = self.verdict["joints"][joint].get("relative_error_percent", {}).values()
@@ -154,6 +170,26 @@ def split_signal(name: str, joints: Sequence[str]) -> tuple[str, str] | None:
         return "t", ""
     code, _, joint = name.partition("_")
     return (code, joint) if code in ("q", "qd", "qdd", "load", "temp") and joint in joints else None
+
+
+_SIGNAL_NAMES = {
+    "q": ("position", "{position}"),
+    "qd": ("speed", "{position}/s"),
+    "qdd": ("acceleration", "{position}/s²"),
+    "load": ("rigid-body torque", "{torque}"),
+    "temp": ("temperature", "°C"),
+}
+
+
+def signal_label(loop: ClosedLoop, signal: str) -> str:
+    """Name and unit of a signal, for an axis."""
+    if signal == "t":
+        return "time since the start of the run [s]"
+    place = split_signal(signal, loop.joints)
+    assert place is not None
+    torque = loop.verdict["joints"][place[1]]["unit"]
+    word, unit = _SIGNAL_NAMES[place[0]]
+    return f"{word} of {place[1]} [{unit.format(position='m' if torque == 'N' else 'rad', torque=torque)}]"
 
 
 def against_signal(loop: ClosedLoop, joint: str, signal: str) -> pd.DataFrame:

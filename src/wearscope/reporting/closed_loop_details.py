@@ -8,12 +8,11 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.charts.loop import chart_angles, chart_candidates, chart_forward
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded
-from wearscope.reporting.figures.closed_loop import draw_candidates, draw_forward, draw_isolability
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
-from wearscope.reporting.page import embed_figure, format_number, render_table, unbreak
+from wearscope.reporting.page import embed_chart, format_number, render_table, unbreak
 
-_MOST_CANDIDATES, _MOST_LATER = 14, 8
 #: As `wearscope.closed_loop.diagnostics.isolability.CLOSE`, which this room does not know.
 _CLOSE = 7.0
 #: Longest list that is shown unfolded.
@@ -41,30 +40,19 @@ def write_value(value: float) -> str:
 
 def describe_candidates(loop: ClosedLoop) -> Markup:
     """Ranking of the candidates at every step, and what was made of each."""
-    if not len(loop.candidates):
+    chart = chart_candidates(loop)
+    if chart is None:
         return _note("There was no candidate to try.")
     standard = {effect.name for effect in list_effects() if effect.standard}
-    parts: list[Markup] = []
-    unfolded = False
+    steps = []
     for step, rows in loop.candidates.groupby("step", sort=True):
-        ranking = _rank(rows).head(_MOST_LATER if unfolded else _MOST_CANDIDATES)
-        taken = ranking[ranking["taken"]]
-        what = f"took {join_words(list(taken['label']))}" if len(taken) else "took nothing"
+        taken = rows[rows["taken"]]
+        labels = list(dict.fromkeys(taken["joint"] + ": " + taken["effect"]))
+        what = f"took {join_words(labels)}" if labels else "took nothing"
         # Of the stage that asks of each joint's standard terms only what was kept is recorded.
-        first = bool(ranking["taken"].all()) and set(ranking["effect"]) <= standard
-        kind = (
-            " (standard terms)" if first else " (generic term)" if set(ranking["effect"]) == {UNKNOWN} else ""
-        )
-        title = f"Step {int(step) + 1}{kind}: {what}"
-        figure = embed_figure(
-            draw_candidates(ranking, title),
-            f"{title}. " + "; ".join(f"{row.label}: {row.reason}" for row in ranking.head(5).itertuples()),
-        )
-        if first or unfolded:
-            parts.append(Markup("<details><summary>{}</summary>{}</details>").format(title, figure))
-        else:
-            parts.append(figure)
-            unfolded = True
+        first = bool(rows["taken"].all()) and set(rows["effect"]) <= standard
+        kind = " (standard terms)" if first else " (generic term)" if set(rows["effect"]) == {UNKNOWN} else ""
+        steps.append(f"Step {int(step) + 1}{kind}: {what}")
     text = (
         "Every candidate is fitted beside the model with all of its parameters and scored on held-out "
         "training runs; one is taken only if it gains enough, is significant with all candidates counted, "
@@ -74,16 +62,7 @@ def describe_candidates(loop: ClosedLoop) -> Markup:
         "model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
         "candidates.parquet has them all."
     )
-    return Markup("{}{}").format(_note(text), Markup("").join(parts))
-
-
-def _rank(rows: pd.DataFrame) -> pd.DataFrame:
-    """Best variant of every effect at every joint, the best ones first, what was taken always among them."""
-    ordered = rows.sort_values(["taken", "cv_gain", "joint", "effect"], ascending=[False, False, True, True])
-    best = ordered.drop_duplicates(["joint", "effect"])
-    best = best.sort_values(["cv_gain", "joint", "effect"], ascending=[False, True, True])
-    best = pd.concat([best[best["taken"]], best[~best["taken"]]])
-    return best.assign(label=best["joint"] + ": " + best["effect"])
+    return Markup("{}{}{}").format(_note(text), embed_chart(chart), list_items(steps))
 
 
 def describe_isolability(loop: ClosedLoop) -> Markup:
@@ -97,18 +76,15 @@ def describe_isolability(loop: ClosedLoop) -> Markup:
         "near 0. Effects with free shapes are compared at the shapes where they are most alike."
     )
     parts = [_note(text)]
-    for number, joint in enumerate(loop.shown()):
-        figure = embed_figure(
-            draw_isolability(loop.isolability, joint), f"Angles between candidates at {joint}", kind="png"
-        )
-        folded = Markup("<details><summary>{}</summary>{}</details>").format(joint, figure)
-        parts.append(folded if number else figure)
+    chart = chart_angles(loop, loop.foremost())
+    if chart is not None:
+        parts.append(embed_chart(chart))
     rows = []
     for joint, own in loop.isolability.groupby("joint", sort=False):
         close = own[own["largest_angle_deg"] < _CLOSE]
         said = [f"{row.effect_a} and {row.effect_b}" for row in close.itertuples()]
         rows.append({"joint": joint, f"not separated (less than {_CLOSE:g}°)": "; ".join(said) or "none"})
-    return Markup("").join(parts) + render_table(pd.DataFrame(rows))
+    return Markup("").join(parts) + render_table(pd.DataFrame(rows), filter_by={"joint": "joint"})
 
 
 def describe_forward(loop: ClosedLoop) -> Markup:
@@ -134,21 +110,19 @@ def describe_forward(loop: ClosedLoop) -> Markup:
                 interval = [scale * one[f"{name}_low"], scale * one[f"{name}_high"]]
                 record[f"{text} {stage}"] = bounded(scale * one[name], interval, write_value)
         records.append(record | {"motion in": "mm" if unit == "N" else "mrad"})
-    figure = draw_forward(loop, loop.shown())
-    shown = Markup("")
-    if figure is not None:
-        shown = embed_figure(
-            figure,
-            "Torque error of both models simulated forward, over time",
-            "Torque of either model simulated forward in PyBullet less the measured one, common bandwidth.",
-        )
+    chart = chart_forward(loop, loop.foremost())
+    shown = embed_chart(chart) if chart is not None else Markup("")
     text = (
         "Both models follow the measured motion of the test runs in PyBullet under the same controller. "
         "Torque: the controller feeds forward what the model before needs, so that it owes nothing to "
         "the measured torque. Motion: it feeds forward the torque that was measured, and a model that "
         "is right stays on the measured motion."
     )
-    table = render_table(pd.DataFrame(records), "RMS error against the measurement on the test runs (95 %).")
+    table = render_table(
+        pd.DataFrame(records),
+        "RMS error against the measurement on the test runs (95 %).",
+        filter_by={"joint": "joint"},
+    )
     return Markup("{}{}{}{}").format(Markup("").join(alarms), _note(text), table, shown)
 
 
@@ -178,7 +152,8 @@ def describe_rest(loop: ClosedLoop) -> Markup:
         "negative share says that what they learnt does not carry over."
     )
     return Markup("{}{}").format(
-        _note(text), render_table(pd.DataFrame(records), "RMS on the test runs (95 %).")
+        _note(text),
+        render_table(pd.DataFrame(records), "RMS on the test runs (95 %).", filter_by={"joint": "joint"}),
     )
 
 

@@ -25,8 +25,75 @@ _WORSE = 1.03
 def describe_outcome(loop: ClosedLoop) -> Markup:
     """What is refuted, alarms, the other effects by status, states of the joints, parameters, the rule."""
     effects = {status: _effects(loop, status) for status in STATUSES}
-    parts = [effects.pop("refuted"), _alarms(loop), *effects.values(), _explain_statuses(loop)]
+    parts = [_conclusion(loop), effects.pop("refuted"), _alarms(loop), *effects.values()]
+    parts.append(_explain_statuses(loop))
     return Markup("").join([*parts, _joints(loop), _parameters(loop), _rule(loop)])
+
+
+def _conclusion(loop: ClosedLoop) -> Markup:
+    kind, text = conclude_loop(loop)
+    return Markup('<div class="conclusion {}"><p class="answer">{}</p></div>').format(kind, unbreak(text))
+
+
+def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
+    """The outcome in one plain sentence, and its colour: good, unsure or bad."""
+    entries = [one for one in loop.verdict["verdict"] if one["effect"] != UNKNOWN]
+    held = [one for one in entries if one["status"] != "refuted"]
+    left = [joint for joint in loop.joints if loop.verdict["joints"][joint]["state"] == "unexplained"]
+    rest = f"{join_words(left)} {'keeps' if len(left) == 1 else 'keep'} something unexplained" if left else ""
+    if not held:
+        if not left:
+            return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
+        return "bad", f"No effect that the test runs bear out was named, and {rest}."
+    marks = {"confirmed": "", "not_confirmed": " (not confirmed)"}
+    named = [
+        f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} {_where(one)}"
+        f"{marks[one['status']]}"
+        for one in held
+    ]
+    text = f"The declared model lacks {'; '.join(named)}. {_tell_gain(loop)}"
+    grown = _tell_growth(loop)
+    sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
+    return ("good" if sure and not left else "unsure"), f"{text}{grown}{f'; {rest}' if left else ''}."
+
+
+def _where(entry: Mapping[str, Any]) -> str:
+    return "of the robot" if entry["effect"] in _shared() else f"at {entry['joint']}"
+
+
+def _changes(loop: ClosedLoop) -> list[tuple[float, str, float, float, str]]:
+    """Error after over before, joint, before, after, unit; of the joints that move on the test runs."""
+    found = []
+    for joint, one in loop.verdict["joints"].items():
+        before, after = number(one.get("rms_before")), number(one.get("rms_after"))
+        if np.isfinite([before, after]).all() and before > 0:
+            found.append((after / before, joint, before, after, one["unit"]))
+    return found
+
+
+def _tell_growth(loop: ClosedLoop) -> str:
+    """Where the error on the test runs grows; empty where it does not."""
+    worse = [one for one in _changes(loop) if one[0] > _WORSE]
+    if not worse:
+        return ""
+    ratio, joint, *_ = max(worse)
+    others = len(worse) - 1
+    also = f" (and at {count_text(others, 'other joint')} by less)" if others else ""
+    return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
+
+
+def _tell_gain(loop: ClosedLoop) -> str:
+    """Where the error on the test runs falls most."""
+    found = _changes(loop)
+    if not found:
+        return "No joint moves on the test runs, so the correction is not judged"
+    ratio, joint, before, after, unit = min(found)
+    if ratio > 0.995:
+        return "On the test runs no joint's error falls by more than half a percent"
+    return (
+        f"With it the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
+        f"{write_value(before)} to {write_value(after)} {unit}"
+    )
 
 
 def _alarms(loop: ClosedLoop) -> Markup:
@@ -173,7 +240,7 @@ def _parameters(loop: ClosedLoop) -> Markup:
     return Markup("<details{}><summary>{}</summary>{}</details>").format(
         Markup(" open") if len(records) <= MOST_SHOWN else "",
         f"{count_text(len(records), 'parameter')} with 95 % intervals",
-        render_table(pd.DataFrame(records), text),
+        render_table(pd.DataFrame(records), text, filter_by={"joint": "joint"}),
     )
 
 

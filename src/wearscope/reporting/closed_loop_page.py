@@ -7,6 +7,8 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
+from wearscope.reporting.charts.loop import chart_against, chart_errors, chart_residual, chart_torque
+from wearscope.reporting.charts.loop_data import loop_filters, loop_labels, loop_tables
 from wearscope.reporting.closed_loop import (
     STAGES,
     ClosedLoop,
@@ -27,13 +29,11 @@ from wearscope.reporting.closed_loop_details import (
     write_value,
 )
 from wearscope.reporting.closed_loop_outcome import describe_outcome, tell_size, tell_version
-from wearscope.reporting.figures.closed_loop import (
-    draw_errors,
-    draw_residual_against,
-    draw_residual_over_time,
-)
 from wearscope.reporting.next_measurement import describe_measurements
-from wearscope.reporting.page import Section, badge, embed_figure, render_page, render_table
+from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
+
+#: Column of the joint, and the filter that it follows.
+_JOINT = {"joint": "joint"}
 
 
 def write_closed_loop_page(folder: str | Path) -> None:
@@ -62,7 +62,15 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Notes", describe_notes(loop), "notes"),
     ]
     title = f"Closed loop: {loop.verdict['dataset']}"
-    return render_page(title, [s for s in sections if s.body], tell_size(loop), tell_version(loop))
+    return render_page(
+        title,
+        [section for section in sections if section.body],
+        tell_size(loop),
+        tell_version(loop),
+        loop_filters(loop),
+        loop_tables(loop),
+        loop_labels(loop),
+    )
 
 
 def _errors(loop: ClosedLoop) -> Markup:
@@ -83,22 +91,16 @@ def _errors(loop: ClosedLoop) -> Markup:
     table = pd.DataFrame(relative, columns=["joint", "test run", "before [%]", "after [%]"])
     # As objects: a column of strings would forget that these are HTML.
     table["error"] = pd.Series([_change(*values) for _, _, *values in relative], dtype=object)
-    caption = (
-        "RMS error on the test runs at the common bandwidth, each joint on its own scale, with 95 % "
-        "intervals from resampled blocks. Before: the declared model, its own parameters refitted on "
-        "the training runs."
-    )
-    if loop.black_box is not None:
-        caption += " Diamonds: what gradient-boosted trees on all signals leave of the same residual."
     rest = Markup("<details{}><summary>Relative error of every test run</summary>{}</details>").format(
         Markup(" open") if len(relative) <= MOST_SHOWN else "",
-        render_table(table, "100 |residual| / |torque| over the rows that count."),
-    )
-    alt = "RMS error by joint: " + "; ".join(
-        f"{r['joint']} before {r['before (95 %)']}, after {r['after (95 %)']} {r['unit']}" for r in records
+        render_table(
+            table,
+            "100 |residual| / |torque| over the rows that count.",
+            filter_by=_JOINT | {"test run": "run"},
+        ),
     )
     return Markup("{}{}{}").format(
-        embed_figure(draw_errors(loop), alt, caption), render_table(pd.DataFrame(records)), rest
+        embed_chart(chart_errors(loop)), render_table(pd.DataFrame(records), filter_by=_JOINT), rest
     )
 
 
@@ -109,28 +111,13 @@ def _change(before: float, after: float) -> Markup:
 
 
 def _residual(loop: ClosedLoop) -> Markup:
-    parts = [Markup("")]
-    for joint in loop.shown():
-        parts.append(Markup("<h3>{}</h3>").format(joint))
-        parts.append(
-            embed_figure(
-                draw_residual_over_time(loop, joint),
-                f"Residual torque of {joint} over time on the test runs, before and after",
-                "Residual on the test runs, before and after.",
-            )
-        )
-        against = draw_residual_against(loop, joint)
-        if against is not None:
-            parts.append(
-                embed_figure(
-                    against,
-                    f"Residual torque of {joint} against the signals that it depends on, before and after",
-                    "Residual on all runs against the signals that the verdict names, then those that the "
-                    "residual before depends on most; lines join medians of bins.",
-                    "png",
-                )
-            )
-    return Markup("").join(parts) + _dependence(loop) + _diagnostics(loop)
+    """Charts of torque and residual, dependence and diagnostics."""
+    joint = loop.foremost()
+    runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
+    run = str(runs.iloc[0]) if len(runs) else ""
+    charts = [chart_torque(loop, joint, run), chart_residual(loop, joint, run), chart_against(loop, joint)]
+    shown = Markup("").join(embed_chart(chart) for chart in charts if chart is not None)
+    return shown + _dependence(loop) + _diagnostics(loop)
 
 
 def _dependence(loop: ClosedLoop) -> Markup:
@@ -151,6 +138,7 @@ def _dependence(loop: ClosedLoop) -> Markup:
             "Signals on which a spline explains held-out residual of the training runs (share of the "
             "joint's variance; above 100 % where other joints gain too by inertial parameters that it "
             "frees), adjusted p at most 0.05 by random signs of blocks; at most four.",
+            filter_by=_JOINT,
         )
     )
 
@@ -174,5 +162,6 @@ def _diagnostics(loop: ClosedLoop) -> Markup:
             table,
             "Correlation: of neighbouring samples, thinned so that white noise would show almost none; "
             "a small Ljung-Box p says that the residual is not white.",
+            filter_by=_JOINT | {"run": "run"},
         )
     )

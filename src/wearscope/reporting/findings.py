@@ -16,7 +16,7 @@ from wearscope.reporting.comparison import (
     nan_median,
     pivot_detectors,
 )
-from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.labels import count_text, factor_name, join_words
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -73,6 +73,11 @@ def findings_table(findings: Sequence[Finding]) -> pd.DataFrame:
     return pd.DataFrame([asdict(one) for one in findings], columns=["question", "paper", "here", "verdict"])
 
 
+def read_findings(table: pd.DataFrame) -> list[Finding]:
+    """The inverse of `findings_table`."""
+    return [Finding(*(str(value) for value in row)) for row in table.itertuples(index=False)]
+
+
 def estimate_text(one: Estimate, unit: str = "") -> str:
     """``2.1 (1.8 to 2.5)`` with unit; n/a where unknown; says so where there is no interval."""
     tail = f" {unit}" if unit else ""
@@ -112,16 +117,18 @@ def _sensitivity_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     else:
         wide = coefficients(study, warm[0])
         medians = estimate_columns(wide)
-        here = f"Median |θ̃| of {warm[0]}: {_listed(medians, list(names.values()))}"
+        here = f"Median |θ̃| of {factor_name(study.factor(warm[0]))}: {_listed(medians, list(names.values()))}"
         found.append(
             Finding(
                 q, texts[0], f"{here}; considerable from {LARGE:g}.",
                 decide([medians[name].above(LARGE) for name in names.values()]),
             )
         )  # fmt: skip
-        found.append(_least(q, texts[1], wide, names, "C", f"median |θ̃| of {warm[0]}"))
+        found.append(
+            _least(q, texts[1], wide, names, "C", f"median |θ̃| of {factor_name(study.factor(warm[0]))}")
+        )
     found += _payload_findings(study, names)
-    text = "Wear of the other joints (w1, w2) and point-to-point delay (w4) are insignificant for every FDA."
+    text = "Wear of the other joints and point-to-point delay are insignificant for every FDA."
     quiet = [*study.factors_of("wear"), *study.factors_of("dwell")]
     if not quiet or not names:
         return [*found, _absent(q, text, "other wear and delay, or stand-ins for A, B, C")]
@@ -129,7 +136,7 @@ def _sensitivity_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     for factor in quiet:
         medians = estimate_columns(coefficients(study, factor))
         outcomes += [medians[name].below(SMALL) for name in names.values()]
-        parts.append(f"{factor}: {_listed(medians, list(names.values()))}")
+        parts.append(f"{factor_name(study.factor(factor))}: {_listed(medians, list(names.values()))}")
     here = f"Median |θ̃| of {'; '.join(parts)}; insignificant up to {SMALL:g}."
     return [*found, Finding(q, text, here, decide(outcomes))]
 
@@ -147,7 +154,8 @@ def _payload_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     medians = estimate_columns(wide)
     a = names["A"]
     others = [names[letter] for letter in ("B", "C") if letter in names]
-    here = f"Median |θ̃| of {load[0]}: {_listed(medians, [a])}; as much as wear is {EQUAL:g}"
+    what = factor_name(study.factor(load[0]))
+    here = f"Median |θ̃| of {what}: {_listed(medians, [a])}; as much as wear is {EQUAL:g}"
     first = Finding(
         q, texts[0], f"{here}{_square_text(study, load[0], [a])}.",
         decide([medians[a].above(EQUAL)]),
@@ -155,8 +163,9 @@ def _payload_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     if not others:
         return [first, _absent(q, texts[1], "stand-ins for B and C")]
     gaps = {name: estimate_difference(wide, a, name) for name in others}
-    here = f"Median |θ̃| of {load[0]}: {_listed(medians, [a, *others])}; " + "; ".join(
-        f"{a} less {name} {estimate_text(gap)}" for name, gap in gaps.items()
+    here = (
+        f"Median |θ̃| of {factor_name(study.factor(load[0]))}: {_listed(medians, [a, *others])}; "
+        + "; ".join(f"{a} less {name} {estimate_text(gap)}" for name, gap in gaps.items())
     )
     return [first, Finding(q, texts[1], here + ".", decide([gap.above(0) for gap in gaps.values()]))]
 
@@ -224,9 +233,13 @@ def _scope_findings(study: Study, names: dict[str, str]) -> list[Finding]:
         means = estimate_columns(wide, nan_mean)
         gaps = [estimate_difference(wide, one, other, nan_mean) for one, other in asked]
         shown = list(dict.fromkeys(name for pair in asked for name in pair))
-        here = f"Share of the grid of {known[0]} that passes: {_listed(means, shown, '%')}; " + ", ".join(
-            f"{one} less {other} {estimate_text(gap, 'points')}"
-            for (one, other), gap in zip(asked, gaps, strict=True)
+        here = (
+            f"Share of the grid of {factor_name(study.factor(known[0]))} that passes: "
+            f"{_listed(means, shown, '%')}; "
+            + ", ".join(
+                f"{one} less {other} {estimate_text(gap, 'points')}"
+                for (one, other), gap in zip(asked, gaps, strict=True)
+            )
         )
         found.append(Finding(q, text, here + ".", decide([gap.above(0) for gap in gaps])))
     return found

@@ -21,6 +21,29 @@ def term_label(term: str) -> str:
     return term.replace(":", "·").replace("^2", "²")
 
 
+def factor_name(factor: "Factor") -> str:
+    """What a factor is called where its unit or code would say too little: ``wear``, ``temperature``."""
+    return "wear" if factor.role == "fault" else factor.description
+
+
+def factor_label(factor: "Factor") -> str:
+    """Name and unit of a factor, for an axis."""
+    return with_unit(factor_name(factor), factor.unit)
+
+
+def term_name(term: str, factors: Sequence["Factor"]) -> str:
+    """Regression term in words: ``w3^2`` is temperature², ``f:w3`` is wear × temperature."""
+    names = {factor.name: factor_name(factor) for factor in factors}
+    parts = [part.partition("^") for part in term.split(":")]
+    return " × ".join(names.get(name, name) + ("²" if power else "") for name, _, power in parts)
+
+
+def quantity_text(value: float, unit: str, digits: int = 2) -> str:
+    """Number and unit: ``4 °C``, ``28``."""
+    size = f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"
+    return f"{size} {unit_text(unit)}".strip().replace("-", "\N{MINUS SIGN}")
+
+
 def term_factors(term: str) -> list[str]:
     """Factors in a regression term."""
     return [] if term == "1" else [part.split("^")[0] for part in term.split(":")]

@@ -1,8 +1,9 @@
 """Self-contained pages: one template, one style sheet, figures as data; nothing is loaded from elsewhere."""
 
 import base64
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
@@ -14,6 +15,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.style import figure_bytes
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -59,8 +61,16 @@ def render_template(name: str, **context: Any) -> Markup:
     return Markup(environment().get_template(name).render(**context))
 
 
-def render_page(title: str, sections: Sequence[Section], subtitle: str = "", footer: str = "") -> str:
-    """Whole page: title, contents, sections.
+def render_page(
+    title: str,
+    sections: Sequence[Section],
+    subtitle: str = "",
+    footer: str = "",
+    filters: Sequence[Choice] = (),
+    tables: Mapping[str, pd.DataFrame] | None = None,
+    labels: Mapping[str, Mapping[str, str]] | None = None,
+) -> str:
+    """Whole page: title, contents, filters, sections, and what its charts need.
 
     Parameters
     ----------
@@ -71,23 +81,50 @@ def render_page(title: str, sections: Sequence[Section], subtitle: str = "", foo
         One line of text under the title.
     footer : str
         One line of text at the end.
+    filters : sequence of Choice
+        What all charts and tables are filtered by; those with fewer than two options are left out.
+    tables : mapping of str to DataFrame, optional
+        What the charts draw, by the name that their sources give.
+    labels : mapping of str to mapping, optional
+        Text of a choice's value, by choice; ``column`` holds those of the tables' columns.
 
     Returns
     -------
     str
         HTML that refers to nothing outside itself.
     """
-    css = (TEMPLATES / "page.css").read_text(encoding="utf-8")
+    shown = [one for one in filters if len(one.options) > 1]
+    settings = {"filters": [{"key": one.key, "label": one.label} for one in filters], "labels": labels or {}}
+    drawn = any('class="chart"' in section.body for section in sections)
     return str(
         render_template(
             "page.html",
             title=title,
             subtitle=subtitle,
             sections=[(section.id, section.title, Markup(section.body)) for section in sections],
-            css=Markup(css),
+            css=_read("page.css"),
             footer=footer,
+            filters=shown,
+            settings=embed_json(settings),
+            tables=[(name, Markup(pack_table(frame))) for name, frame in (tables or {}).items()],
+            library=Markup(chart_library()) if drawn else "",
+            script=_read("page.js"),
         )
     )
+
+
+def _read(name: str) -> Markup:
+    return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+def embed_json(value: Any) -> Markup:
+    """JSON that may stand within a script element."""
+    return Markup(json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c"))
+
+
+def embed_chart(chart: Chart) -> Markup:
+    """Figure element of a chart that a reader can ask; `render_page` must get the tables that it draws."""
+    return render_template("chart.html", chart=chart, definition=embed_json(chart.definition()))
 
 
 def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind: str = "svg") -> Markup:
@@ -116,7 +153,8 @@ def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind:
 
 def unbreak(text: str) -> str:
     """Text whose numbers stay on the line of their unit, and signs on that of their number."""
-    return re.sub(r"(?<=[\d>]) (?=%|°C)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])", "\N{NO-BREAK SPACE}", text)
+    pattern = r"(?<=[\d>]) (?=%|°C|N m\b)|(?<=\bN) (?=m\b)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])"
+    return re.sub(pattern, "\N{NO-BREAK SPACE}", text)
 
 
 def badge(text: str, kind: str = "neutral") -> Markup:
@@ -150,19 +188,35 @@ def format_number(value: Any, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
-def render_table(table: pd.DataFrame, caption: str = "", digits: int = 3) -> Markup:
-    """Table of a data frame: numbers to `digits` digits, missing ones as n/a, text escaped."""
+def render_table(
+    table: pd.DataFrame, caption: str = "", digits: int = 3, filter_by: Mapping[str, str] | None = None
+) -> Markup:
+    """Table of a data frame that sorts and exports: missing numbers as n/a, text escaped.
+
+    Parameters
+    ----------
+    table : DataFrame
+    caption : str
+    digits : int
+        Of the numbers shown.
+    filter_by : mapping of str to str, optional
+        Column and the page's filter that hides the rows of its other values.
+    """
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(str(name)) for name in table.columns)
     rows = []
+    places = {list(table.columns).index(column): key for column, key in (filter_by or {}).items()}
     for values in table.itertuples(index=False):
         cells = Markup("")
         for value in values:
             number = isinstance(value, Real) and not isinstance(value, bool)
             text = value if isinstance(value, Markup) else escape(format_number(value, digits))
             cells += Markup('<td class="number">{}</td>' if number else "<td>{}</td>").format(text)
-        rows.append(Markup("<tr>{}</tr>").format(cells))
+        own = {key: str(values[place]) for place, key in places.items()}
+        attribute = Markup(' data-cell="{}"').format(json.dumps(own)) if own else ""
+        rows.append(Markup("<tr{}>{}</tr>").format(attribute, cells))
     title = Markup("<caption><span>{}</span></caption>").format(caption) if caption else ""
     body = Markup("\n").join(rows)
     return Markup(
-        '<div class="wide"><table>{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>'
-    ).format(title, head, body)
+        '<div class="wide" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
+        "<tbody>{}</tbody></table></div>"
+    ).format(caption[:80] or "Table", title, head, body)

@@ -9,6 +9,7 @@ import pandas as pd
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
+    from wearscope.evaluation.conclusion import Conclusion
     from wearscope.reporting.reevaluation import Reevaluation
 
 
@@ -47,6 +48,16 @@ class Study:
         Package version, commit, digest of the sources, Python and package versions.
     sources : mapping of str to sequence of str
         Where each robot's numbers come from, by robot.
+    conclusions : sequence of Conclusion
+        Of all robots together first, then of each where there are several.
+    thresholds, rankings : DataFrame or None
+        Alarm thresholds of the recommended detector by cell, and the ranking of each robot.
+    responses, simulated, detection : DataFrame or None
+        Surrogates along each factor, the runs beside them, and ROC; from `wearscope.evaluation`.
+    friction, postures : DataFrame or None
+        Of the robots: friction over speed, positions along the test-cycles.
+    units : mapping of str to str
+        Unit of the test quantity by detector, where it is known.
     """
 
     config: Mapping[str, Any]
@@ -77,6 +88,15 @@ class Study:
     costs: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["stage", "jobs", "seconds"]))
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    conclusions: Sequence["Conclusion"] = ()
+    thresholds: pd.DataFrame | None = None
+    rankings: pd.DataFrame | None = None
+    responses: pd.DataFrame | None = None
+    simulated: pd.DataFrame | None = None
+    detection: pd.DataFrame | None = None
+    friction: pd.DataFrame | None = None
+    postures: pd.DataFrame | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def factor(self, name: str) -> "Factor":
         """Factor by name."""

@@ -50,7 +50,7 @@ def render_chosen(study: Study) -> Markup:
     for fda, rows in study.chosen.groupby("fda", sort=True):
         states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
         records.append(
-            {"fda": fda, "cells": len(rows)}
+            {"detector": fda, "cells": len(rows)}
             | {state: int(states.get(state, 0)) for state in ("reached", "at ceiling", "short", "constant")}
             | {
                 "median fit [%]": float(rows["fit"].median()),
@@ -62,7 +62,6 @@ def render_chosen(study: Study) -> Markup:
         )
     note = (
         "The surrogate chosen for each cell by cross-validation, its fit (6) on runs that no choice saw; "
-        "ceiling: what the noise of a run, known from replicates, leaves. The figure shows the paper's "
-        "quadratic models."
+        "ceiling: what the noise of a run, known from replicates, leaves."
     )
-    return render_table(pd.DataFrame(records), note)
+    return render_table(pd.DataFrame(records), note, filter_by={"detector": "fda"})

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text
+from wearscope.reporting.labels import count_text, factor_name
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -131,8 +131,8 @@ def dropped_factors(study: Study) -> list[str]:
     if study.screening is None:
         return []
     return [
-        f"{study.factor(row.factor).description} ({row.factor}) moves no recorded torque of {row.robot} and "
-        "was dropped from its answers to Q-1 and Q-3."
+        f"{factor_name(study.factor(row.factor)).capitalize()} moves no recorded torque of {row.robot} and "
+        "was dropped from the answers on factors and scope."
         for row in study.screening[study.screening["dropped"]].itertuples()
     ]
 

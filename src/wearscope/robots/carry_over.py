@@ -74,7 +74,8 @@ def carry_over(
                     "joint": joint,
                     "effect": effect.label,
                     "parameters": scale_parameters(effect, values, speed, torque),
-                    "source": f"assumed, carried over from {lender} of {source.name}: torque times {torque:.4g}, "
+                    "source": f"assumed, carried over from {lender} of {source.name}: torque times "
+                    f"{torque:.4g}, "
                     f"speed times {speed:.4g}",
                     "assumed": True,
                 }

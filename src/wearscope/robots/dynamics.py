@@ -147,6 +147,34 @@ class RigidBody:
             out[row] = rnea(model, data, q[row], v[row], a[row])
         return out if self._in_order else out[:, self._order]
 
+    def joint_origins(self, q: ArrayLike) -> Array:
+        """Where the joints are: forward kinematics.
+
+        Parameters
+        ----------
+        q : array (N, n)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        array (N, n + 2, 3)
+            In the base frame [m]: the base, the joints in order, and the end of the chain, which is the frame
+            of the last link that lies farthest from its joint, the payload's centre of mass where there is
+            none.
+        """
+        rows = self._sorted(np.atleast_2d(np.asarray(q, dtype=float)))
+        last = self._ids[-1]
+        frames = [frame.placement.translation for frame in self._model.frames if frame.parentJoint == last]
+        if self.payload is not None:
+            frames.append(np.asarray(self.payload.com, dtype=float))
+        end = max(frames, key=lambda one: float(np.linalg.norm(one)), default=np.zeros(3))
+        out = np.zeros((len(rows), self.n + 2, 3))
+        for row, posture in enumerate(rows):
+            pin.forwardKinematics(self._model, self._data, posture)
+            out[row, 1:-1] = [self._data.oMi[i].translation for i in self._ids]
+            out[row, -1] = self._data.oMi[last].act(end)
+        return out
+
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix (n, n), symmetric to the last bit."""
         upper = np.triu(pin.crba(self._model, self._data, self._sorted(q)))

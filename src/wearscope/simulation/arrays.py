@@ -168,8 +168,9 @@ def make_work(n: int) -> Work:
 def make_log(count: int, n: int, terms: int, by_effect: bool) -> Log:
     """Log of `count` steps, with what each effect takes if asked for."""
     detailed = count if by_effect else 0
-    whole = [np.full((count, n), np.nan) for _ in range(4)]
-    return Log(*whole, *(np.zeros((detailed, n)) for _ in range(3)), np.zeros((detailed, terms)))
+    position, speed, torque, applied = (np.full((count, n), np.nan) for _ in range(4))
+    motor, rotor, bias = (np.zeros((detailed, n)) for _ in range(3))
+    return Log(position, speed, torque, applied, motor, rotor, bias, np.zeros((detailed, terms)))
 
 
 def make_motion(n: int) -> Motion:

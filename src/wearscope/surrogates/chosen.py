@@ -16,10 +16,12 @@ from wearscope.surrogates.fitting import (
     cell_name,
     cells_of,
     factor_columns,
+    surrogates_of,
     usable_points,
 )
 from wearscope.surrogates.goodness import model_fit, pure_error
-from wearscope.surrogates.selection import KINDS, ChosenSurrogate, choose_surrogate, rebuild_surrogate
+from wearscope.surrogates.selection import CHOSEN, KINDS, ChosenSurrogate, choose_surrogate, rebuild_surrogate
+from wearscope.surrogates.surrogate import Surrogate
 
 FILLING = "filling"
 CHECKING = "checking"
@@ -188,6 +190,31 @@ def read_chosen(
                 row["kind"], parameters, spreads[0], z, y, names, spreads[1], list(row["nominal"])
             ),
         )
+
+
+def read_cells(
+    model: str, test_quantities: pd.DataFrame, surrogates: pd.DataFrame, chosen: pd.DataFrame | None
+) -> list[tuple[tuple, ChosenSurrogate | Surrogate]]:
+    """The surrogate that a question is asked of, by cell (robot, cycle, axis, fda), in sorted order.
+
+    Parameters
+    ----------
+    model : str
+        ``chosen``, or a quadratic model.
+    test_quantities, surrogates : DataFrame
+    chosen : DataFrame or None
+        Needed where `model` is ``chosen``.
+
+    Raises
+    ------
+    InputError
+        Where it is not there.
+    """
+    if model != CHOSEN:
+        return [(key[:4], one) for key, one in surrogates_of(surrogates, model)]
+    if chosen is None:
+        raise InputError("surrogates: none was chosen; set surrogates.filling.enabled, or ask another model.")
+    return list(read_chosen(chosen, test_quantities))
 
 
 def read_noise(chosen: pd.DataFrame) -> dict[tuple, float]:

@@ -20,8 +20,11 @@ from wearscope.closed_loop.diagnostics.dependence import (
 )
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
+from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
+from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.closed_loop.intake.preprocessing import Prepared
 from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.closed_loop.verdict import residual_table
 
 if TYPE_CHECKING:
     from wearscope.closed_loop.diagnosis import Diagnosis
@@ -73,8 +76,9 @@ def examine(
     Parameters
     ----------
     out : Path
-        Where ``signals.parquet``, ``isolability.parquet``, ``diagnostics.parquet``, ``dependence.parquet``,
-        ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are written.
+        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``,
+        ``dependence.parquet``, ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are
+        written.
     diagnosis : Diagnosis
     progress : callable
 
@@ -99,8 +103,11 @@ def examine(
     progress("what a black box explains")
     black_box = judge_black_box(prepared, predicted)
     forward, series = compare_forward(prepared, diagnosis.models, progress)
+    signals = signal_table(prepared)
+    profiles = profile_residuals(residual_table(prepared, predicted), signals)
     for name, table, units in (
-        ("signals", signal_table(prepared), {}),
+        ("signals", signals, {}),
+        ("profiles", profiles, PROFILE_UNITS),
         ("isolability", angles, isolability.UNITS),
         ("diagnostics", diagnostics, DIAGNOSTIC_UNITS),
         ("dependence", dependence, DEPENDENCE_UNITS),

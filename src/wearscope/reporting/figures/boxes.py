@@ -1,8 +1,11 @@
 """Box plots as in the paper's Figs. 2 and 3."""
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
+import seaborn as sns
+from matplotlib import MatplotlibDeprecationWarning
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
@@ -28,18 +31,27 @@ def draw_boxes(
     filled = [k for k, one in enumerate(data) if one.size]
     if not filled:
         return
-    ax.boxplot(
-        [data[k] for k in filled],
-        positions=[positions[k] for k in filled],
-        widths=width,
-        manage_ticks=False,
-        patch_artist=True,
-        boxprops={"facecolor": to_rgba(colour, 0.35), "edgecolor": colour, "linewidth": 0.9},
-        whiskerprops={"color": colour, "linewidth": 0.9},
-        capprops={"color": colour, "linewidth": 0.9},
-        medianprops={"linewidth": 0},
-        flierprops={"marker": "o", "markersize": 2.5, "markeredgecolor": colour, "markerfacecolor": "none"},
-    )
+    with warnings.catch_warnings():
+        # The locked seaborn still says `vert` to matplotlib, which is about to drop it.
+        warnings.filterwarnings("ignore", message="vert: bool", category=MatplotlibDeprecationWarning)
+        sns.boxplot(
+            x=np.repeat([positions[k] for k in filled], [data[k].size for k in filled]),
+            y=np.concatenate([data[k] for k in filled]),
+            ax=ax,
+            native_scale=True,
+            width=width,
+            saturation=1.0,
+            boxprops={"facecolor": to_rgba(colour, 0.35), "edgecolor": colour, "linewidth": 0.9},
+            whiskerprops={"color": colour, "linewidth": 0.9},
+            capprops={"color": colour, "linewidth": 0.9},
+            medianprops={"linewidth": 0},
+            flierprops={
+                "marker": "o",
+                "markersize": 2.5,
+                "markeredgecolor": colour,
+                "markerfacecolor": "none",
+            },
+        )
     at = [positions[k] for k in filled]
     median = [float(np.median(data[k])) for k in filled]
     ax.plot(at, median, "o", mfc="white", mec="black", mew=0.8, ms=4.5, zorder=5)

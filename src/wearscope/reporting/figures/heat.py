@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib import colormaps
+import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, Normalize
@@ -38,30 +38,20 @@ def draw_heat(
     size : float
         Of that text [pt].
     """
-    shape = values.shape
-    colours = colormaps[cmap] if isinstance(cmap, str) else cmap
-    mesh = ax.pcolormesh(
-        np.ma.masked_invalid(values), cmap=colours, norm=norm, edgecolors="white", linewidth=0.5
+    known = np.isfinite(values)
+    written = np.array(
+        [[text(float(value)) if text else "" for value in row] for row in values], dtype=object
     )
-    ax.set_ylim(shape[0], 0)
-    ax.set_xlim(0, shape[1])
-    ax.set_xticks(np.arange(shape[1]) + 0.5, columns)
-    ax.set_yticks(np.arange(shape[0]) + 0.5, rows)
-    ax.tick_params(length=0)
-    for side in ("left", "bottom"):
-        ax.spines[side].set_visible(False)
-    for i, j in np.ndindex(*shape):
-        value = float(values[i, j])
-        if not np.isfinite(value):
-            ax.add_patch(Rectangle((j, i), 1, 1, fc=MISSING, ec="#999999", hatch="////", lw=0.0))
+    sns.heatmap(
+        np.where(known, values, np.nan), ax=ax, mask=~known, norm=norm, cmap=cmap, cbar=False, linewidths=0.5,
+        linecolor="white", annot=None if written is None else np.array(written), fmt="",
+        annot_kws={"fontsize": size},
+        xticklabels=list(columns), yticklabels=list(rows),
+    )  # fmt: skip
+    ax.tick_params(length=0, labelrotation=0)
+    for i, j in np.argwhere(~known):
+        ax.add_patch(Rectangle((j, i), 1, 1, fc=MISSING, ec="#999999", hatch="////", lw=0.0))
         if text is not None:
-            label = text(value) if np.isfinite(value) or np.isinf(value) else "n/a"
-            ink = ink_on(colours(norm(value))) if np.isfinite(value) else "black"
-            ax.text(j + 0.5, i + 0.5, label, ha="center", va="center", fontsize=size, color=ink)
-    return mesh
-
-
-def ink_on(colour: Sequence[float]) -> str:
-    """Black or white, whichever is easier to read on an RGBA colour."""
-    red, green, blue = (float(part) for part in colour[:3])
-    return "black" if 0.299 * red + 0.587 * green + 0.114 * blue > 0.55 else "white"
+            label = text(float(values[i, j])) if np.isinf(values[i, j]) else "n/a"
+            ax.text(j + 0.5, i + 0.5, label, ha="center", va="center", fontsize=size, color="black")
+    return next(one for one in ax.collections if isinstance(one, QuadMesh))

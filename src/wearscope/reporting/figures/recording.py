@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wearscope.reporting.style import AFTER, BEFORE, NEUTRAL, figure_style, new_figure
@@ -65,8 +67,8 @@ def draw_recording(
         axes = figure.subplots(4, 1, sharex=True, height_ratios=[1, 1, 1.6, 1])
         for run, label, colour in zip((less, more), labels, (AFTER, BEFORE), strict=True):
             for ax, signal in zip(axes, (run.q, run.qd, run.tau), strict=False):
-                ax.plot(run.t, signal[:, joint], color=colour, lw=0.9, label=label)
-        axes[3].plot(less.t[:n], more.tau[:n, joint] - less.tau[:n, joint], color=NEUTRAL, lw=0.8)
+                _draw_curve(ax, run.t, signal[:, joint], colour, label)
+        _draw_curve(axes[3], less.t[:n], more.tau[:n, joint] - less.tau[:n, joint], NEUTRAL)
         names = (f"position [{position}]", f"speed [{position}/s]", f"motor torque [{torque}]")
         for ax, text in zip(axes, (*names, f"difference [{torque}]"), strict=True):
             ax.set_ylabel(text)
@@ -77,3 +79,7 @@ def draw_recording(
         axes[3].set_xlabel("time [s]")
         axes[3].set_xlim(less.t[0], max(less.t[-1], more.t[-1]))
     return figure
+
+
+def _draw_curve(ax: Axes, t: np.ndarray, y: np.ndarray, colour: str, label: str | None = None) -> None:
+    sns.lineplot(x=t, y=y, ax=ax, color=colour, lw=0.9, label=label, estimator=None, sort=False, legend=False)

@@ -1,10 +1,11 @@
 """Fig. 4: group scope matrices of one factor, by both methods, and where the methods disagree."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from wearscope.reporting.labels import count_text, natural_step, split_groups, unit_text
+from wearscope.reporting.labels import count_text, factor_name, natural_step, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
 
 if TYPE_CHECKING:
@@ -62,7 +63,9 @@ def draw_scope(
             for ax, method in zip(axes[:, column], methods, strict=False):
                 _draw_method(ax, group[group["method"] == method], norm)
             axes[0, column].set_title(f"{name}  ({count_text(_cells(group), 'cell')})", fontsize=9, pad=28)
-            _add_natural(axes[0, column], known.get(factor), known.get("f"), column == len(shown) - 1)
+            first = group[group["method"] == methods[0]]
+            last = column == len(shown) - 1
+            _add_natural(axes[0, column], first, known.get(factor), known.get("f"), last)
         figure.colorbar(
             ScalarMappable(norm, colormaps["cividis"]), ax=axes[: len(methods)].ravel().tolist(),
             label="cells that pass", aspect=30, pad=0.02,
@@ -72,9 +75,9 @@ def draw_scope(
             _draw_differences(figure, axes[-1], [group for _, group in shown])
         names = [METHOD_NAMES[method] for method in methods] + ["KDE − closed form"] * compare
         for ax, name in zip(axes[:, 0], names, strict=True):
-            ax.set_ylabel(f"{name}\nchange Δ of f [coded]")
+            ax.set_ylabel(f"{name}\nchange Δ of wear [coded]")
         for ax in axes[-1]:
-            ax.set_xlabel(f"σ of {factor} [coded]")
+            ax.set_xlabel(f"σ of {factor_name(known[factor]) if factor in known else factor} [coded]")
         if len(groups) > len(shown):
             figure.suptitle(f"First {len(shown)} of {len(groups)} groups")
     return figure
@@ -102,46 +105,64 @@ def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, M
     return wide.columns.to_numpy(float), wide.index.to_numpy(float), wide.to_numpy(float)
 
 
-def _extent(sigma: Matrix, delta: Matrix) -> tuple[float, float, float, float]:
-    ds, dd = (sigma[1] - sigma[0]) / 2, (delta[1] - delta[0]) / 2
-    return sigma[0] - ds, sigma[-1] + ds, delta[0] - dd, delta[-1] + dd
+def _draw_grid(ax: Axes, sigma: Matrix, delta: Matrix, values: Matrix, **options: Any) -> None:
+    """Heat map whose first cell lies at the origin, with ticks in coded units."""
+    sns.heatmap(values, ax=ax, cbar=False, xticklabels=False, yticklabels=False, rasterized=True, **options)
+    ax.set_ylim(0, len(delta))
+    for axis, grid in ((ax.xaxis, sigma), (ax.yaxis, delta)):
+        ticks = MaxNLocator(4).tick_values(grid[0], grid[-1])
+        ticks = ticks[(ticks >= grid[0] - 1e-9) & (ticks <= grid[-1] + 1e-9)]
+        axis.set_ticks(_place(grid, ticks), [f"{tick:g}" for tick in ticks])
+
+
+def _place(grid: Matrix, values: ArrayLike) -> Matrix:
+    """Where values of an evenly spaced grid lie on its heat map."""
+    return (np.asarray(values, dtype=float) - grid[0]) / (grid[1] - grid[0]) + 0.5
 
 
 def _draw_method(ax: Axes, rows: pd.DataFrame, norm: Normalize) -> None:
     sigma, delta, count = count_matrix(rows, rows["passes"])
-    ax.imshow(
-        count, origin="lower", aspect="auto", extent=_extent(sigma, delta), cmap="cividis", norm=norm,
-        interpolation="none",
-    )  # fmt: skip
+    _draw_grid(ax, sigma, delta, count, cmap="cividis", norm=norm)
     half = _cells(rows) / 2
-    _draw_edge(ax, sigma, delta, count, half, "solid")
+    _draw_edge(ax, count, half, "solid")
     if rows["confidence"].notna().any() if "confidence" in rows else False:
-        _draw_edge(ax, sigma, delta, count_matrix(rows, rows["confidence"] >= 0.95)[2], half, "dashed")
+        _draw_edge(ax, count_matrix(rows, rows["confidence"] >= 0.95)[2], half, "dashed")
 
 
-def _draw_edge(ax: Axes, sigma: Matrix, delta: Matrix, count: Matrix, half: float, style: str) -> None:
+def _draw_edge(ax: Axes, count: Matrix, half: float, style: str) -> None:
     level = half - 1e-9
     if count.min() < level < count.max():
-        ax.contour(sigma, delta, count, levels=[level], colors="white", linewidths=2.6, linestyles=style)
-        ax.contour(sigma, delta, count, levels=[level], colors="black", linewidths=1.2, linestyles=style)
+        x, y = (np.arange(n) + 0.5 for n in (count.shape[1], count.shape[0]))
+        ax.contour(x, y, count, levels=[level], colors="white", linewidths=2.6, linestyles=style)
+        ax.contour(x, y, count, levels=[level], colors="black", linewidths=1.2, linestyles=style)
 
 
-def _add_natural(ax: Axes, factor: "Factor | None", fault: "Factor | None", last: bool) -> None:
-    """Scales in natural units: at the top for sigma, at the right of the last column for the change of f."""
+def _add_natural(
+    ax: Axes, rows: pd.DataFrame, factor: "Factor | None", fault: "Factor | None", last: bool
+) -> None:
+    """Scales in natural units: at the top for sigma, at the right of the last column for wear."""
+    sigma, delta, _ = count_matrix(rows, rows["passes"])
     if factor is not None:
-        top = ax.secondary_xaxis("top", functions=_scaling(natural_step(factor)))
+        top = ax.secondary_xaxis("top", functions=_scaling(sigma, natural_step(factor)))
         top.set_xlabel(f"[{unit_text(factor.unit) or '-'}]", fontsize=8, labelpad=1)
         top.tick_params(labelsize=7)
         top.spines["top"].set_visible(True)
     if fault is not None and last:
-        right = ax.secondary_yaxis("right", functions=_scaling(natural_step(fault)))
-        right.set_ylabel(f"change of f [{unit_text(fault.unit) or '-'}]", fontsize=8)
+        right = ax.secondary_yaxis("right", functions=_scaling(delta, natural_step(fault)))
+        right.set_ylabel(f"change of wear [{unit_text(fault.unit) or '-'}]", fontsize=8)
         right.tick_params(labelsize=7)
         right.spines["right"].set_visible(True)
 
 
-def _scaling(step: float) -> tuple[Callable[[ArrayLike], ArrayLike], Callable[[ArrayLike], ArrayLike]]:
-    return lambda coded: np.multiply(coded, step), lambda natural: np.divide(natural, step)
+def _scaling(
+    grid: Matrix, step: float
+) -> tuple[Callable[[ArrayLike], ArrayLike], Callable[[ArrayLike], ArrayLike]]:
+    """From the place on a heat map to natural units, and back."""
+    width = grid[1] - grid[0]
+    return (
+        lambda place: step * (grid[0] + (np.asarray(place, dtype=float) - 0.5) * width),
+        lambda natural: (np.asarray(natural, dtype=float) / step - grid[0]) / width + 0.5,
+    )
 
 
 def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
@@ -154,18 +175,14 @@ def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequenc
         grid = count_matrix(halves[0], passes[1] - passes[0])
         found.append((*grid, int(np.sum(passes[0] != passes[1])), len(passes[0])))
     reach = max(1.0, *(float(np.abs(count).max()) for _, _, count, _, _ in found))
-    image = None
     for ax, (sigma, delta, count, n, total) in zip(axes, found, strict=True):
-        image = ax.imshow(
-            count, origin="lower", aspect="auto", extent=_extent(sigma, delta), cmap="PuOr", vmin=-reach,
-            vmax=reach, interpolation="none",
-        )  # fmt: skip
+        _draw_grid(ax, sigma, delta, count, cmap="PuOr", vmin=-reach, vmax=reach)
         ax.text(
             0.03, 0.97, f"{n:,} of {total:,} verdicts\ndiffer ({100 * n / total:.2g} %)",
             transform=ax.transAxes, va="top", fontsize=7.5,
             bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
-    if image is not None:
-        figure.colorbar(
-            image, ax=list(axes), label="cells", aspect=14, pad=0.02, ticks=MaxNLocator(integer=True)
-        )
+    figure.colorbar(
+        ScalarMappable(Normalize(-reach, reach), colormaps["PuOr"]), ax=list(axes), label="cells", aspect=14,
+        pad=0.02, ticks=MaxNLocator(integer=True),
+    )  # fmt: skip

@@ -1,0 +1,152 @@
+"""Threshold and detection probability (13), (14) at any probability of false alarm: ROC of every cell."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from wearscope.evaluation.responses import Cells
+from wearscope.evaluation.sampled_scope import SPREAD, interpolation, table_nodes, tabulated_points
+from wearscope.evaluation.scope import scope_quadratics
+from wearscope.evaluation.scope_exact import spread, tail_probability, threshold
+from wearscope.surrogates.fitting import CELL
+from wearscope.surrogates.selection import ChosenSurrogate
+from wearscope.surrogates.surrogate import Surrogate
+
+Array = NDArray[np.float64]
+FALSE_ALARMS = (
+    0.0005, 0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5,
+)  # fmt: skip
+
+
+def pick_levels(grid: Array, most: int) -> Array:
+    """At most so many values of a grid, evenly spread over it, its last among them."""
+    place = np.unique(np.linspace(0, len(grid) - 1, most + 1).round().astype(int)[1:])
+    return np.asarray(grid, dtype=float)[place]
+
+
+def detection_table(
+    cells: Cells,
+    levels: Mapping[str, float],
+    factors: Sequence[str],
+    deltas: Array,
+    sigmas: Array,
+    f0: float = -2.0,
+    false_alarms: Sequence[float] = FALSE_ALARMS,
+) -> pd.DataFrame:
+    """ROC of every cell: threshold and P_d at several P_f, changes of the fault and variations of a factor.
+
+    Parameters
+    ----------
+    cells : iterable of (key, surrogate)
+    levels : mapping
+        Coded nominal levels, where the nuisances are held.
+    factors : sequence of str
+        Nuisances that vary, one at a time.
+    deltas : array (J,)
+        Changes of the fault, coded.
+    sigmas : array (S,)
+        Standard deviations of the factor that varies, coded.
+    f0 : float
+        Coded fault level of H0.
+    false_alarms : sequence of float
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``sigma``, ``delta``, ``p_f``, ``threshold``,
+        ``p_d``. A detector that always says the same has no threshold (NaN) and detects nothing.
+    """
+    wanted = np.asarray(sorted(set(false_alarms)), dtype=float)
+    deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
+    shape = (len(sigmas), len(deltas), len(wanted))
+    grids = np.broadcast_arrays(sigmas[:, None, None], deltas[None, :, None], wanted[None, None, :])
+    parts = []
+    for key, surrogate in cells:
+        for factor in factors:
+            h, p_d = _detect(surrogate, factor, levels, f0, deltas, sigmas, wanted)
+            columns = {
+                name: grid.ravel() for name, grid in zip(("sigma", "delta", "p_f"), grids, strict=True)
+            }
+            columns["threshold"] = np.broadcast_to(h[:, None, :], shape).ravel()
+            columns["p_d"] = p_d.ravel()
+            named = dict(zip(CELL, key, strict=False))
+            parts.append(pd.DataFrame({**named, "factor": factor, **columns}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _detect(
+    surrogate: ChosenSurrogate | Surrogate,
+    factor: str,
+    levels: Mapping[str, float],
+    f0: float,
+    deltas: Array,
+    sigmas: Array,
+    wanted: Array,
+) -> tuple[Array, Array]:
+    """Thresholds (S, P) and P_d (S, J, P)."""
+    if surrogate.status == "constant":
+        empty = np.full((len(sigmas), len(wanted)), np.nan)
+        return empty, np.zeros((len(sigmas), len(deltas), len(wanted)))
+    if isinstance(surrogate, ChosenSurrogate):
+        return _detect_tabulated(surrogate, factor, levels, f0, deltas, sigmas, wanted)
+    centre = 0.0  # as `wearscope.evaluation.scope.scope_table` has it
+    null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels, centre)
+    scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
+    fixed = spread(null) <= scale
+    level = null[..., 0] + scale
+    h = np.where(fixed[:, None], level[:, None], threshold(null[:, None, :], wanted))
+    return h, tail_probability(alternatives[:, :, None, :], h[:, None, :])
+
+
+def _detect_tabulated(
+    surrogate: ChosenSurrogate,
+    factor: str,
+    levels: Mapping[str, float],
+    f0: float,
+    deltas: Array,
+    sigmas: Array,
+    wanted: Array,
+) -> tuple[Array, Array]:
+    centre = float(levels[factor])
+    nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
+    points = tabulated_points(surrogate.names, factor, faults, nodes, levels)
+    mean = surrogate.predict(points).reshape(len(faults), len(nodes))
+    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
+    weights = np.diff(ndtr(edges))
+    h = np.empty((len(sigmas), len(wanted)))
+    p_d = np.empty((len(sigmas), len(deltas), len(wanted)))
+    for s, sigma in enumerate(sigmas):
+        left, share = interpolation(nodes, centre + sigma * SPREAD)
+        y = mean[:, left] + share * (mean[:, left + 1] - mean[:, left])
+        for p, one in enumerate(wanted):
+            h[s, p] = weighted_threshold(y[0], weights, one)
+            p_d[s, :, p] = (y[1:] >= h[s, p]) @ weights
+    return h, p_d
+
+
+def weighted_threshold(values: Array, weights: Array, false_alarm: float) -> float:
+    """Smallest value at and above which lies at most the share `false_alarm` of the weights.
+
+    Within the value where the share is passed it is interpolated, as `tabulated_scope` does.
+    """
+    order = np.argsort(-values, kind="stable")
+    ranked = values[order]
+    above = np.cumsum(weights[order])
+    place = int(np.searchsorted(above, false_alarm, side="right"))
+    if place == 0:
+        return float(np.nextafter(ranked[0], np.inf))
+    place = min(place, len(ranked) - 1)
+    previous = ranked[place - 1]
+    if previous == ranked[place]:
+        return float(np.nextafter(previous, np.inf))
+    part = (false_alarm - above[place - 1]) / weights[order][place]
+    return float(previous + part * (ranked[place] - previous))
+
+
+def keep_cells(cells: Cells, detectors: Iterable[str]) -> Cells:
+    """Cells of some detectors only."""
+    wanted = set(detectors)
+    return [(key, surrogate) for key, surrogate in cells if key[3] in wanted]

@@ -1,0 +1,102 @@
+"""What a surrogate says of the test quantity over one factor at a time, beside the runs that it rests on."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor
+from wearscope.surrogates.fitting import CELL
+from wearscope.surrogates.selection import ChosenSurrogate
+from wearscope.surrogates.surrogate import Surrogate
+
+STEPS = 33
+
+#: A surrogate by its cell (robot, cycle, axis, fda).
+Cells = Iterable[tuple[tuple, ChosenSurrogate | Surrogate]]
+
+
+def response_table(
+    cells: Cells,
+    factors: Sequence[Factor],
+    levels: Mapping[str, float],
+    steps: int = STEPS,
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Response of every cell along each factor, the others held.
+
+    Parameters
+    ----------
+    cells : iterable of (key, surrogate)
+    factors : sequence of Factor
+    levels : mapping
+        Coded levels at which the others are held.
+    steps : int
+        Levels a factor, evenly over its simulated range.
+    level : float
+        Of the interval, which holds the value of a new run with that probability.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, ``low``, ``high``
+        (NaN without residual degrees of freedom).
+    """
+    line = np.linspace(CODED_LOW, CODED_HIGH, steps)
+    parts = []
+    for key, surrogate in cells:
+        for factor in factors:
+            z = np.tile([levels[name] for name in surrogate.names], (steps, 1)).astype(float)
+            z[:, surrogate.names.index(factor.name)] = line
+            low, high = surrogate.prediction_interval(z, level)
+            columns = {"coded": line, "natural": factor.to_natural(line), "y": surrogate.predict(z)}
+            parts.append(_keyed(key, factor.name, columns | {"low": low, "high": high}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def simulated_table(
+    cells: Cells, test_quantities: pd.DataFrame, factors: Sequence[Factor], levels: Mapping[str, float]
+) -> pd.DataFrame:
+    """Simulated runs of every cell along each factor, as they are and with the other factors taken back.
+
+    Parameters
+    ----------
+    cells : iterable of (key, surrogate)
+    test_quantities : DataFrame
+    factors : sequence of Factor
+    levels : mapping
+        Coded levels to which the other factors are taken back.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``set``, ``point``, ``natural``, ``y``,
+        ``y_held``: y less what the surrogate gives to the other factors' distance from `levels`. Failed runs
+        are left out.
+    """
+    runs = dict(iter(test_quantities.dropna(subset=["y"]).groupby(CELL, sort=True, observed=True)))
+    parts = []
+    for key, surrogate in cells:
+        if key not in runs:
+            continue
+        own = runs[key].sort_values(["set", "point"])
+        z = own[list(surrogate.names)].to_numpy(dtype=float)
+        y = own["y"].to_numpy(dtype=float)
+        left = y - surrogate.predict(z)
+        for factor in factors:
+            k = surrogate.names.index(factor.name)
+            held = np.tile([levels[name] for name in surrogate.names], (len(z), 1)).astype(float)
+            held[:, k] = z[:, k]
+            columns = {
+                "set": own["set"].to_numpy(),
+                "point": own["point"].to_numpy(),
+                "natural": factor.to_natural(z[:, k]),
+                "y": y,
+                "y_held": surrogate.predict(held) + left,
+            }
+            parts.append(_keyed(key, factor.name, columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _keyed(key: Sequence[object], factor: str, columns: Mapping[str, object]) -> pd.DataFrame:
+    return pd.DataFrame({**dict(zip(CELL, key, strict=False)), "factor": factor, **columns})

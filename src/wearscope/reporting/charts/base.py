@@ -1,0 +1,178 @@
+"""What a chart of a page is: an Altair specification, the page's tables that it draws, and its choices."""
+
+import base64
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+#: Digits that a number keeps on its way to a chart; the Parquet files hold them all.
+DIGITS = 5
+CELL_KEYS = ("robot", "cycle", "axis", "fda")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Something that a reader chooses.
+
+    Attributes
+    ----------
+    key : str
+    label : str
+    options : sequence of (value, text)
+    default : value, optional
+        The first one where left out.
+    slides : bool
+        A slider instead of a list.
+    plays : bool
+        With a button that moves the slider on by itself.
+    shared : bool
+        Whether the page's other charts follow it.
+    """
+
+    key: str
+    label: str
+    options: Sequence[tuple[Any, str]]
+    default: Any = None
+    slides: bool = False
+    plays: bool = False
+    shared: bool = False
+
+    @property
+    def values(self) -> list[Any]:
+        """Values of the options."""
+        return [value for value, _ in self.options]
+
+    @property
+    def texts(self) -> list[str]:
+        """Texts of the options."""
+        return [text for _, text in self.options]
+
+    @property
+    def place(self) -> int:
+        """Number of the default."""
+        return self.values.index(self.default) if self.default in self.values else 0
+
+
+@dataclass(frozen=True)
+class Source:
+    """Rows of one of the page's tables that a chart draws.
+
+    Attributes
+    ----------
+    table : str
+    by : mapping of str to str
+        Column and the choice that it must equal: a filter of the page or a choice of the chart.
+    """
+
+    table: str
+    by: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart that a reader can ask.
+
+    Attributes
+    ----------
+    name : str
+        Its id on the page.
+    title : str
+    description : str
+        What it shows, for who does not see it.
+    spec : altair chart
+        Draws data called as `sources` are (`altair.NamedData`). ``⟦key⟧`` in a title stands for the label of
+        what is chosen.
+    sources : mapping of str to Source
+        The first one is what is listed and exported.
+    caption : str
+    controls : sequence of Choice
+    single : sequence of str
+        Choices of which it can show only one value: where all are chosen, the first that has rows.
+    first : mapping
+        The value preferred then.
+    zoom : mapping of str to str
+        Scale ("x", "y") by field of its zoom, see `charts.encoding.add_zoom`; empty where it has none.
+    """
+
+    name: str
+    title: str
+    description: str
+    spec: Any
+    sources: Mapping[str, Source]
+    caption: str = ""
+    controls: Sequence[Choice] = ()
+    single: Sequence[str] = ()
+    first: Mapping[str, Any] = field(default_factory=dict)
+    zoom: Mapping[str, str] = field(default_factory=dict)
+
+    def definition(self) -> dict[str, Any]:
+        """What the page's script needs, as JSON holds it."""
+        spec = self.spec.to_dict()
+        for name in ("$schema", "config"):
+            spec.pop(name, None)
+        return {
+            "spec": spec,
+            "sources": {k: {"table": s.table, "by": dict(s.by)} for k, s in self.sources.items()},
+            "single": list(self.single),
+            "first": dict(self.first),
+            "zoom": dict(self.zoom),
+            "export": next(iter(self.sources)),
+        }
+
+
+def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
+    """Table for a page: columns as JSON, gzipped, in base64; equal tables give equal text.
+
+    Numbers keep `digits` significant digits; what is not finite is null. Columns of text are codes and their
+    values.
+    """
+    columns: dict[str, Any] = {}
+    for name in frame.columns:
+        column = frame[name]
+        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_integer_dtype(column):
+            columns[str(name)] = column.astype(int).tolist()
+        elif pd.api.types.is_numeric_dtype(column):
+            columns[str(name)] = round_digits(column.to_numpy(dtype=float), digits)
+        else:
+            codes, values = pd.factorize(column.astype(str), sort=True)
+            columns[str(name)] = {"codes": codes.tolist(), "values": [str(value) for value in values]}
+    text = json.dumps({"columns": columns}, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
+
+
+def unpack_table(text: str) -> dict[str, list[Any]]:
+    """The inverse of `pack_table`, as a page's script reads it: values by column."""
+    columns = json.loads(gzip.decompress(base64.b64decode(text)))["columns"]
+    return {
+        name: [column["values"][code] for code in column["codes"]] if isinstance(column, dict) else column
+        for name, column in columns.items()
+    }
+
+
+def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]:
+    """Values (N,) to some significant digits; None where they are not finite.
+
+    >>> round_digits(np.array([3.14159265, 123456.0, np.nan]), 3)
+    [3.14, 123000.0, None]
+    """
+    known = np.isfinite(values)
+    size = np.where(known & (values != 0), np.abs(values), 1.0)
+    shift = digits - 1 - np.floor(np.log10(size)).astype(int)
+    # A division or product of whole numbers is the double nearest to the decimal, which prints short.
+    up, down = 10.0 ** np.maximum(shift, 0), 10.0 ** np.maximum(-shift, 0)
+    short = np.round(np.where(known, values, 0.0) * up / down) / up * down
+    return [value if there else None for value, there in zip(short.tolist(), known.tolist(), strict=True)]
+
+
+@cache
+def chart_library() -> str:
+    """JavaScript of Vega, Vega-Lite and Vega-Embed in one piece, as the locked package brings it."""
+    import vl_convert
+
+    return str(vl_convert.javascript_bundle())  # type: ignore[call-arg]

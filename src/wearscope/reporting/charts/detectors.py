@@ -1,0 +1,106 @@
+"""Charts of Q-2: the detectors' signal-to-noise ratios, robots side by side."""
+
+import altair as alt
+
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.encoding import cell_tips, named
+from wearscope.reporting.charts.factors import SYMLOG
+from wearscope.reporting.charts.study import together
+from wearscope.reporting.study import Study
+
+
+def chart_snr(study: Study) -> Chart:
+    """Every cell's SNR by detector and robot, with medians and their intervals."""
+    robots = sorted(study.snr["robot"].unique())
+    shown = list(dict.fromkeys([*robots, together(study)]))
+    x = alt.X("snr:Q", title="signal-to-noise ratio (11)", scale=SYMLOG)
+    offset = alt.YOffset("robot:N", scale=alt.Scale(domain=shown))
+    tint = alt.Color(
+        "robot:N",
+        title=None,
+        scale=alt.Scale(
+            domain=shown,
+            range=[*(f"var(--c{k % 6})" for k in range(len(robots))), "var(--ink)"][: len(shown)],
+        ),
+    )
+    cells = (
+        named("snr")
+        .mark_circle(opacity=0.6)
+        .encode(
+            x=x,
+            y=alt.Y("fda:N", title=None),
+            yOffset=offset,
+            color=tint,
+            tooltip=[
+                *cell_tips(),
+                alt.Tooltip("snr:Q", title="SNR", format=".3"),
+                alt.Tooltip("low:Q", title="95 % from", format=".3"),
+                alt.Tooltip("high:Q", title="to", format=".3"),
+                alt.Tooltip("status:N"),
+            ],
+        )
+    )
+    ranks = named("rankings").encode(y=alt.Y("fda:N"), yOffset=offset, color=tint)
+    tips = [
+        alt.Tooltip("fda:N", title="detector"),
+        alt.Tooltip("robot:N"),
+        alt.Tooltip("median:Q", title="median SNR", format=".3"),
+        alt.Tooltip("low:Q", title="95 % from", format=".3"),
+        alt.Tooltip("high:Q", title="to", format=".3"),
+        alt.Tooltip("rank:Q"),
+    ]
+    spans = ranks.mark_rule(strokeWidth=5, opacity=0.35).encode(
+        x=alt.X("low:Q", title="signal-to-noise ratio (11)"), x2="high:Q", tooltip=tips
+    )
+    medians = ranks.mark_tick(thickness=3, size=14).encode(
+        x=alt.X("median:Q", title="signal-to-noise ratio (11)"), tooltip=tips
+    )
+    zero = alt.Chart(alt.InlineData([{"snr": 0}])).mark_rule(color="var(--soft)").encode(x="snr:Q")
+    by = {key: key for key in CELL_KEYS}
+    return Chart(
+        "snr",
+        "Signal-to-noise ratio of every cell",
+        "SNR of every cell by detector and robot, with medians and their 95 % intervals.",
+        alt.layer(zero, cells, spans, medians).properties(
+            width="container", height={"step": max(16, 54 // len(shown))}
+        ),
+        {"snr": Source("snr", by), "rankings": Source("rankings", {"robot": "robot", "fda": "fda"})},
+        "A point is a cell; marks and bars: medians with 95 % intervals over all test-cycles and axes of the "
+        "study. Below 0 the test quantity falls with wear.",
+    )
+
+
+def chart_snr_cells(study: Study) -> Chart:
+    """SNR of every cell as a heat map."""
+    base = named("snr").encode(
+        x=alt.X("fda:N", title="detector", axis=alt.Axis(orient="top", labelAngle=0)),
+        y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
+    )
+    top = float(study.snr["snr_exact"].abs().replace(float("inf"), float("nan")).max() or 1.0)
+    cells = base.mark_rect().encode(
+        color=alt.Color(
+            "snr:Q",
+            title="SNR",
+            scale=alt.Scale(type="symlog", domain=[-top, 0, top], range=["#b35806", "#f1f1f0", "#2166ac"]),
+        ),
+        tooltip=[
+            *cell_tips(),
+            alt.Tooltip("snr:Q", title="SNR", format=".3"),
+            alt.Tooltip("low:Q", title="95 % from", format=".3"),
+            alt.Tooltip("high:Q", title="to", format=".3"),
+            alt.Tooltip("status:N"),
+        ],
+    )
+    text = base.mark_text(fontSize=11).encode(
+        text=alt.Text("snr:Q", format=".2~f"),
+        color=alt.condition(f"abs(datum.snr) > {0.25 * top:.4g}", alt.value("white"), alt.value("#222")),
+    )
+    return Chart(
+        "snr-cells",
+        "Cell by cell",
+        "SNR of every cell by detector, robot, test-cycle and axis.",
+        alt.layer(cells, text).properties(width="container", height={"step": 20}),
+        {"snr": Source("snr", {key: key for key in CELL_KEYS})},
+        "Test-cycle, axis and robot down. Empty: the detector always says the same, or the robot's model has "
+        "no noise.",
+    )

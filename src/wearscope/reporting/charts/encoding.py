@@ -1,0 +1,47 @@
+"""Altair charts as the pages have them: their data by name, zoom, cells under the pointer, colours."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import altair as alt
+
+
+def named(name: str) -> alt.Chart:
+    """Empty chart of one of a chart's sources."""
+    return alt.Chart(alt.NamedData(name))
+
+
+def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]:
+    """Chart whose scales zoom (Ctrl and wheel, pinch, buttons) and move (mouse), and the fields that do.
+
+    Parameters
+    ----------
+    chart : altair chart
+    x, y : str
+        Field on the axis; empty where it does not zoom.
+    """
+    fields = {field: scale for field, scale in ((x, "x"), (y, "y")) if field}
+    zoom = alt.selection_interval(
+        name="zoom",
+        bind="scales",
+        encodings=[scale for scale in ("x", "y") if scale in fields.values()],
+        zoom="wheel![event.ctrlKey]",
+        translate="[pointerdown[event.pointerType == 'mouse'], window:pointerup] > window:pointermove!",
+    )
+    return chart.add_params(zoom), fields
+
+
+def cell_tips() -> list[alt.Tooltip]:
+    """What the pointer tells of a cell."""
+    return [
+        alt.Tooltip("robot:N"),
+        alt.Tooltip("cycle:N", title="test-cycle"),
+        alt.Tooltip("axis:N"),
+        alt.Tooltip("fda:N", title="detector"),
+    ]
+
+
+def colour(title: str = "", domain: Sequence[Any] | None = None) -> dict[str, Any]:
+    """Keyword arguments of a colour by name, the same name the same colour on all of a page's charts."""
+    scale = alt.Undefined if domain is None else alt.Scale(domain=list(domain))
+    return {"type": "nominal", "title": title or None, "scale": scale}

@@ -1,0 +1,283 @@
+"""Charts of a closed loop: errors, torque and residual over time and over signals, candidates, angles."""
+
+from typing import Any
+
+import altair as alt
+
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import add_zoom, named
+from wearscope.reporting.charts.loop_data import error_table, series_table, signal_choices
+from wearscope.reporting.closed_loop import ClosedLoop
+
+STAGE_SCALE = alt.Scale(domain=["before", "after"], range=["var(--before)", "var(--after)"])
+_KINDS = {
+    "before": "var(--before)",
+    "after": "var(--after)",
+    "noise floor": "var(--ink)",
+    "as declared": "var(--soft)",
+    "black box on after": "var(--c2)",
+}
+_TIME = alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False))
+_ONE = {"joint": "joint", "run": "run"}
+
+
+def chart_errors(loop: ClosedLoop) -> Chart:
+    """RMS error of every joint: before, after, noise floor and what else is known."""
+    known = set(error_table(loop)["kind"])
+    kinds = [kind for kind in _KINDS if kind in known]
+    tints = [_KINDS[kind] for kind in kinds]
+    base = named("errors").encode(
+        y=alt.Y("joint:N", title=None, sort=loop.joints),
+        yOffset=alt.YOffset("kind:N", scale=alt.Scale(domain=kinds)),
+        color=alt.Color("kind:N", title=None, scale=alt.Scale(domain=kinds, range=tints)),
+        tooltip=[
+            alt.Tooltip("joint:N"),
+            alt.Tooltip("kind:N"),
+            alt.Tooltip("value:Q", title="RMS error", format=".4"),
+            alt.Tooltip("low:Q", title="95 % from", format=".4"),
+            alt.Tooltip("high:Q", title="to", format=".4"),
+            alt.Tooltip("unit:N"),
+        ],
+    )
+    units = sorted({one["unit"] for one in loop.verdict["joints"].values()})
+    x = alt.X(
+        "value:Q", title=f"RMS error on the test runs [{' or '.join(units)}]", scale=alt.Scale(type="log")
+    )
+    spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
+    points = base.transform_filter("datum.kind != 'noise floor'").mark_circle(size=65, opacity=1)
+    floors = base.transform_filter("datum.kind == 'noise floor'").mark_tick(thickness=3, size=13)
+    layers = [spans.encode(x=alt.X("low:Q"), x2="high:Q"), points.encode(x=x), floors.encode(x=x)]
+    return Chart(
+        "errors-chart",
+        "Error of every joint before and after",
+        "RMS error of every joint on the test runs before and after the correction, with the noise floor.",
+        alt.layer(*layers).properties(width="container", height={"step": 9}),
+        {"errors": Source("errors", {"joint": "joint"})},
+        "At the common bandwidth, with 95 % intervals from resampled blocks. Before: the declared model, its "
+        "own parameters refitted on the training runs; as declared: without that. Black box: what "
+        "gradient-boosted trees on all signals leave of the residual after.",
+    )
+
+
+def chart_torque(loop: ClosedLoop, joint: str, run: str) -> Chart | None:
+    """Measured and predicted torque over time; None where only residuals were kept."""
+    if "predicted_after" not in series_table(loop):
+        return None
+    names = {"measured": "measured", "predicted_before": "before", "predicted_after": "after"}
+    label = " : ".join(f"datum.key == '{key}' ? '{text}'" for key, text in names.items()) + " : ''"
+    spec, fields = add_zoom(
+        named("series")
+        .transform_fold([*names], as_=["key", "torque"])
+        .transform_calculate(model=label)
+        .mark_line(strokeWidth=1.3, clip=True)
+        .encode(
+            x=_TIME,
+            y=alt.Y("torque:Q", title="torque [⟦joint.unit⟧]"),
+            color=alt.Color(
+                "model:N",
+                title=None,
+                scale=alt.Scale(
+                    domain=["measured", "before", "after"],
+                    range=["var(--ink)", "var(--before)", "var(--after)"],
+                ),
+            ),
+            tooltip=[
+                alt.Tooltip("t:Q", title="time [s]", format=".3f"),
+                alt.Tooltip("model:N", title="torque"),
+                alt.Tooltip("torque:Q", title="[⟦joint.unit⟧]", format=".4"),
+            ],
+        ),
+        "t",
+        "torque",
+    )
+    return Chart(
+        "torque",
+        "Measured and predicted torque",
+        "Measured torque of a joint over time, and what the models before and after predict.",
+        spec.properties(width="container", height=300),
+        {"series": Source("series", _ONE)},
+        "At the common bandwidth, thinned for the page; residual.parquet has every row. Zoom with Ctrl and "
+        "the wheel or the buttons, drag to move.",
+        single=["joint", "run"],
+        first={"joint": joint, "run": run},
+        zoom=fields,
+    )
+
+
+def chart_residual(loop: ClosedLoop, joint: str, run: str) -> Chart:
+    """Residual over time, before and after."""
+    spec, fields = add_zoom(
+        _over_time("series", ["residual_before", "residual_after"], "residual [⟦joint.unit⟧]"), "t", "torque"
+    )
+    return Chart(
+        "residual-chart",
+        "Residual over time",
+        "Residual torque of a joint over time, before and after the correction.",
+        spec.properties(width="container", height=240),
+        {"series": Source("series", _ONE)},
+        "Measured less predicted, where rows count.",
+        single=["joint", "run"],
+        first={"joint": joint, "run": run},
+        zoom=fields,
+    )
+
+
+def _over_time(source: str, fields: list[Any], title: str) -> alt.Chart:
+    return (
+        named(source)
+        .transform_fold(fields, as_=["key", "torque"])
+        .transform_calculate(stage="replace(datum.key, 'residual_', '')")
+        .mark_line(strokeWidth=1.2, clip=True)
+        .encode(
+            x=_TIME,
+            y=alt.Y("torque:Q", title=title),
+            color=alt.Color("stage:N", title=None, scale=STAGE_SCALE, sort=["before", "after"]),
+            tooltip=[
+                alt.Tooltip("t:Q", title="time [s]", format=".3f"),
+                alt.Tooltip("stage:N", title="model"),
+                alt.Tooltip("torque:Q", title="[⟦joint.unit⟧]", format=".4"),
+            ],
+        )
+    )
+
+
+def chart_against(loop: ClosedLoop, joint: str) -> Chart:
+    """Residual over a signal: points, and medians with quartiles in bins."""
+    x = alt.X("x:Q", title="⟦joint+choice⟧", scale=alt.Scale(zero=False))
+    tint = alt.Color("stage:N", title=None, scale=STAGE_SCALE, sort=["before", "after"])
+    points = (
+        named("against")
+        .transform_fold(["residual_before", "residual_after"], as_=["key", "residual"])
+        .transform_calculate(stage="replace(datum.key, 'residual_', '')")
+        .mark_circle(size=12, opacity=0.28, clip=True)
+        .encode(
+            x=x,
+            y=alt.Y("residual:Q", title="residual [⟦joint.unit⟧]"),
+            color=tint,
+            tooltip=[
+                alt.Tooltip("x:Q", title="⟦joint+choice⟧", format=".4"),
+                alt.Tooltip("residual:Q", title="residual [⟦joint.unit⟧]", format=".4"),
+                alt.Tooltip("stage:N"),
+                alt.Tooltip("run:N"),
+            ],
+        )
+    )
+    layers: list[alt.Chart] = [points]
+    by = {"joint": "joint", "choice": "choice"}
+    sources = {"against": Source("against", by | {"run": "run"})}
+    text = "Points: rows that count, thinned for the page."
+    if loop.profiles is not None:
+        lines = named("profiles").encode(x=x, color=tint)
+        layers += [
+            lines.mark_area(opacity=0.25, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
+            lines.mark_line(strokeWidth=2.5, clip=True, point=True).encode(
+                y="median:Q",
+                tooltip=[
+                    alt.Tooltip("x:Q", title="⟦joint+choice⟧", format=".4"),
+                    alt.Tooltip("median:Q", format=".4"),
+                    alt.Tooltip("low:Q", title="quartile", format=".4"),
+                    alt.Tooltip("high:Q", title="quartile", format=".4"),
+                    alt.Tooltip("stage:N"),
+                    alt.Tooltip("n:Q", title="rows"),
+                ],
+            ),
+        ]
+        sources["profiles"] = Source("profiles", by)
+        text += " Lines and bands: medians and quartiles in bins, over all runs."
+    spec, fields = add_zoom(alt.layer(*layers), "x", "residual")
+    return Chart(
+        "against",
+        "Residual over the signal that it depends on",
+        "Residual torque of a joint over a signal, before and after the correction.",
+        spec.properties(width="container", height=320),
+        sources,
+        text + " What a residual depends on: the signals that the verdict names first, then those that a "
+        "spline finds. Over its own speed the residual shows the friction that the model lacks.",
+        [Choice("choice", "Over", signal_choices(loop))],
+        ["joint"],
+        {"joint": joint},
+        fields,
+    )
+
+
+def chart_candidates(loop: ClosedLoop) -> Chart | None:
+    """What each candidate gains, step by step; None where there was none."""
+    if not len(loop.candidates):
+        return None
+    steps = sorted(int(step) for step in loop.candidates["step"].unique())
+    spec = (
+        named("candidates")
+        .mark_bar(cornerRadius=2)
+        .encode(
+            y=alt.Y("label:N", title=None, sort=None, axis=alt.Axis(labelLimit=240)),
+            x=alt.X("gain:Q", title="held-out loss that it removes [% of the joint's]"),
+            color=alt.Color(
+                "taken:N",
+                title=None,
+                scale=alt.Scale(domain=["taken", "left"], range=["var(--after)", "var(--soft)"]),
+            ),
+            opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
+            tooltip=[
+                alt.Tooltip("label:N", title="candidate"),
+                alt.Tooltip("gain:Q", title="gain [%]", format=".3"),
+                alt.Tooltip("p_value:Q", title="p", format=".2"),
+                alt.Tooltip("reason:N"),
+            ],
+        )
+    )
+    return Chart(
+        "candidates-chart",
+        "Candidates at each step",
+        "Held-out gain of the best candidates at each step, and which were taken.",
+        spec.properties(width="container", height={"step": 20}),
+        {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
+        "The pointer tells why a candidate was not taken.",
+        [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
+    )
+
+
+def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
+    """Angles between candidates at a joint; None where they were not measured."""
+    if loop.isolability is None:
+        return None
+    base = named("angles").encode(
+        x=alt.X("effect_b:N", title=None, axis=alt.Axis(labelAngle=-60, labelLimit=150)),
+        y=alt.Y("effect_a:N", title=None, axis=alt.Axis(labelLimit=150)),
+    )
+    cells = base.mark_rect().encode(
+        color=alt.Color("angle:Q", title="angle [deg]", scale=alt.Scale(domain=[0, 90], scheme="viridis")),
+        tooltip=[
+            alt.Tooltip("effect_a:N", title="effect"),
+            alt.Tooltip("effect_b:N", title="and"),
+            alt.Tooltip("angle:Q", title="angle [deg]", format=".1f"),
+        ],
+    )
+    return Chart(
+        "angles",
+        "Angles between candidates",
+        "Angles between the torques of the candidates at a joint.",
+        cells.properties(width="container", height={"step": 17}),
+        {"angles": Source("angles", {"joint": "joint"})},
+        "0: cannot be told apart on these runs; 90: nothing in common. On the diagonal the angle to the "
+        "declared model, which absorbs what lies near 0.",
+        single=["joint"],
+        first={"joint": joint},
+    )
+
+
+def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
+    """Torque error of both models simulated forward; None where they were not."""
+    if loop.forward_series is None or not len(loop.forward_series):
+        return None
+    spec, fields = add_zoom(_over_time("forward", ["before", "after"], "error [⟦joint.unit⟧]"), "t", "torque")
+    return Chart(
+        "forward-chart",
+        "Simulated forward less measured",
+        "Torque error of the models before and after, simulated forward, over time.",
+        spec.properties(width="container", height=240),
+        {"forward": Source("forward", _ONE)},
+        "In PyBullet, at the common bandwidth, on the test runs.",
+        single=["joint", "run"],
+        first={"joint": joint},
+        zoom=fields,
+    )

@@ -1,0 +1,218 @@
+"""Charts of Q-3: scope matrices, and detection at the reader's own probability of false alarm."""
+
+import altair as alt
+import pandas as pd
+
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source
+from wearscope.reporting.charts.encoding import cell_tips, colour, named
+from wearscope.reporting.charts.study import detection_cells
+from wearscope.reporting.labels import factor_name, quantity_text, unit_text
+from wearscope.reporting.study import Study
+
+_BY = {key: key for key in CELL_KEYS}
+
+
+def chart_scope(study: Study, detector: str = "") -> Chart:
+    """Scope of a cell or a group of cells: how many meet the requirement, and the worst under the pointer."""
+    names = study.config["scope"]["factors"]
+    n_delta = study.config["scope"]["grid"][0]
+    known = study.scope["confidence"].notna().any()
+    surely = [alt.Tooltip("surely:Q", title="of them with 95 % confidence")] if known else []
+    counted = (
+        named("scope")
+        .transform_aggregate(
+            cells="count()",
+            passing="sum(passes)",
+            surely="sum(sure)",
+            worst="argmin(p_d)",
+            best="argmax(p_d)",
+            groupby=["change", "sigma"],
+        )
+        .transform_calculate(
+            share="datum.passing / datum.cells",
+            lowest="datum.worst.p_d",
+            highest="datum.best.p_d",
+            at="datum.worst.place",
+        )
+        .mark_rect()
+        .encode(
+            x=alt.X(
+                "sigma:O",
+                title="standard deviation of ⟦factor⟧",
+                axis=alt.Axis(format=".2~g", labelAngle=0, labelOverlap="greedy"),
+            ),
+            y=alt.Y(
+                "change:O",
+                title=f"change of wear{_unit(study)}",
+                sort="descending",
+                axis=alt.Axis(format=".2~g", labelOverlap="greedy"),
+            ),
+            color=alt.Color(
+                "share:Q",
+                title="share of cells that meet the requirement",
+                scale=alt.Scale(domain=[0, 1], scheme="cividis"),
+                legend=alt.Legend(format=".0%", gradientLength=180),
+            ),
+            tooltip=[
+                alt.Tooltip("change:Q", title="change of wear", format=".3"),
+                alt.Tooltip("sigma:Q", title="standard deviation of ⟦factor⟧", format=".3"),
+                alt.Tooltip("passing:Q", title="cells that meet it"),
+                *surely,
+                alt.Tooltip("cells:Q", title="of"),
+                alt.Tooltip("lowest:Q", title="lowest P_d", format=".3f"),
+                alt.Tooltip("at:N", title="which is at"),
+                alt.Tooltip("highest:Q", title="highest P_d", format=".3f"),
+            ],
+        )
+    )
+    setting = study.config["scope"]
+    return Chart(
+        "scope",
+        "Where it works",
+        "Share of cells that detect wear, by size of the change and variation of a factor.",
+        counted.properties(width="container", height=max(240, min(420, 14 * n_delta))),
+        {"scope": Source("scope", {"factor": "factor", **_BY})},
+        f"Meets the requirement: P_d ≥ {setting['p_d']:g} at P_f ≤ {setting['p_f']:g} with the factor "
+        "normally distributed about nominal, all else nominal. Filter to one robot, test-cycle and axis for "
+        "the scope of a cell; the pointer tells which cell of a group is worst.",
+        [Choice("factor", "Varying", [(name, factor_name(study.factor(name))) for name in names])],
+        ["fda"],
+        {"fda": detector} if detector else {},
+    )
+
+
+def _unit(study: Study) -> str:
+    unit = unit_text(study.factor("f").unit)
+    return f" [{unit}]" if unit else ""
+
+
+def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
+    """ROC table with a column ``case`` (factor and its variation), and what a reader chooses of it."""
+    table = detection_cells(study)
+    cases = table[["factor", "sigma"]].drop_duplicates()
+    keys = {(row.factor, row.sigma): f"{row.factor}:{k}" for k, row in enumerate(cases.itertuples())}
+    texts = [
+        (
+            key,
+            f"{factor_name(study.factor(name))}, σ = {quantity_text(sigma, study.factor(name).unit)}",
+        )
+        for (name, sigma), key in keys.items()
+    ]
+    table["case"] = [keys[pair] for pair in zip(table["factor"], table["sigma"], strict=True)]
+    changes = sorted(float(one) for one in table["change"].unique())
+    fault = study.factor("f")
+    alarms = sorted(float(one) for one in table["p_f"].unique())
+    factor, sigma, change = _asked_first(study, cases, changes)
+    return table.drop(columns=["factor", "sigma"]), [
+        Choice("case", "Varying", texts, keys[factor, sigma], shared=True),
+        Choice(
+            "change",
+            "Change of wear",
+            [(one, quantity_text(one, fault.unit, 3)) for one in changes],
+            change,
+            slides=True,
+            shared=True,
+        ),
+        Choice(
+            "p_f",
+            "Your P_f",
+            [(one, f"{100 * one:g} %") for one in alarms],
+            _nearest(alarms, study.config["scope"]["p_f"]),
+            slides=True,
+            shared=True,
+        ),
+    ]
+
+
+def _asked_first(study: Study, cases: pd.DataFrame, changes: list[float]) -> tuple[str, float, float]:
+    """Factor, variation and change of wear nearest to the conclusion's; the middle ones without any."""
+    conclusion = study.conclusions[0] if study.conclusions else None
+    if conclusion is not None and conclusion.bounds:
+        bound = conclusion.bounds[0]
+        own = cases.loc[cases["factor"] == bound.factor, "sigma"].to_list()
+        return bound.factor, _nearest(own, bound.sigma), _nearest(changes, conclusion.wear)
+    factor = str(cases["factor"].iloc[0])
+    own = cases.loc[cases["factor"] == factor, "sigma"].to_list()
+    return factor, float(own[len(own) // 2]), changes[len(changes) // 2]
+
+
+def _nearest(values: list[float], wanted: float) -> float:
+    return min(values, key=lambda value: abs(value - wanted))
+
+
+def chart_roc(study: Study, choices: list[Choice]) -> Chart:
+    """P_d over P_f of every cell."""
+    names = sorted(study.snr["fda"].unique())
+    base = named("roc").encode(
+        x=alt.X(
+            "p_f:Q",
+            title="probability of false alarm P_f",
+            scale=alt.Scale(type="log"),
+            axis=alt.Axis(format="~%", tickCount=4),
+        ),
+        y=alt.Y(
+            "p_d:Q",
+            title="probability of detection P_d",
+            scale=alt.Scale(domain=[0, 1]),
+            axis=alt.Axis(format="%"),
+        ),
+        color=alt.Color("fda:N", **colour("detector", names)),
+        detail=["robot:N", "cycle:N", "axis:N"],
+    )
+    tips = [
+        *cell_tips(),
+        alt.Tooltip("p_f:Q", title="P_f", format=".2~%"),
+        alt.Tooltip("p_d:Q", title="P_d", format=".2%"),
+        alt.Tooltip("threshold:Q", format=".4"),
+    ]
+    lines = base.mark_line(opacity=0.75, point=alt.OverlayMarkDef(size=22)).encode(tooltip=tips)
+    own = alt.param(name="p_f", value=study.config["scope"]["p_f"])
+    rule = (
+        alt.Chart(alt.InlineData([{}]))
+        .transform_calculate(own="p_f")
+        .mark_rule(strokeDash=[5, 4], color="var(--ink)")
+        .encode(x=alt.X("own:Q"))
+    )
+    return Chart(
+        "roc",
+        "Detection against false alarms",
+        "ROC curves: probability of detection over probability of false alarm of every cell.",
+        alt.layer(lines, rule).add_params(own).properties(width="container", height=320),
+        {"roc": Source("detection", {"case": "case", "change": "change", **_BY})},
+        "A line is a cell. Choose how large the change of wear is, what varies and by how much, and your own "
+        "P_f (dashed).",
+        choices,
+    )
+
+
+def chart_power(study: Study) -> Chart:
+    """P_d and threshold of every cell at the P_f chosen."""
+    names = sorted(study.snr["fda"].unique())
+    bars = (
+        named("power")
+        .mark_bar(cornerRadius=2)
+        .encode(
+            x=alt.X(
+                "p_d:Q", title="P_d at your P_f", scale=alt.Scale(domain=[0, 1]), axis=alt.Axis(format="%")
+            ),
+            y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
+            yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
+            color=alt.Color("fda:N", **colour("detector", names)),
+            tooltip=[
+                *cell_tips(),
+                alt.Tooltip("p_d:Q", title="P_d", format=".2%"),
+                alt.Tooltip("p_f:Q", title="P_f", format=".2~%"),
+                alt.Tooltip("threshold:Q", format=".4"),
+            ],
+        )
+    )
+    by = {"case": "case", "change": "change", "p_f": "p_f", **_BY}
+    return Chart(
+        "power",
+        "Detected at your P_f",
+        "Probability of detection of every cell at the probability of false alarm that was chosen.",
+        bars.properties(width="container", height={"step": 9}),
+        {"power": Source("detection", by)},
+        "Follows the choices of the chart before. The threshold that gives this P_f is under the pointer and "
+        "in the numbers, in the unit of the test quantity.",
+    )

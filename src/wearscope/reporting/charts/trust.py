@@ -1,0 +1,79 @@
+"""Charts of how far the surrogates can be trusted: their fit, and their error where they were audited."""
+
+import altair as alt
+
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.encoding import cell_tips, colour, named
+from wearscope.reporting.study import Study
+
+_BY = {key: key for key in CELL_KEYS}
+
+
+def chart_fits(study: Study) -> Chart:
+    """Fit of every cell's surrogate, by detector."""
+    names = sorted(study.snr["fda"].unique())
+    base = named("fits").encode(y=alt.Y("fda:N", title=None), yOffset="robot:N")
+    tips = [
+        *cell_tips(),
+        alt.Tooltip("fit:Q", title="fit [%]", format=".4"),
+        alt.Tooltip("ceiling:Q", title="ceiling [%]", format=".4"),
+        alt.Tooltip("kind:N"),
+    ]
+    points = base.mark_circle(opacity=0.7).encode(
+        x=alt.X("fit:Q", title="fit (6) on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
+        color=alt.Color("fda:N", **colour("", names), legend=None),
+        tooltip=tips,
+    )
+    ceilings = base.mark_tick(color="var(--soft)", thickness=1.5, size=11).encode(
+        x=alt.X("ceiling:Q"), tooltip=tips
+    )
+    return Chart(
+        "fits",
+        "How well the surrogates fit",
+        "Fit of every cell's surrogate by detector, with the ceiling that the noise of a run leaves.",
+        alt.layer(ceilings, points).properties(width="container", height={"step": 20}),
+        {"fits": Source("fits", _BY)},
+        "A point is a cell; 100 % is perfect, a constant has 0 %. Ticks: what a perfect surrogate would "
+        "have, as the noise of single runs leaves the rest.",
+    )
+
+
+def chart_audit(study: Study) -> Chart:
+    """Error of the surrogates at the audited points."""
+    names = sorted(study.snr["fda"].unique())
+    band = (
+        alt.Chart(alt.InlineData([{"low": -1, "high": 1}]))
+        .mark_rect(color="var(--line)", opacity=0.5)
+        .encode(y="low:Q", y2="high:Q")
+    )
+    points = (
+        named("audit")
+        .mark_circle(opacity=0.7)
+        .encode(
+            x=alt.X("point:O", title="audited point", axis=alt.Axis(labelAngle=0)),
+            xOffset=alt.XOffset("fda:N", scale=alt.Scale(domain=names)),
+            y=alt.Y(
+                "error:Q",
+                title="error in half-widths of the 95 % interval",
+                scale=alt.Scale(type="symlog", constant=2),
+            ),
+            color=alt.Color("fda:N", **colour("detector", names)),
+            tooltip=[
+                *cell_tips(),
+                alt.Tooltip("point:O"),
+                alt.Tooltip("direct:Q", title="simulated directly", format=".4"),
+                alt.Tooltip("surrogate:Q", format=".4"),
+                alt.Tooltip("error:Q", title="in half-widths", format=".3"),
+                alt.Tooltip("inside:N", title="within the interval"),
+            ],
+        )
+    )
+    return Chart(
+        "audit",
+        "Surrogates against direct simulation",
+        "Error of the surrogates at the audited points in half-widths of their 95 % intervals.",
+        alt.layer(band, points).properties(width="container", height=280),
+        {"audit": Source("audit", _BY)},
+        "Within the grey band the surrogate's 95 % prediction interval holds the value that was simulated "
+        "directly. The points lie at nominal and at the edges of the scopes.",
+    )

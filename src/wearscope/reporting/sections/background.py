@@ -1,0 +1,122 @@
+"""What stands behind the answers: trust, the paper, what was simulated and assumed, costs, provenance."""
+
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from wearscope.reporting import trust
+from wearscope.reporting.assumptions import list_assumptions
+from wearscope.reporting.charts.robots import chart_friction, chart_motion
+from wearscope.reporting.charts.trust import chart_audit, chart_fits
+from wearscope.reporting.labels import join_words
+from wearscope.reporting.page import badge, render_table
+from wearscope.reporting.sections.base import StudySection, embed_charts, say
+from wearscope.reporting.study_tables import render_chosen, render_speed
+
+VERDICT_KINDS = {
+    "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
+}  # fmt: skip
+
+
+class Trust(StudySection):
+    """Fits, audit, direct simulation, failed points, the design."""
+
+    title, anchor, template = "Can it be trusted?", "trust", "trust.html"
+
+    def context(self) -> dict[str, Any]:
+        """Sentences, charts, tables."""
+        study = self.study
+        audited = study.audit is not None and len(study.audit) > 0
+        columns = ["model", "points", "terms", "rank", "condition", "dof", "resolution", "variance_centre"]
+        checks = study.checks[[*columns, "variance_nominal", "nominal_outside"]]
+        failed = [*trust.failed_simulations(study), trust.failed_points(study)]
+        return {
+            "quality": say([trust.surrogate_quality(study)]),
+            "fits": embed_charts([chart_fits(study)]),
+            "chosen": render_chosen(study),
+            "audited": say([*trust.audit_outcome(study), *trust.direct_outcome(study)]),
+            "audit": embed_charts([chart_audit(study)] if audited else []),
+            "failed": say(failed),
+            "failures": [
+                render_table(table, text)
+                for table, text in (
+                    (study.failed_simulations, "Every point whose simulation failed."),
+                    (study.failures, "Every cell and set at a point of which the detector failed."),
+                )
+                if len(table)
+            ],
+            "design": render_table(
+                checks, "The design, checked before anything was simulated; variances in σ² of a run."
+            ),
+        }
+
+
+class Paper(StudySection):
+    """What the paper found, beside this study; only what the study asked."""
+
+    title, anchor, template = "Beside the paper", "paper", "paper.html"
+
+    def is_wanted(self) -> bool:
+        """Only where some finding of the paper was asked."""
+        return any(one.verdict != "not asked" for one in self.findings)
+
+    def context(self) -> dict[str, Any]:
+        """Findings asked, costs."""
+        asked = [one for one in self.findings if one.verdict != "not asked"]
+        table = pd.DataFrame(
+            {
+                # As objects: a column of strings would forget that these are HTML.
+                "verdict": pd.Series(
+                    [badge(one.verdict, VERDICT_KINDS[one.verdict]) for one in asked], dtype=object
+                ),
+                "the paper": [one.paper for one in asked],
+                "this study": [one.here for one in asked],
+            }
+        )
+        speed = render_speed(self.study) if not self.study.costs.empty else ""
+        return {"findings": render_table(table), "speed": speed}
+
+
+class Simulated(StudySection):
+    """The robots: motion, friction, recordings."""
+
+    title, anchor, template = "What was simulated", "simulated", "simulated.html"
+
+    def context(self) -> dict[str, Any]:
+        """Charts and the figure of two recordings."""
+        study = self.study
+        return {
+            "motion": embed_charts([chart_motion(study)] if study.postures is not None else []),
+            "friction": embed_charts([chart_friction(study)] if study.friction is not None else []),
+            "recording": self.figure(
+                "recording",
+                "Position, speed and motor torque of one joint in two runs that differ in wear.",
+                "What a drive records and a detector sees: two runs of one robot and test-cycle.",
+            ),
+            "assumptions": list_assumptions(study),
+        }
+
+
+class Provenance(StudySection):
+    """Costs, versions, configuration."""
+
+    title, anchor, template = "Costs and provenance", "provenance", "provenance.html"
+
+    def context(self) -> dict[str, Any]:
+        """Costs by stage, facts, configuration, packages."""
+        study = self.study
+        costs = study.costs.sort_values("seconds", ascending=False, kind="stable").rename(
+            columns={"seconds": "seconds, all jobs", "memory": "largest job [MiB]"}
+        )
+        facts = {name: value for name, value in study.provenance.items() if not isinstance(value, dict)}
+        rows = pd.DataFrame(
+            {"what": list(facts), "value": ["n/a" if v is None else str(v) for v in facts.values()]}
+        )
+        packages = study.provenance.get("packages") or {}
+        return {
+            "costs": render_table(costs) if len(costs) else "",
+            "facts": render_table(rows) if len(rows) else "",
+            "configuration": yaml.safe_dump(dict(study.config), sort_keys=False, allow_unicode=True),
+            "packages": join_words([f"{name} {one}" for name, one in packages.items()]),
+        }

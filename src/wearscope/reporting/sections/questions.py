@@ -1,0 +1,109 @@
+"""The three questions: which factors matter, which detector is best, where it works."""
+
+from typing import Any
+
+from markupsafe import Markup
+
+from wearscope.reporting import answers
+from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
+from wearscope.reporting.charts.factors import chart_response, chart_weights
+from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
+from wearscope.reporting.charts.study import words
+from wearscope.reporting.conclusion import thresholds_of
+from wearscope.reporting.labels import MODEL_NAMES, unit_text
+from wearscope.reporting.page import render_table
+from wearscope.reporting.sections.base import StudySection, embed_charts, say
+
+
+def _best(section: StudySection) -> str:
+    """The detector shown first where a chart shows only one."""
+    conclusions = section.study.conclusions
+    return conclusions[0].detector if conclusions else ""
+
+
+class Factors(StudySection):
+    """Q-1."""
+
+    title, anchor, template = "Which factors matter?", "q1", "factors.html"
+
+    def context(self) -> dict[str, Any]:
+        """Sentences, coefficients, responses."""
+        study = self.study
+        response = chart_response(study, _best(self)) if study.responses is not None else None
+        return {
+            "sentences": say(answers.relevant_factors(study)),
+            "model": MODEL_NAMES[study.config["sensitivity"]["model"]],
+            "charts": embed_charts([chart_weights(study), response]),
+        }
+
+
+class Detectors(StudySection):
+    """Q-2."""
+
+    title, anchor, template = "Which detector is best?", "q2", "detectors.html"
+
+    def context(self) -> dict[str, Any]:
+        """Sentences, setting, ranking, charts."""
+        study = self.study
+        setting = study.config["snr"]
+        shown = study.ranking.rename(
+            columns={
+                "fda": "detector", "n": "cells", "n_nan": "cells n/a", "tied_with": "not told apart from",
+                "median": "median SNR", "median_low": "95 % from", "median_high": "to",
+                "rank_low": "rank from", "rank_high": "rank to", "interval_from": "interval from",
+            }
+        )  # fmt: skip
+        fault = study.factor("f")
+        ends = (setting["f0"], setting["f0"] + setting["delta"])
+        low, high = (float(fault.to_natural(one)) for one in ends)
+        return {
+            "sentences": say(answers.best_detector(study)),
+            "setting": f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
+            "coded units (20)",
+            "ranking": render_table(shown, filter_by={"detector": "fda"} if "detector" in shown else None),
+            "charts": embed_charts([chart_snr(study), chart_snr_cells(study)]),
+        }
+
+
+class Scope(StudySection):
+    """Q-3."""
+
+    title, anchor, template = "Where does it work?", "q3", "scope.html"
+
+    def context(self) -> dict[str, Any]:
+        """Sentences, scope, ROC, thresholds."""
+        study = self.study
+        charts = [chart_scope(study, _best(self))]
+        if study.detection is not None:
+            _, choices = detection_cases(study)
+            charts += [chart_roc(study, choices), chart_power(study)]
+        return {
+            "sentences": say(answers.effective_scope(study)),
+            "tolerances": render_table(
+                answers.tolerance_table(study),
+                "Exact, not by kernel density. σ in natural units; ≥: the end of the grid.",
+            ),
+            "charts": embed_charts(charts),
+            "thresholds": self._thresholds(),
+        }
+
+    def _thresholds(self) -> Markup:
+        study = self.study
+        if not study.conclusions or not study.conclusions[0].detector:
+            return Markup("")
+        one = study.conclusions[0]
+        table = thresholds_of(study, one)
+        if table.empty:
+            return Markup("")
+        unit = unit_text(study.units.get(one.detector, ""))
+        name = f"threshold [{unit}]" if unit else "threshold"
+        shown = table.assign(cycle=table["cycle"].map(words))[["robot", "cycle", "axis", "fda", "threshold"]]
+        shown = shown.assign(key=table["cycle"].to_numpy()).rename(
+            columns={"cycle": "test-cycle", "fda": "detector", "threshold": name}
+        )
+        note = (
+            "Alarm above it: at most the P_f asked, for variations up to those of the conclusion, with the "
+            "largest threshold that any of the factors needs."
+        )
+        by = {"robot": "robot", "test-cycle": "cycle", "axis": "axis", "detector": "fda"}
+        return render_table(shown.drop(columns="key"), note, digits=4, filter_by=by)

@@ -1,0 +1,43 @@
+"""A headless browser for the tests of pages, where there is one."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def find_browser():
+    """Path of a browser, or a skipped test that says why."""
+    pytest.importorskip("playwright", reason="playwright is not installed")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is on the path")
+    return path
+
+
+@contextmanager
+def open_page(file, width=1280, scheme="light"):
+    """A page in a headless browser, once ready; what it complains of or loads is an error at the end."""
+    path = find_browser()
+    from playwright.sync_api import sync_playwright
+
+    complaints = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        context = browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme, accept_downloads=True
+        )
+        page = context.new_page()
+        page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
+        page.on("pageerror", lambda one: complaints.append(str(one)))
+        page.on(
+            "request",
+            lambda one: one.url.startswith(("file:", "data:", "blob:")) or complaints.append(one.url),
+        )
+        page.goto(file.as_uri())
+        page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+        yield page
+        browser.close()
+    assert complaints == []

@@ -1,0 +1,258 @@
+"""Pages in a headless browser: nothing complains, nothing is loaded, filters work, numbers are right."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from reporting.browser import find_browser, open_page
+from reporting.test_closed_loop_page import VERDICT, write
+
+from wearscope import tables
+from wearscope.closed_loop.diagnostics.profiles import profile_residuals
+from wearscope.reporting.charts.base import CELL_KEYS
+from wearscope.reporting.charts.scope import detection_cases
+from wearscope.reporting.charts.study import study_tables
+from wearscope.reporting.closed_loop import STAGES
+from wearscope.reporting.closed_loop_page import write_closed_loop_page
+from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.study_page import render_study
+
+KEYS = list(CELL_KEYS)
+
+
+@pytest.fixture(scope="module")
+def file(asked, tmp_path_factory):
+    find_browser()
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(render_study(asked, compare_with_paper(asked)), encoding="utf-8")
+    return path
+
+
+def rows_of(page, chart, name=None):
+    """Rows that a chart draws."""
+    script = "([chart, name]) => wearscope.rows(chart, name ?? undefined)"
+    return pd.DataFrame(page.evaluate(script, [chart, name]))
+
+
+def check_equal(shown, table, keys):
+    """Every row of a table is shown, with its numbers to five digits."""
+    table = table.reset_index(drop=True)
+    assert len(shown) == len(table)
+    shown = shown.sort_values(keys, kind="stable").reset_index(drop=True)
+    table = table.sort_values(keys, kind="stable").reset_index(drop=True)
+    for name in table.columns:
+        if pd.api.types.is_numeric_dtype(table[name]):
+            expected = table[name].to_numpy(dtype=float)
+            expected = np.where(np.isfinite(expected), expected, np.nan)
+            got = pd.to_numeric(shown[name]).to_numpy(dtype=float)
+            assert got == pytest.approx(expected, rel=1.01e-4 / 2, abs=1e-12, nan_ok=True), name
+        else:
+            assert shown[name].to_list() == table[name].astype(str).to_list(), name
+
+
+@pytest.mark.parametrize("width, scheme", [(1280, "light"), (390, "dark")])
+def test_every_chart_is_drawn_and_nothing_complains(file, width, scheme):
+    with open_page(file, width, scheme) as page:
+        count = page.locator("figure.chart").count()
+        assert count >= 11
+        for place in range(count):
+            figure = page.locator("figure.chart").nth(place)
+            assert figure.locator(".view svg").count() == 1
+            assert figure.locator(".view svg path, .view svg text").count() > 3
+            box = figure.locator(".view svg").bounding_box()
+            assert box["width"] <= width and box["height"] > 40
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_numbers_shown_are_those_of_the_tables(file, asked):
+    drawn = study_tables(asked) | {"detection": detection_cases(asked)[0]}
+    with open_page(file) as page:
+        check_equal(rows_of(page, "snr"), drawn["snr"], KEYS)
+        assert (drawn["snr"]["snr"].to_numpy() == asked.snr["snr_exact"].to_numpy()).sum() >= 22
+        check_equal(rows_of(page, "snr", "rankings"), drawn["rankings"], ["robot", "fda"])
+        weights = drawn["weights"]
+        check_equal(rows_of(page, "weights"), weights[weights["kind"] == "direct"], [*KEYS, "term"])
+        check_equal(rows_of(page, "fits"), drawn["fits"], KEYS)
+        check_equal(rows_of(page, "audit"), drawn["audit"], [*KEYS, "point"])
+        for key, value in zip(KEYS, ("large", "b", "2", "A"), strict=True):
+            page.select_option(f".filters [name={key}]", value)
+        page.select_option("#response [data-key=factor]", "w3")
+        own = (asked.responses[KEYS] == ["large", "b", 2, "A"]).all(axis=1)
+        line = asked.responses[own & (asked.responses["factor"] == "w3")]
+        check_equal(rows_of(page, "response"), line[["natural", "y", "low", "high"]], ["natural"])
+        own = (asked.simulated[KEYS] == ["large", "b", 2, "A"]).all(axis=1)
+        runs = asked.simulated[own & (asked.simulated["factor"] == "w3")]
+        check_equal(
+            rows_of(page, "response", "simulated"), runs[["natural", "y", "y_held"]], ["natural", "y"]
+        )
+        scope = asked.exact_scope("w3")
+        scope = scope[(scope[KEYS] == ["large", "b", 2, "A"]).all(axis=1)]
+        shown = rows_of(page, "scope")
+        assert len(shown) == len(scope) == 20
+        assert shown["passes"].sum() == scope["passes"].sum()
+        assert shown["p_d"].to_numpy() == pytest.approx(scope["p_d"].to_numpy(), abs=1.01e-4)
+        assert shown["change"].to_numpy() == pytest.approx(12.5 * scope["delta"].to_numpy(), rel=1e-4)
+
+
+def test_detection_at_one_s_own_false_alarm(file, asked):
+    with open_page(file) as page:
+        page.select_option("#roc [data-key=case]", "w5:3")
+        for key, place in (("change", 2), ("p_f", 1)):
+            page.locator(f"#roc [data-key={key}]").fill(str(place))
+        page.wait_for_function("wearscope.rows('power').every((row) => row.p_f === 0.05)")
+        shown = rows_of(page, "power")
+        table = asked.detection
+        wanted = (table["factor"] == "w5") & (table["sigma"] == 0.5)
+        wanted &= (table["delta"] == 4.0) & (table["p_f"] == 0.05)
+        check_equal(shown, table[wanted][[*KEYS, "p_d", "threshold"]], KEYS)
+        assert page.locator("#roc [data-key=p_f] + output").inner_text() == "5 %"
+        assert len(rows_of(page, "roc")) == 3 * len(shown)
+
+
+def test_filters_reach_charts_and_tables(file, asked):
+    with open_page(file) as page:
+        page.select_option(".filters [name=robot]", "large")
+        page.select_option(".filters [name=fda]", "C")
+        page.wait_for_function("wearscope.rows('snr').length === 4")
+        assert set(rows_of(page, "weights")["robot"]) == {"large"}
+        assert set(rows_of(page, "weights")["fda"]) == {"C"}
+        assert "large" in page.locator("#response .shown").inner_text()
+        assert "detector C" in page.locator("#response .shown").inner_text()
+        robots = page.locator("#summary tr[data-cell]:visible td:first-child").all_inner_texts()
+        assert robots == ["large"]
+        points = page.locator("#fits .view .mark-symbol path").count()
+        assert points == 4
+        page.click(".filters .reset")
+        page.wait_for_function("wearscope.rows('snr').length === 24")
+        assert page.locator("#summary tr[data-cell]:visible").count() == 2
+
+
+def test_tables_sort_and_export(file, asked, tmp_path):
+    with open_page(file) as page:
+        section = page.locator("#q2")
+        head = section.locator("th", has_text="median SNR")
+        for order, step in (("ascending", 1), ("descending", -1)):
+            head.locator("button").click()
+            assert head.get_attribute("aria-sort") == order
+            cells = section.locator("tbody tr td:nth-child(4)").all_inner_texts()
+            values = [float(text.replace("−", "-").replace(",", "")) for text in cells]
+            assert values == sorted(values)[::step]
+        with page.expect_download() as waiting:
+            page.click("#snr .csv")
+        waiting.value.save_as(tmp_path / "snr.csv")
+    with open(tmp_path / "snr.csv", encoding="utf-8-sig", newline="") as stream:
+        saved = pd.DataFrame(list(csv.DictReader(stream)))
+    table = study_tables(asked)["snr"]
+    saved["axis"] = saved["axis"].astype(int)
+    check_equal(saved.replace({"": None}), table, KEYS)
+
+
+def test_keys_read_values_zoom_and_theme(file):
+    with open_page(file) as page:
+        page.locator("#response .view").focus()
+        page.keyboard.press("ArrowRight")
+        assert page.locator("#response .readout").inner_text().startswith("1 of 9: ")
+        page.keyboard.press("ArrowRight")
+        assert page.locator("#response .readout").inner_text().startswith("2 of 9: ")
+        page.click("#response .numbers")
+        assert page.locator("#response .sheet tbody tr").count() == 9
+        domain = "wearscope.charts.get('response').view.scale('x').domain()"
+        wide = page.evaluate(domain)
+        page.click("#response [data-zoom=in]")
+        near = page.evaluate(domain)
+        assert wide[0] < near[0] < near[1] < wide[1]
+        page.click("#response [data-zoom=reset]")
+        assert page.evaluate(domain) == wide
+        ground = "getComputedStyle(document.documentElement).backgroundColor"
+        light = page.evaluate(ground)
+        page.click(".theme")
+        page.click(".theme")
+        assert page.locator(".theme").inner_text() == "Theme: dark" and page.evaluate(ground) != light
+
+
+def test_the_pointer_tells_of_a_point_and_the_robot_moves(file):
+    with open_page(file) as page:
+        page.locator("#fits .view .mark-symbol path").first.hover()
+        page.wait_for_selector("#vg-tooltip-element.visible")
+        assert "test-cycle" in page.locator("#vg-tooltip-element").inner_text()
+        joints = "#motion .view .mark-symbol path"
+        before = page.locator(joints).nth(3).get_attribute("transform")
+        page.locator("#motion [data-key=frame]").fill("6")
+        page.wait_for_function(
+            "([joints, before]) => document.querySelectorAll(joints)[3].getAttribute('transform') !== before",
+            arg=[joints, before],
+        )
+        page.click("#motion .play")
+        page.wait_for_function("document.querySelector('#motion [data-key=frame]').value !== '6'")
+        page.click("#motion .play")
+
+
+def test_it_prints(file):
+    with open_page(file) as page:
+        content = page.pdf(format="A4")
+        assert content.startswith(b"%PDF") and content.count(b"/Type /Page\n") < 30
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory):
+    """Folder of a loop made by hand, with its page."""
+    find_browser()
+    folder = tmp_path_factory.mktemp("loop")
+    write(folder, VERDICT)
+    residual = tables.read_table(folder / "residual.parquet")
+    for stage in STAGES:
+        residual[f"predicted_{stage}"] = residual["measured"] - residual[f"residual_{stage}"]
+    tables.write_table(folder / "residual.parquet", residual)
+    signals = tables.read_table(folder / "signals.parquet")
+    tables.write_table(folder / "profiles.parquet", profile_residuals(residual, signals))
+    write_closed_loop_page(folder)
+    return folder
+
+
+@pytest.mark.parametrize("width, scheme", [(1280, "dark"), (390, "light")])
+def test_every_chart_of_a_loop_is_drawn(loop, width, scheme):
+    with open_page(loop / "report.html", width, scheme) as page:
+        assert page.locator("figure.chart .view svg").count() == 7
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_numbers_of_a_loop_are_those_of_its_tables(loop):
+    residual = tables.read_table(loop / "residual.parquet")
+    profiles = tables.read_table(loop / "profiles.parquet")
+    own = residual[(residual["joint"] == "b") & (residual["run"] == "runs/r2.parquet")]
+    counted = own["counts"].to_numpy(dtype=bool)
+    with open_page(loop / "report.html") as page:
+        page.select_option(".filters [name=joint]", "b")
+        page.select_option(".filters [name=run]", "runs/r2.parquet")
+        columns = ["t", "measured", "predicted_before", "predicted_after"]
+        check_equal(rows_of(page, "torque")[columns], own[columns], ["t"])
+        shown = rows_of(page, "residual-chart")
+        expected = np.where(counted, own["residual_after"], np.nan)
+        assert shown["residual_after"].to_numpy(float) == pytest.approx(expected, rel=1e-4, nan_ok=True)
+        page.select_option("#against [data-key=choice]", "load")
+        lines = profiles[(profiles["joint"] == "b") & (profiles["signal"] == "load_b")]
+        shown = rows_of(page, "against", "profiles")
+        check_equal(shown, lines[["stage", "x", "median", "low", "high", "n"]], ["stage", "x"])
+        title = page.locator("#against .view svg").text_content()
+        assert "rigid-body torque of b [N m]" in title and "residual [N m]" in title
+        errors = rows_of(page, "errors-chart").set_index("kind")
+        assert errors.loc["before", "value"] == 1.5 and errors.loc["after", "value"] == 1.6
+        assert "noise floor" not in errors.index
+        assert set(page.locator("#errors tr[data-cell]:visible td:first-child").all_inner_texts()) == {"b"}
+
+
+FINISHED = sorted(Path("results").glob("*/report.html")) + sorted(
+    Path("results").glob("*/closed_loop/*/report.html")
+)
+
+
+@pytest.mark.parametrize("path", FINISHED, ids=str)
+def test_pages_of_finished_studies_open(path):
+    if 'id="settings"' not in path.read_text(encoding="utf-8"):
+        pytest.skip("made by an earlier release")
+    assert path.stat().st_size <= 6e6
+    with open_page(path.absolute()) as page:
+        charts = page.locator("figure.chart:not(.empty)").count()
+        assert page.locator("figure.chart .view svg").count() == charts > 0

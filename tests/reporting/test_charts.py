@@ -1,0 +1,102 @@
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits, unpack_table
+from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
+from wearscope.reporting.charts.study import ALL_ROBOTS, study_filters, study_labels, study_tables
+from wearscope.reporting.labels import quantity_text, term_name
+from wearscope.reporting.page import Section, embed_chart, embed_json, render_page
+from wearscope.reporting.study_page import render_study
+
+
+def test_tables_keep_their_numbers_to_five_digits_and_what_is_missing():
+    table = pd.DataFrame(
+        {"x": [1.23456789, np.nan, -np.inf, 0.0], "n": [1, 2, 3, 4], "t": ["b", "a", "</script>", "b"],
+         "flag": [True, False, True, True]}
+    )  # fmt: skip
+    read = unpack_table(pack_table(table))
+    assert read["x"] == [1.2346, None, None, 0.0]
+    assert read["n"] == [1, 2, 3, 4] and read["flag"] == [1, 0, 1, 1]
+    assert read["t"] == ["b", "a", "</script>", "b"]
+    assert pack_table(table) == pack_table(table)
+
+
+@pytest.mark.parametrize("digits", [3, 5])
+def test_rounding_is_that_of_the_decimal(digits):
+    rng = np.random.default_rng(4)
+    values = rng.standard_normal(3000) * 10.0 ** rng.integers(-9, 12, 3000)
+    assert round_digits(values, digits) == [float(f"{value:.{digits}g}") for value in values]
+
+
+def test_json_within_a_script_cannot_end_it():
+    text = embed_json({"a": "</script><b>"})
+    assert "<" not in text and json.loads(text) == {"a": "</script><b>"}
+    assert "</script" not in chart_library()
+
+
+def test_a_page_without_charts_carries_no_library(asked):
+    plain = render_page("t", [Section("a", "<p>b</p>")])
+    assert len(plain) < 40_000 and "vegaEmbed=" not in plain
+    chart = embed_chart(chart_scope(asked))
+    page = render_page("t", [Section("a", chart)], tables={"scope": study_tables(asked)["scope"]})
+    assert chart_library() in page
+
+
+def test_choices_know_their_default():
+    choice = Choice("k", "label", [(1, "one"), (2.5, "two")], default=2.5)
+    assert (choice.place, choice.values, choice.texts) == (1, [1, 2.5], ["one", "two"])
+    assert Choice("k", "label", [(1, "one")], default=9).place == 0
+
+
+def test_filters_are_what_the_study_has(asked):
+    filters = {one.key: one.values for one in study_filters(asked)}
+    assert filters == {
+        "robot": ["large", "medium"], "cycle": ["a", "b"], "axis": ["1", "2"], "fda": ["A", "B", "C"]
+    }  # fmt: skip
+    labels = study_labels(asked)
+    assert labels["factor"]["w3"] == "temperature [°C]" and labels["factor.name"]["f"] == "wear"
+    assert labels["fda.y"] == {"A": "y of A", "B": "y of B", "C": "y of C [N m]"}
+
+
+def test_robots_stand_side_by_side_with_all_together(asked):
+    table = study_tables(asked)["rankings"]
+    assert sorted(table["robot"].unique()) == [ALL_ROBOTS, "large", "medium"]
+    page = render_study(asked, [])
+    assert "Robots side by side" in page
+
+
+def test_every_source_of_a_chart_is_a_table_of_the_page(asked):
+    page = render_study(asked, [])
+    tables = set(re.findall(r'class="data" data-name="(\w+)"', page))
+    definitions = re.findall(r'class="definition">(.*?)</script>', page)
+    assert len(definitions) >= 11
+    for text in definitions:
+        definition = json.loads(text)
+        for name, source in definition["sources"].items():
+            assert source["table"] in tables
+            assert f'"name":"{name}"' in json.dumps(definition["spec"], separators=(",", ":"))
+    # Nothing rides along that no chart draws.
+    assert tables == {s["table"] for text in definitions for s in json.loads(text)["sources"].values()}
+
+
+def test_the_first_choice_of_the_roc_is_the_conclusion_s(asked):
+    _, choices = detection_cases(asked)
+    case, change, alarm = choices
+    bound = asked.conclusions[0].bounds[0]
+    assert case.default.startswith(f"{bound.factor}:") and alarm.default == 0.01
+    assert abs(change.default - asked.conclusions[0].wear) == min(
+        abs(value - asked.conclusions[0].wear) for value in change.values
+    )
+    for chart in (chart_roc(asked, choices), chart_power(asked)):
+        assert json.dumps(chart.definition())
+
+
+def test_terms_and_quantities_are_words(study):
+    assert term_name("w3^2", study.factors) == "temperature²"
+    assert term_name("f:w3", study.factors) == "wear × temperature"
+    assert quantity_text(4.04, "degC") == "4 °C" and quantity_text(-1234.5, "1") == "−1,234"
+    assert quantity_text(0.0123, "N m") == "0.012 N m"

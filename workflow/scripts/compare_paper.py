@@ -1,0 +1,21 @@
+"""What the paper found, beside what this study found."""
+
+from job import run_job
+from wearscope import tables
+from wearscope.designs.factors import Factor
+from wearscope.reporting.findings import compare_with_paper, findings_table
+from wearscope.reporting.study import Study
+
+TABLES = (
+    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures", "checks",
+)  # fmt: skip
+
+with run_job(snakemake):
+    given, params = snakemake.input, snakemake.params
+    study = Study(
+        config=params.config,
+        factors=[Factor(**one) for one in params.factors],
+        **{name: tables.read_table(given[name]) for name in TABLES},
+        audit_answers=tables.read_table(given.answers) if given.get("answers") else None,
+    )
+    tables.write_table(snakemake.output[0], findings_table(compare_with_paper(study)))
