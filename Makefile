@@ -1,5 +1,6 @@
 # make run    set everything up and run the paper's study
-# make test   set everything up and run the tests; make test-kills runs the long ones
+# make test   set everything up and run the tests; make test-kills runs the long ones, make test-fast a few
+# make docs   set everything up and build the documentation
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
 # The first Python 3.11 on the path; expanded only when the environment is made.
@@ -21,6 +22,11 @@ run: setup
 
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
+
+# Under a minute: the rooms that neither simulate nor close a loop, and what the code promises about itself.
+FAST := architecture config designs surrogates robots cycles docs/test_tables.py
+test-fast: setup
+	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
 
 # Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md.
 test-kills: setup
