@@ -4,10 +4,10 @@ import inspect
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import yaml
+from dictionary import columns_of, read_dictionary, split_meaning
 
 from wearscope import plugins
 from wearscope.effects.base import Effect, Parameter, load_effect
@@ -37,7 +37,7 @@ def make_pages(root: Path) -> dict[str, str]:
     return {
         "effects.md": effects_page(),
         "built-in-detectors.md": detectors_page(),
-        "tables.md": tables_page(root / "docs" / "site" / "tables.yaml"),
+        "tables.md": tables_page(),
         "reference.md": reference_page(),
         "cite.md": cite_page(root / "CITATION.cff"),
     }
@@ -106,9 +106,9 @@ def detectors_page() -> str:
     return "\n".join(parts) + "\n"
 
 
-def tables_page(file: Path) -> str:
+def tables_page() -> str:
     """Every column of a study's tables with unit and meaning."""
-    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    content = read_dictionary()
     parts = ["# Tables", "", content["introduction"]]
     for name, table in content["tables"].items():
         rows = [
@@ -116,20 +116,6 @@ def tables_page(file: Path) -> str:
         ]
         parts += ["", f"## `{name}`", "", table["what"], "", *_table(["column", "unit", "meaning"], rows)]
     return "\n".join(parts) + "\n"
-
-
-def columns_of(content: dict[str, Any], name: str) -> dict[str, str]:
-    """Meaning, the unit in brackets at its end, by column of a table."""
-    return {
-        column: meaning or content["columns"][column]
-        for column, meaning in content["tables"][name]["columns"].items()
-    }
-
-
-def split_meaning(meaning: str) -> tuple[str, str]:
-    """Unit and meaning of ``meaning [unit]``."""
-    text, _, unit = meaning.rpartition(" [")
-    return (unit.rstrip("]"), text) if text and meaning.endswith("]") else ("", meaning)
 
 
 def cite_page(file: Path) -> str:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from wearscope.designs.checks import describe_design
 from wearscope.designs.factors import PAPER_FACTORS
@@ -20,7 +19,9 @@ from wearscope.surrogates.validation import fit_table, validate_surrogates
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "site"))
-CONTENT = yaml.safe_load((ROOT / "docs" / "site" / "tables.yaml").read_text())
+from dictionary import compare_columns, read_dictionary  # noqa: E402
+
+CONTENT = read_dictionary()
 FACTORS = [factor.name for factor in PAPER_FACTORS]
 
 
@@ -50,20 +51,8 @@ def written():
     }
 
 
-def undocumented(columns, described, factors=FACTORS):
-    """Columns without an entry, and entries without a column; empty sets where all is well."""
-    patterns = {
-        entry: re.compile(
-            re.escape(entry)
-            .replace(re.escape("<factor>"), f"({'|'.join(factors)})")
-            .replace(re.escape("<k>"), r"\d+")
-            .replace(re.escape("<kind>"), r"\w+")
-        )
-        for entry in described
-    }
-    missing = {name for name in columns if not any(p.fullmatch(name) for p in patterns.values())}
-    idle = {entry for entry, p in patterns.items() if not any(p.fullmatch(name) for name in columns)}
-    return missing, idle
+def undocumented(columns, described):
+    return compare_columns(columns, described, FACTORS)
 
 
 @pytest.mark.parametrize(
