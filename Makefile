@@ -1,5 +1,6 @@
 # make run    set everything up and run the paper's study
-# make test   set everything up and run the tests; make test-kills runs the long ones
+# make test   set everything up and run the tests; make test-kills runs the long ones, make test-fast a few
+# make docs   set everything up and build the documentation
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
 # The first Python 3.11 on the path; expanded only when the environment is made.
@@ -12,14 +13,20 @@ BIN := $(VENV)/bin
 LOCKS := envs/build.lock envs/requirements.lock
 
 export OMP_NUM_THREADS ?= 1
+export NO_MKDOCS_2_WARNING := true
 
-.PHONY: run test test-kills test-cluster cluster setup lint format lock clean
+.PHONY: run test test-fast test-kills test-cluster cluster setup docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
 
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
+
+# Under a minute: the rooms that neither simulate nor close a loop, and what the code promises about itself.
+FAST := architecture config designs surrogates robots cycles docs/test_tables.py
+test-fast: setup
+	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
 
 # Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md; SLURM, as below.
 test-kills: cluster
@@ -52,6 +59,11 @@ $(VENV)/locked: $(LOCKS)
 		--requirement envs/requirements.lock
 	@touch $@
 
+# The site, in site/; a warning is an error.
+docs: setup
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html."
+
 lint: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
@@ -74,4 +86,4 @@ lock:
 	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) site .pytest_cache .ruff_cache .mypy_cache

@@ -1,1 +1,45 @@
-"""Will a fault detector find joint wear, and can the simulator that says so be trusted."""
+"""Will a fault detector find joint wear, and can the simulator that says so be trusted.
+
+For a notebook or a script; each name is imported when it is first used:
+
+- `Study`: results of a study as data frames with units, and its figures;
+- `diagnose`: what the declared model of a measured machine lacks;
+- `simulate`: one recorded run of a robot under given wear, temperature and payload error;
+- `InputError`: bad input, said in one sentence.
+
+Examples
+--------
+>>> import wearscope
+>>> run = wearscope.simulate("medium", "axis_sweeps", wear=20.0, seed=1)
+>>> list(run.columns), run.attrs["units"]["tau"]
+(['t', 'joint', 'q', 'qd', 'tau'], 'N m')
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.diagnosis import diagnose
+    from wearscope.errors import InputError
+    from wearscope.one_run import simulate
+    from wearscope.study import Study
+
+__all__ = ["InputError", "Study", "diagnose", "simulate"]
+
+_MODULES = {
+    "InputError": "wearscope.errors",
+    "Study": "wearscope.study",
+    "diagnose": "wearscope.closed_loop.diagnosis",
+    "simulate": "wearscope.one_run",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is asked for."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'wearscope' has no attribute '{name}'")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

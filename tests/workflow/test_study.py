@@ -41,6 +41,9 @@ CONTRACT = {
 _SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
 clones = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(clones)
+_SPEC = importlib.util.spec_from_file_location("data_dictionary", ROOT / "docs" / "site" / "dictionary.py")
+dictionary = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(dictionary)
 copy_tree, command, run, run_well = clones.copy_tree, clones.command, clones.run, clones.run_well
 stale, digests = clones.stale, clones.digests
 
@@ -77,6 +80,18 @@ def test_results_have_the_contract_s_names_and_columns(finished):
     assert (results / "report.html").stat().st_size > 10_000
     figures = {path.suffix for path in (results / "figures").iterdir()}
     assert figures == {".svg", ".png"}
+
+
+def test_every_column_is_in_the_data_dictionary(finished):
+    results = finished / "results" / "tiny"
+    written = sorted([*results.glob("*.parquet"), *results.glob("design/*.parquet")])
+    assert len(written) > 20
+    content = dictionary.read_dictionary()
+    for path in written:
+        name = path.relative_to(results).with_suffix("").as_posix()
+        described = content["tables"][name]["columns"]
+        missing, _ = dictionary.compare_columns(pq.read_schema(path).names, described, ("f", "w3", "w5"))
+        assert missing == set(), name
 
 
 def test_traces_are_one_partition_a_point_with_units(finished):

@@ -23,12 +23,6 @@ else:
 LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
 
 
-def drawn_files(folder):
-    """Models that a closed loop draws beside those before and after."""
-    paths = [drawn_path(stage, k + 1) for stage in ("before", "after") for k in range(STUDY.reevaluate.draws)]
-    return [f"{folder}/{path}" for path in paths]
-
-
 rule closed_loop:
     input:
         LOOP,

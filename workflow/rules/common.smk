@@ -17,7 +17,7 @@ inherited = dict(os.environ)
 # clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
 if os.path.isdir(SRC):
     sys.path.insert(0, SRC)
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")]))
+    os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
 os.environ.update(
     OMP_NUM_THREADS="1",
     OPENBLAS_NUM_THREADS="1",
@@ -320,3 +320,37 @@ def figure_files(names):
         )
         files[f"{name}_png"] = f"{R}/figures/{name}.png"
     return files
+
+
+def asked_of(model):
+    """Input function: the tables that make a section's surrogates."""
+    files = {"surrogates": f"{R}/surrogates.parquet"}
+    if model == "chosen":
+        files |= {
+            "chosen": f"{R}/chosen_surrogates.parquet",
+            "test_quantities": f"{R}/test_quantities.parquet",
+        }
+    return lambda wildcards: files
+
+
+def refuse_without_dataset(wildcards):
+    """End the run in one sentence."""
+    raise SystemExit(
+        "config: dataset is missing; name a data set, as in snakemake --cores 2 detect --config dataset=PATH"
+    )
+
+
+def reevaluated_models(wildcards):
+    """Model files that a reevaluation starts from, and the robot that lends."""
+    references = [*RE_SOURCES.values()]
+    if STUDY.reevaluate.carry_over is not None:
+        references.append(STUDY.reevaluate.carry_over.source)
+    made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
+    files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
+    return sorted(files)
+
+
+def drawn_files(folder):
+    """Models that a closed loop draws beside those before and after."""
+    paths = [drawn_path(stage, k + 1) for stage in ("before", "after") for k in range(STUDY.reevaluate.draws)]
+    return [f"{folder}/{path}" for path in paths]

@@ -35,16 +35,6 @@ RE_CODE = (
 REEVALUATION = [f"{R}/reevaluation.parquet", f"{R}/reevaluation_ranking.parquet", f"{RE}/models.parquet"]
 
 
-def reevaluated_models(wildcards):
-    """Model files that a reevaluation starts from, and the robot that lends."""
-    references = [*RE_SOURCES.values()]
-    if STUDY.reevaluate.carry_over is not None:
-        references.append(STUDY.reevaluate.carry_over.source)
-    made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
-    files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
-    return sorted(files)
-
-
 rule reevaluate:
     input:
         REEVALUATION,

@@ -2,17 +2,6 @@
 ASKED = [f"{R}/surrogates.parquet", *([f"{R}/chosen_surrogates.parquet"] if FILLED else [])]
 
 
-def asked_of(model):
-    """Input function: the tables that make a section's surrogates."""
-    files = {"surrogates": f"{R}/surrogates.parquet"}
-    if model == "chosen":
-        files |= {
-            "chosen": f"{R}/chosen_surrogates.parquet",
-            "test_quantities": f"{R}/test_quantities.parquet",
-        }
-    return lambda wildcards: files
-
-
 rule surrogates:
     input:
         ASKED,

@@ -74,9 +74,9 @@ def write_recording(
         },
         {
             "t": "s",
-            "q": _join_units(joints, position_units),
-            "qd": _join_units(joints, speed_units),
-            "tau": _join_units(joints, torque_units),
+            "q": join_units(joints, position_units),
+            "qd": join_units(joints, speed_units),
+            "tau": join_units(joints, torque_units),
         },
     )
     if fingerprint is not None:
@@ -104,7 +104,8 @@ def _fingerprint(table: pa.Table) -> str | None:
     return None if value is None else value.decode(errors="replace")
 
 
-def _join_units(joints: Sequence[str], units: Sequence[str]) -> str:
+def join_units(joints: Sequence[str], units: Sequence[str]) -> str:
+    """Unit of a column of all joints; by joint where they differ."""
     if len(set(units)) == 1:
         return units[0]
     return ", ".join(f"{joint}: {unit}" for joint, unit in zip(joints, units, strict=True))

@@ -1,0 +1,173 @@
+"""Pages made from the code: effects, detectors, tables, the reference, how to cite."""
+
+import inspect
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import yaml
+from dictionary import columns_of, read_dictionary, split_meaning
+
+from wearscope import plugins
+from wearscope.effects.base import Effect, Parameter, load_effect
+
+#: Modules of the reference by heading.
+REFERENCE = {
+    "In a notebook": ["wearscope.study", "wearscope.one_run", "wearscope.closed_loop.diagnosis"],
+    "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
+    "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],
+    "Effects": ["wearscope.effects.base", "wearscope.effects.effect", "wearscope.effects.parameter"],
+    "Test-cycles": ["wearscope.cycles.base"],
+    "Simulation": ["wearscope.simulation.study", "wearscope.simulation.recording"],
+    "Detectors": ["wearscope.detectors.base"],
+    "Surrogates": [
+        "wearscope.surrogates.fitting", "wearscope.surrogates.goodness", "wearscope.surrogates.validation",
+    ],
+    "Evaluation": [
+        "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.scope",
+        "wearscope.evaluation.scope_exact", "wearscope.evaluation.scope_kde",
+    ],
+    "Tables and errors": ["wearscope.tables", "wearscope.errors"],
+}  # fmt: skip
+
+
+def make_pages(root: Path) -> dict[str, str]:
+    """Text of every page by its name."""
+    return {
+        "effects.md": effects_page(),
+        "built-in-detectors.md": detectors_page(),
+        "tables.md": tables_page(),
+        "reference.md": reference_page(),
+        "cite.md": cite_page(root / "CITATION.cff"),
+    }
+
+
+def reference_page() -> str:
+    """The functions and classes that others call, from their docstrings."""
+    parts = ["# Python", "", "`import wearscope` has `Study`, `diagnose`, `simulate` and `InputError`."]
+    for heading, modules in REFERENCE.items():
+        parts += ["", f"## {heading}", ""]
+        for module in modules:
+            parts += [f"::: {module}", "    options: {heading_level: 3}", ""]
+    return "\n".join(parts) + "\n"
+
+
+def effects_page() -> str:
+    """Each effect of the vocabulary: formula, parameters, source."""
+    parts = [
+        "# Effects",
+        "",
+        "Each is one formula, which identification fits and the simulator applies. q, v, a: position, speed",
+        "and acceleration of the joint; T its temperature [deg C]; f its wear [-].",
+    ]
+    for name in plugins.list_names("effects", "EFFECT"):
+        parts += ["", *describe_effect(load_effect(name), _module("effects", name))]
+    return "\n".join(parts) + "\n"
+
+
+def describe_effect(effect: Effect, module: ModuleType) -> list[str]:
+    """Section of an effect, in lines."""
+    lines = [f"## `{effect.name}`", "", *_text(module), "", "```text", effect.form, "```", ""]
+    if effect.parameters:
+        rows = [_parameter_row(p, p in effect.coefficients) for p in effect.parameters]
+        header = ["parameter", "unit", "bounds", "default", "enters", "from data"]
+        lines += [*_table(header, rows), ""]
+    facts = {
+        "Source": effect.source,
+        "Depends on": ", ".join(f"`{one}`" for one in effect.depends_on),
+        "Shown by": effect.excitation,
+        "Refines": ", ".join(f"`{one}`" for one in effect.parents),
+        "Contains": ", ".join(f"`{one}`" for one in effect.contains),
+    }
+    return lines + [f"- {label}: {text}" for label, text in facts.items() if text]
+
+
+def detectors_page() -> str:
+    """Each built-in detector, from its docstring and its options."""
+    parts = [
+        "# Built-in detectors",
+        "",
+        "What a detector is given, and how to add one: [detectors](detectors.md).",
+    ]
+    for name in plugins.list_names("detectors", "DETECTOR"):
+        kind = plugins.load(name, "detectors", "DETECTOR")
+        text = inspect.getdoc(kind) or ""
+        unit = getattr(kind, "unit", "-")
+        unit = "N m, or N where the tested joint is prismatic" if unit == "torque" else unit
+        options = [
+            [f"`{field.name}`", f"`{field.default!r}`"]
+            for field in (fields(kind) if is_dataclass(kind) else ())
+            if field.init
+        ]
+        parts += ["", f"## `{name}`", "", *_sections(text), "", f"- Unit of the test quantity: {unit}"]
+        if options:
+            parts += ["", *_table(["option", "default"], options)]
+    return "\n".join(parts) + "\n"
+
+
+def tables_page() -> str:
+    """Every column of a study's tables with unit and meaning."""
+    content = read_dictionary()
+    parts = ["# Tables", "", content["introduction"]]
+    for name, table in content["tables"].items():
+        rows = [
+            [f"`{column}`", *split_meaning(meaning)] for column, meaning in columns_of(content, name).items()
+        ]
+        parts += ["", f"## `{name}`", "", table["what"], "", *_table(["column", "unit", "meaning"], rows)]
+    return "\n".join(parts) + "\n"
+
+
+def cite_page(file: Path) -> str:
+    """How to cite, from CITATION.cff."""
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    parts = ["# How to cite", "", content["message"], ""]
+    for one in (content, content.get("preferred-citation", {})):
+        if one:
+            names = ", ".join(
+                who.get("name") or f"{who['family-names']}, {who['given-names']}" for who in one["authors"]
+            )
+            told = [names, f"*{one['title']}*", str(one.get("year") or f"version {one['version']}")]
+            parts.append(f"- {'. '.join(told)}.")
+    return "\n".join([*parts, "", "```yaml", file.read_text(encoding="utf-8").rstrip(), "```", ""])
+
+
+def _module(room: str, name: str) -> ModuleType:
+    return __import__(f"wearscope.{room}.{name}", fromlist=["_"])
+
+
+def _text(module: ModuleType) -> list[str]:
+    return _sections(inspect.getdoc(module) or "")
+
+
+def _sections(text: str) -> list[str]:
+    """A NumPy docstring as Markdown: underlined headings in bold, parameters as a list."""
+    lines, out, k = text.splitlines(), [], 0
+    listing = False
+    while k < len(lines):
+        line = lines[k]
+        if k + 1 < len(lines) and line.strip() and set(lines[k + 1].strip()) == {"-"}:
+            out += ["", f"**{line.strip()}**", ""]
+            listing, k = True, k + 2
+            continue
+        if listing and line and not line[0].isspace():
+            names, _, kind = line.partition(" : ")
+            out.append(f"- `{names}`" + (f" ({kind})" if kind else ""))
+        else:
+            out.append(line)
+        k += 1
+    return out
+
+
+def _parameter_row(p: Parameter, linear: bool) -> list[str]:
+    unit = p.unit_at("rad", "N m") if p.unit != "-" else "-"
+    default = "must be given" if np.isnan(p.default) else f"{p.default:g}"
+    return [
+        f"`{p.name}`", unit, f"{p.lower:g} to {p.upper:g}", default,
+        "linearly" if linear else "as a shape", "yes" if p.estimated else "no",
+    ]  # fmt: skip
+
+
+def _table(header: list[str], rows: list[list[str]]) -> list[str]:
+    lines = [header, ["---"] * len(header), *rows]
+    return [f"| {' | '.join(cell.replace('|', '&#124;') for cell in line)} |" for line in lines]

@@ -1,0 +1,98 @@
+"""What `import wearscope` offers: its examples run, and it costs nothing until it is used."""
+
+import doctest
+import importlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import wearscope
+from wearscope import tables
+from wearscope.designs.factors import PAPER_FACTORS
+
+
+def test_import_is_lazy():
+    heavy = "numpy pandas pyarrow scipy pybullet pinocchio matplotlib numba sklearn".split()
+    code = f"import sys, wearscope; print([name for name in {heavy} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    for name in wearscope.__all__:
+        assert getattr(wearscope, name).__doc__ and name in dir(wearscope)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = wearscope.nothing
+
+
+@pytest.mark.parametrize("module", ["wearscope", "wearscope.study", "wearscope.one_run"])
+def test_examples_run(module, place, monkeypatch):
+    monkeypatch.chdir(place)
+    failed, tried = doctest.testmod(importlib.import_module(module))
+    assert tried > 0 and failed == 0
+
+
+def test_tables_are_those_on_disk_with_units(place):
+    study = wearscope.Study(place / "results" / "paper")
+    whole = tables.read_table(place / "results" / "paper" / "snr.parquet")
+    rows = study.snr(fda="A", axis=[2])
+    expected = whole[(whole["fda"] == "A") & (whole["axis"] == 2)]
+    assert len(rows) == 2
+    np.testing.assert_array_equal(rows["snr"], expected["snr"])
+    assert study.table("validation", model="full").attrs["units"] == {"fit": "%"}
+    assert study.names() == [
+        "design/identification", "fit_table", "ranking", "scope", "sensitivity", "snr", "surrogates",
+        "test_quantities", "validation",
+    ]  # fmt: skip
+
+
+def test_study_is_found_from_its_own_folder(place):
+    assert wearscope.Study(place).folder == place / "results" / "paper"
+
+
+def test_factors_are_those_of_the_design(place):
+    found = {one.name: (one.low, one.high, one.unit) for one in wearscope.Study(place).factors()}
+    for factor in PAPER_FACTORS:
+        low, high, unit = found[factor.name]
+        assert (low, high) == pytest.approx((factor.low, factor.high)) and unit == factor.unit
+
+
+@pytest.mark.parametrize("name", ["fit", "scope", "sensitivity", "snr", "snr_cells"])
+def test_every_figure_is_drawn(place, name):
+    assert wearscope.Study(place).plot(name).axes
+
+
+def test_snr_is_ranked_by_what_is_asked(place):
+    study = wearscope.Study(place)
+    labels = {text.get_text() for ax in study.plot("snr", by=("fda", "robot")).axes for text in ax.texts}
+    ticks = {t.get_text() for ax in study.plot("snr", by=("fda", "robot")).axes for t in ax.get_yticklabels()}
+    assert any("medium" in one for one in labels | ticks)
+
+
+@pytest.mark.parametrize(
+    ("ask", "told"),
+    [
+        (lambda study: study.table("nothing"), "has no table 'nothing'.*snr"),
+        (lambda study: study.snr(detector="A"), "no column 'detector'.*fda"),
+        (lambda study: study.plot("nothing"), "no figure 'nothing'.*snr"),
+        (lambda study: study.plot("snr", by=("colour",)), "colour is no grouping"),
+        (lambda study: study.plot("scope", factor="w9"), "no 'w9'.*w3"),
+        (lambda study: wearscope.Study(study.folder.parent), "holds no results"),
+    ],
+)
+def test_what_is_not_there_gets_one_sentence(place, ask, told):
+    with pytest.raises(wearscope.InputError, match=told):
+        ask(wearscope.Study(place))
+
+
+def test_simulate_repeats_itself_and_feels_wear_of_one_joint():
+    def run(wear):
+        return wearscope.simulate("medium", "axis_sweeps", wear=wear, step=0.004, seed=5)
+
+    new, again, worn = run(0.0), run((0.0,)), run((40.0,))
+    assert new.equals(again)
+    assert new.attrs["units"] == {"t": "s", "q": "rad", "qd": "rad/s", "tau": "N m"}
+    rise = (worn["tau"].abs() - new["tau"].abs()).groupby(new["joint"], sort=False).mean()
+    assert rise.idxmax() == new["joint"].iloc[0] and rise.max() > 0.0

@@ -1,0 +1,112 @@
+"""The rooms' rules of docs/architecture.md, held against every import of the source."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "src" / "wearscope"
+
+
+def read_rules():
+    """Rooms that each room may import, by the table of docs/architecture.md."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    rows = re.findall(r"^\| `([a-z_]+(?:/[a-z_]+)?)/`( itself)? \|.*\| (.*?) ?\|$", text, re.MULTILINE)
+    told = {name: words for name, _, words in rows}
+    rooms = set(told)
+    rules = {}
+    for name, words in told.items():
+        named = {
+            room if (room := word.rstrip("/")) in rooms else f"{name.split('/')[0]}/{room}"
+            for word in re.findall(r"[a-z_]+(?:/[a-z_]+)?", words)
+        } & rooms
+        rules[name] = rooms - named if words.startswith("all but") else rooms if words == "all" else named
+    return rules
+
+
+RULES = read_rules()
+
+
+def room_of(parts):
+    """Room of a module given by its dotted parts; empty for a module at the top."""
+    for room in ("/".join(parts[:2]), "/".join(parts[:1])):
+        if room in RULES:
+            return room
+    return ""
+
+
+def imports_of(text):
+    """Dotted names that a module imports, within functions too; not those for type checking only."""
+    tree = ast.parse(text)
+    guards = [
+        node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+    ]
+    types_only = {inner for guard in guards for part in guard.body for inner in ast.walk(part)}
+    for node in ast.walk(tree):
+        if node in types_only:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "a relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def breaches(room, text):
+    """Rooms that a module of a room imports against the rules."""
+    found = set()
+    for name in imports_of(text):
+        first, *parts = name.split(".")
+        other = room_of(parts) if first == "wearscope" else ""
+        allowed = RULES[room] | {room}
+        own_floor = other.startswith(f"{room}/")
+        above = "" if room.split("/")[0] == other.split("/")[0] else other.split("/")[0]
+        if other and other not in allowed and above not in allowed and not own_floor:
+            found.add(other)
+    return found
+
+
+@pytest.mark.parametrize("room", sorted(RULES))
+def test_a_room_imports_what_it_may(room):
+    files = [path for path in (SOURCE / room).rglob("*.py") if _room(path) == room]
+    assert files
+    found = {path.relative_to(SOURCE).as_posix(): breaches(room, path.read_text()) for path in files}
+    assert {name: rooms for name, rooms in found.items() if rooms} == {}
+
+
+def _room(path):
+    return room_of(path.relative_to(SOURCE).with_suffix("").parts)
+
+
+def test_every_room_has_its_row():
+    packages = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    assert packages - {"archives"} == {room for room in RULES if "/" not in room}
+
+
+def test_a_breach_would_be_found():
+    assert breaches("effects", "from wearscope.reporting.style import save_figure") == {"reporting"}
+    assert breaches("surrogates", "def f():\n    import wearscope.simulation.run") == {"simulation"}
+    assert breaches("closed_loop/intake", "from wearscope.closed_loop.selection.rule import X") == {
+        "closed_loop/selection"
+    }
+    assert breaches("simulation", "from wearscope.effects.base import Plant") == set()
+
+
+def test_what_all_rooms_use_imports_none_of_them():
+    for name in ("errors", "tables", "files", "checksums", "plugins", "processes", "supervision"):
+        text = (SOURCE / f"{name}.py").read_text()
+        rooms = {room_of(one.split(".")[1:]) for one in imports_of(text) if one.startswith("wearscope.")}
+        assert rooms <= {""}, name
+
+
+def test_the_source_does_not_import_snakemake():
+    for path in SOURCE.rglob("*.py"):
+        assert not any(name.split(".")[0] == "snakemake" for name in imports_of(path.read_text())), path
+
+
+def test_the_board_shares_no_code_with_the_effects():
+    for path in (SOURCE / "attribution_board").glob("*.py"):
+        found = {name for name in imports_of(path.read_text()) if name.startswith("wearscope.effects")}
+        assert found == set(), path

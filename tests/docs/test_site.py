@@ -1,0 +1,111 @@
+"""The documentation builds without a warning, and every link in it leads somewhere."""
+
+import os
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from wearscope import plugins
+from wearscope.effects.base import load_effect
+
+ROOT = Path(__file__).parents[2]
+
+
+class Page(HTMLParser):
+    """Links, anchors and text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.anchors: set[str] = set()
+        self.loaded: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.anchors |= {named[key] for key in ("id", "name") if named.get(key)}
+        if tag == "a" and named.get("href"):
+            self.links.append(named["href"])
+        if tag in ("img", "script", "link") and (target := named.get("src") or named.get("href")):
+            self.loaded.append(target)
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built site: pages by path."""
+    target = tmp_path_factory.mktemp("site")
+    run = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(target)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "true"},
+    )
+    assert run.returncode == 0 and "WARNING" not in run.stderr, run.stdout + run.stderr
+    return {path: Page(path.read_text(encoding="utf-8")) for path in target.rglob("*.html")}
+
+
+def broken(site):
+    """Links to files or anchors that are not there."""
+    lost = []
+    for path, page in site.items():
+        if path.name == "404.html":
+            continue
+        for link in [*page.links, *page.loaded]:
+            parts = urlsplit(link)
+            if parts.scheme:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if target.is_dir():
+                target = target / "index.html"
+            anchor = unquote(parts.fragment)
+            if not target.is_file():
+                lost.append(f"{path.name}: {link}")
+            elif anchor and target in site and anchor not in site[target].anchors:
+                lost.append(f"{path.name}: {link}")
+    return lost
+
+
+def test_every_link_leads_somewhere(site):
+    assert sum(len(page.links) for page in site.values()) > 500
+    assert broken(site) == []
+
+
+def test_a_broken_link_would_be_found(site):
+    path = next(path for path in site if path.name == "limits.html")
+    links = ("theory.html#nowhere", "nothing.html", "theory.html")
+    page = Page("".join(f'<a href="{link}">there</a>' for link in links))
+    assert broken({**site, path: page}) == [f"limits.html: {link}" for link in links[:2]]
+
+
+def test_nothing_is_loaded_from_elsewhere(site):
+    assert [one for page in site.values() for one in page.loaded if urlsplit(one).netloc] == []
+
+
+def find(site, name):
+    return next(page for path, page in site.items() if path.name == name)
+
+
+def test_every_effect_and_detector_has_its_section(site):
+    effects = plugins.list_names("effects", "EFFECT")
+    page = find(site, "effects.html")
+    text = " ".join(page.words)
+    assert set(effects) <= page.anchors
+    for name in effects:
+        assert load_effect(name).form in text and load_effect(name).source in text
+    assert set(plugins.list_names("detectors", "DETECTOR")) <= find(site, "built-in-detectors.html").anchors
+
+
+def test_mathematics_is_shown_as_such(site):
+    for path, page in site.items():
+        text = " ".join(page.words)
+        assert not any(sign in text for sign in (":math:", ".. math::", r"\frac", "$$")), path.name
