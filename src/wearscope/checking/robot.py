@@ -80,6 +80,7 @@ def check_factors(
     sample_rate: float | None = None,
     cycles: Mapping[str, Cycle] | None = None,
     may_drop: Sequence[str] = (),
+    dropped: str = "it will be dropped",
 ) -> None:
     """Add the factors that a robot does not cover, or that move nothing; some of these may be dropped."""
     known = len(found.problems)
@@ -94,9 +95,7 @@ def check_factors(
     )
     for name, sentence in (idle or {}).items():
         if name in may_drop:
-            found.notes.append(
-                f"factors.{name}: moves no torque of robot '{model.name}' and will be dropped."
-            )
+            found.notes.append(f"factors.{name}: moves no torque of robot '{model.name}'; {dropped}.")
         else:
             found.add(sentence)
 
@@ -129,7 +128,9 @@ def check_robot_folder(reference: str | Path, allow_code: Allowed = False) -> Fi
     if model is None:
         return found
     ranges = {name: one for name, one in USUAL.items() if one[0] != "payload_mass_error" or model.payload}
-    check_factors(model, ranges, found)
+    # No study asks yet: only wear must be felt.
+    may_drop = [name for name, one in ranges.items() if one[0] != "wear"]
+    check_factors(model, ranges, found, may_drop=may_drop, dropped="a study of it cannot ask for it")
     for name in list_cycles():
         found.attempt(lambda name=name: check_cycle(model, load_cycle(name), name, ranges, 0.01))  # type: ignore[misc]
     if not found.problems:

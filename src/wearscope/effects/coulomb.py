@@ -17,5 +17,6 @@ EFFECT = Effect(
     depends_on=("sign_qd_{joint}",),
     row=_row,
     standard=True,
+    passive=lambda values, temperature: {"friction": values["level"]},
     excitation=SPEEDS,
 )

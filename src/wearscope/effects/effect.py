@@ -107,6 +107,11 @@ class Effect:
     limit_temperature : callable or None
         ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds
         with given values of all parameters; at every one where None.
+    passive : callable or None
+        ``passive(values, temperature)``: what formats with passive joints hold of it, of `friction`,
+        `damping`, `quadratic` (factor of v abs(v)), `stiffness` and `preload`; nothing where None.
+    passive_lacks : str
+        What they do not hold of it, with ``{temperature}`` [deg C]; empty where that is nothing.
     reference : str
         Path of the file that it was loaded from; empty in the vocabulary.
     """
@@ -147,6 +152,8 @@ class Effect:
     separated_by: Mapping[str, str] = field(default_factory=dict)
     name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None
     limit_temperature: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
+    passive: Callable[[Mapping[str, float], float], Mapping[str, float]] | None = None
+    passive_lacks: str = ""
     reference: str = ""
 
     @cached_property

@@ -52,6 +52,11 @@ EFFECT = Effect(
     source="Samuelsson et al. 2014, eq. (17); Bittencourt et al. 2011",
     depends_on=("qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"),
     row=_row,
+    passive=lambda values, temperature: {
+        "friction": values["eta0"],
+        "damping": values["eta5"] + values["eta6"] * temperature,
+    },
+    passive_lacks="only its Coulomb and viscous parts at {temperature} deg C without wear are held",
     shape=(
         Parameter("eta3", "{position}/s", default=np.nan),
         Parameter("eta4", "{position}/(s K)", estimated=False),

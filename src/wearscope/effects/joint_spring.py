@@ -22,5 +22,6 @@ EFFECT = Effect(
     row=_row,
     contains=("torque_offset",),
     excitation=RANGE,
+    passive=lambda values, temperature: {"stiffness": values["stiffness"], "preload": values["preload"]},
     separated_by={"payload_error": PAYLOAD, "gravity_counterbalance": RANGE},
 )

@@ -18,4 +18,5 @@ EFFECT = Effect(
     row=_row,
     parents=("viscous", "coulomb"),
     excitation=SPEEDS,
+    passive=lambda values, temperature: {"quadratic": values["curvature"]},
 )

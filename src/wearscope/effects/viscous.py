@@ -17,5 +17,6 @@ EFFECT = Effect(
     depends_on=("qd_{joint}",),
     row=_row,
     standard=True,
+    passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
 )

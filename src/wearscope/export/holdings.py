@@ -5,12 +5,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wearscope.effects.base import Effect, load_effect
+from wearscope.effects.kinds import ArmatureEffect, InertialEffect, PayloadEffect, RigidBodyEffect
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array, Inertia
 from wearscope.simulation.plant import build_plant
 
 URDF, MJCF = "URDF", "MJCF"
+#: Effects that bodies and rotors of the model hold already.
+BODIES = (RigidBodyEffect, ArmatureEffect, PayloadEffect, InertialEffect)
+#: Passive terms that URDF has not.
+URDF_LACKS = {
+    "quadratic": "URDF's damping is linear in the speed",
+    "stiffness": "URDF has no joint spring",
+}
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3
 
@@ -109,29 +117,9 @@ def _take(
     warmth: float,
 ) -> None:
     name = effect.name
-    if name in ("rigid_body", "rotor_inertia", "rotor_inertia_error", "payload_error", "inertial_error"):
+    if isinstance(effect, BODIES):
         return
-    given = dict(
-        zip((p.name for p in effect.parameters), np.concatenate(effect.pack(values)).tolist(), strict=True)
-    )
-    if name == "coulomb":
-        held.friction[j] += given["level"]
-    elif name == "viscous":
-        held.damping[j] += given["slope"]
-    elif name == "quadratic_viscous":
-        held.quadratic[j] += given["curvature"]
-        _leave(held, URDF, joint, name, "URDF's damping is linear in the speed")
-    elif name == "joint_spring":
-        held.stiffness[j] += given["stiffness"]
-        held.preload[j] += given["preload"]
-        _leave(held, URDF, joint, name, "URDF has no joint spring")
-    elif name == "friction_wear_temperature":
-        held.friction[j] += given["eta0"]
-        held.damping[j] += given["eta5"] + given["eta6"] * warmth
-        told = f"only its Coulomb and viscous parts at {warmth:g} deg C without wear are held"
-        for format in (URDF, MJCF):
-            _leave(held, format, joint, name, told)
-    else:
+    if effect.passive is None:
         reason = "it has no such term"
         if effect.row is None or effect.n_states:
             reason = "it has no memory of the kind and no such sensor or transmission"
@@ -139,6 +127,17 @@ def _take(
             reason = "it knows no temperature and no time"
         for format in (URDF, MJCF):
             _leave(held, format, joint, name, reason)
+        return
+    coefficients, shape = effect.pack(values)
+    numbers = [*coefficients.tolist(), *shape.tolist()]
+    given = {p.name: value for p, value in zip(effect.parameters, numbers, strict=True)}
+    for term, value in effect.passive(given, warmth).items():
+        getattr(held, term)[j] += value
+        if term in URDF_LACKS:
+            _leave(held, URDF, joint, name, URDF_LACKS[term])
+    if effect.passive_lacks:
+        for format in (URDF, MJCF):
+            _leave(held, format, joint, name, effect.passive_lacks.format(temperature=f"{warmth:g}"))
 
 
 def _leave(held: Holdings, format: str, joint: str, effect: str, reason: str) -> None:

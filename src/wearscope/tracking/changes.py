@@ -12,6 +12,9 @@ from wearscope.effects.base import Effect, PayloadEffect, Signals, load_effect
 if TYPE_CHECKING:
     from wearscope.tracking.structure import Structure
 
+#: Friction that every joint has, as effects; and as a change, where it may be all of it.
+_PLAIN = {"coulomb", "viscous"}
+_EVERYWHERE = {*_PLAIN, "friction"}
 #: Changes of friction, most elementary first; what follows is asked of joints too.
 FRICTION = ("coulomb", "viscous", "friction", "load_dependent_friction", "wear")
 OTHERS = (
@@ -143,7 +146,7 @@ def _friction_changes(structure: "Structure", joint: int, own: list[ModelTerm]) 
     found = []
     for rank, name in enumerate(FRICTION):
         # Friction as a whole counts as there: every joint has some.
-        there = name in ("coulomb", "viscous", "friction") or name in present
+        there = name in _EVERYWHERE or name in present
         found.append(Change(name, joint, terms[name], True, there, rank))
     for entry in own:
         effect = entry.effect
@@ -160,7 +163,7 @@ def is_thermal(effect: Effect) -> bool:
 
 def _covers_plain(effect: Effect) -> bool:
     """Whether an effect holds Coulomb and viscous friction, which are asked by themselves."""
-    return {"coulomb", "viscous"} <= {effect.name, *effect.contains}
+    return _PLAIN <= {effect.name, *effect.contains}
 
 
 def is_friction(effect: Effect) -> bool:
@@ -173,9 +176,10 @@ def _other_changes(joint: int, own: list[ModelTerm]) -> list[Change]:
     found, rank = [], len(FRICTION) + 1
     named = {entry.effect.name for entry in own}
     for k, name in enumerate(OTHERS):
-        if name in named or (name == "rotor_inertia_error" and "rotor_inertia" in named):
+        effect = load_effect(name)
+        if name in named or effect.corrects in named:
             continue
-        found.append(Change(name, joint, (plain_term(load_effect(name), joint),), False, False, rank + k))
+        found.append(Change(name, joint, (plain_term(effect, joint),), False, False, rank + k))
     for k, entry in enumerate(own):
         effect = entry.effect
         if effect.empirical or effect.spread or is_friction(effect) or entry.is_deflection:
