@@ -126,7 +126,7 @@ def test_second_run_does_nothing_and_is_quick(finished, tmp_path, monkeypatch):
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert "Nothing to be done" in text
     # Processor seconds, which other work on the machine does not lengthen much.
-    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 5.0
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 10.0
 
 
 def test_touched_files_and_other_files_rerun_nothing(changed):

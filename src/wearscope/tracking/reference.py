@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from wearscope.closed_loop.diagnosis import Diagnosis, diagnose
-from wearscope.closed_loop.intake.session_runs import Frame
 from wearscope.closed_loop.model.inertials import payload_penalty
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
@@ -18,6 +17,7 @@ from wearscope.tracking.inference import Belief, Estimate, estimate_change, make
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
 from wearscope.tracking.session_names import Sessions
+from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.sessions import read_reference
 from wearscope.tracking.structure import Scales, Structure
 

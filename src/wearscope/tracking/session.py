@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
-from wearscope.closed_loop.intake.session_runs import prepare_runs
 from wearscope.tracking.changes import Change
 from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
@@ -15,6 +14,7 @@ from wearscope.tracking.reference import Reference
 from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
 from wearscope.tracking.scatter import Scatter
 from wearscope.tracking.session_names import Sessions
+from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session
 from wearscope.tracking.structure import Structure
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import Band
-from wearscope.closed_loop.intake.session_runs import Frame
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
@@ -19,6 +18,7 @@ from wearscope.tracking.changes import Change, list_changes
 from wearscope.tracking.inference import Belief, Estimate
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.scatter import Scatter
+from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.structure import Scales, Structure
 
 _FRAME = ("moving", "top_speed", "reversal_width", "reach")

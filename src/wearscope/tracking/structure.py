@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
-from wearscope.closed_loop.intake.session_runs import Frame
 from wearscope.closed_loop.model.joint_flexibility import solve_gears
 from wearscope.closed_loop.model.prediction import find_lags, predict_motor
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
+from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.temperature import SLOPE, UNRECORDED, count_features, temperature_features
 
 if TYPE_CHECKING:
