@@ -14,7 +14,13 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 #: Distributions by the module that they give, where the names differ.
-GIVEN_BY = {"yaml": "pyyaml", "sklearn": "scikit-learn", "pinocchio": "pin", "PIL": "pillow"}
+GIVEN_BY = {
+    "vl_convert": "vl-convert-python",
+    "yaml": "pyyaml",
+    "sklearn": "scikit-learn",
+    "pinocchio": "pin",
+    "PIL": "pillow",
+}
 #: What others that are declared bring along, and are never without.
 BROUGHT = {"pillow": "matplotlib", "markupsafe": "jinja2", "llvmlite": "numba"}
 
