@@ -137,6 +137,7 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
         "black_box",
         "forward",
         "forward_series",
+        "profiles",
     }
     assert tables == expected | {"residual", "candidates"}
     assert json.loads((out / "verdict.json").read_text()) == verdict

@@ -153,7 +153,8 @@ def test_installed_command_makes_a_study_that_snakemake_plans_by_itself(installe
     (count,) = re.findall(r"^(\d+) jobs to do", run(*command, folder=tmp_path), re.MULTILINE)
     plan = run(installed / "python", "-m", "snakemake", "-n", "--cores", "1", folder=tmp_path / "mine")
     assert re.findall(r"^total +(\d+)$", plan, re.MULTILINE)[0] == count
-    assert str(ROOT) not in plan
+    # The environment that lends its packages may stand in the clone.
+    assert str(ROOT) not in plan.replace(sys.prefix, "")
 
 
 @pytest.mark.long
