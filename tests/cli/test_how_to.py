@@ -62,7 +62,7 @@ def test_page_s_commands_compute(page, shell):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page_is_under_a_screen(page):
     assert len(page.read_text().splitlines()) <= LINES
-    assert list_blocks(page)
+    assert list_blocks(page), f"{page.name} has no commands"
 
 
 def test_there_is_a_page_for_each_thing_to_bring():
