@@ -29,6 +29,8 @@ from wearscope.effects.base import Effect, MeasurementEffect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
+#: Sine of the angle to the other terms below which a standard term stays though they can do without it.
+_IMITATED = 0.05
 #: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
 _HOPELESS = 0.4
 #: What is said of a term that stays unless another one is better.
@@ -388,7 +390,8 @@ class Search:
             beside = self.assemble(others)
             if f.effect.standard:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-                if not self.is_needed(beside, own):
+                # What richer effects can imitate is no worse for that: the plainer one comes first.
+                if not self.is_needed(beside, own) and not own.sine < _IMITATED:
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
@@ -438,7 +441,7 @@ class Search:
     def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
         """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot:
+            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot or f.effect.masked:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
