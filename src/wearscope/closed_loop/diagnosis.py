@@ -18,7 +18,7 @@ from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
-from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.evidence import Evidence
@@ -28,7 +28,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.closed_loop.selection.status import Marked, mark_terms
-from wearscope.closed_loop.verdict import make_verdict, residual_table
+from wearscope.closed_loop.verdict import make_verdict
 from wearscope.effects.base import Effect, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel

@@ -19,4 +19,5 @@ EFFECT = Effect(
     standard=True,
     passive=lambda values, temperature: {"friction": values["level"]},
     excitation=SPEEDS,
+    changes=0,
 )

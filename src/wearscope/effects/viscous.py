@@ -19,4 +19,5 @@ EFFECT = Effect(
     standard=True,
     passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
+    changes=1,
 )

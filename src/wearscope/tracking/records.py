@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.tracking.changes import Change
+from wearscope.effects.vocabulary import plain_friction
+from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.inference import Estimate
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.session import Assessment, list_entries, relative_change
 from wearscope.tracking.structure import Structure
-
-#: A joint's friction as a whole: its RMS torque along the session's motion.
-FRICTION = "friction"
 
 
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
@@ -103,7 +101,7 @@ def list_rows(
 def _is_shown_together(change: Change, named: set[str]) -> bool:
     """Whether a change's parameters stand in the rows of the joint's friction as a whole."""
     whole = f"{FRICTION}@{change.joint}"
-    alone = {f"{name}@{change.joint}" for name in ("coulomb", "viscous")}
+    alone = {f"{effect.name}@{change.joint}" for effect in plain_friction()}
     if change.key in alone:
         return change.key not in named
     return change.key == whole and bool(alone & named)

@@ -11,8 +11,8 @@ from wearscope.closed_loop.model.inertials import payload_penalty
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.effects.base import load_effect
-from wearscope.tracking.changes import Change, is_friction, list_changes, plain_term
+from wearscope.effects.vocabulary import plain_friction
+from wearscope.tracking.changes import Change, list_changes, plain_term
 from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
@@ -99,11 +99,11 @@ def choose_terms(diagnosis: Diagnosis) -> Regression:
     """
     after, moving = diagnosis.after, np.flatnonzero(diagnosis.prepared.moving)
     added = []
-    for name in ("coulomb", "viscous"):
+    for friction in plain_friction():
         for joint in map(int, moving):
             own = [entry.effect for entry in after.entries if entry.joint == joint]
-            if not any(name in (effect.name, *effect.contains) for effect in own):
-                added.append(plain_term(load_effect(name), joint))
+            if not any(friction.name in (effect.name, *effect.contains) for effect in own):
+                added.append(plain_term(friction, joint))
     model = refit(after, [*after.entries, *added]) if added else after
     for term in [entry for entry in model.entries if entry.effect.empirical]:
         less = refit(model, [entry for entry in model.entries if entry is not term])
@@ -188,7 +188,7 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
         signals, keep = rows.signals, rows.weights > 0
         friction = np.zeros_like(signals.q)
         for entry, span in zip(structure.entries, structure.spans, strict=True):
-            if is_friction(entry.effect):
+            if entry.effect.is_friction:
                 friction += entry.columns(signals) @ structure.theta[span]
         predicted = rows.columns[..., : structure.count] @ structure.theta
         residual = (rows.target - predicted) * keep

@@ -13,8 +13,8 @@ from wearscope import tables
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
-from wearscope.tracking.changes import is_friction
-from wearscope.tracking.records import FRICTION, collect_series, record_assessment, record_reference
+from wearscope.tracking.changes import FRICTION
+from wearscope.tracking.records import collect_series, record_assessment, record_reference
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
@@ -193,7 +193,7 @@ def tell_entry(
 def is_friction_key(key: str) -> bool:
     """Whether a change's key is one of friction, of whatever form."""
     name = key.partition("@")[0]
-    return name == FRICTION or is_friction(load_effect(name))
+    return name == FRICTION or load_effect(name).is_friction
 
 
 def list_trends(own: dict[str, Any], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

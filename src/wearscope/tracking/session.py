@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
-from wearscope.tracking.changes import Change
+from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
 from wearscope.tracking.reference import Reference
@@ -129,7 +129,7 @@ def explain_hidden(
     ask, ask_known = make_ask(sample, reference.scatter), make_ask(known, reference.scatter)
     changes = reference.changes
     for change in changes:
-        if change.name != "friction":
+        if change.name != FRICTION:
             continue
         others = [n.change for n in named]
         if any(other.friction and other.joint == change.joint for other in others):
