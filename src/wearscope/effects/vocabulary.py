@@ -34,6 +34,12 @@ def session_effects() -> list[Effect]:
     return [asked[place] for place in sorted(asked)]
 
 
+def worn_effect() -> Effect:
+    """What wear adds to a joint's friction, as a change between sessions."""
+    (effect,) = (effect for effect in session_effects() if effect.needs_wear)
+    return effect
+
+
 def empirical_effect() -> Effect:
     """The generic term for structure outside the vocabulary."""
     (effect,) = (effect for effect in _builtin() if effect.empirical)

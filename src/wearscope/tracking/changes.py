@@ -8,13 +8,17 @@ import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, PayloadEffect, Signals
-from wearscope.effects.vocabulary import plain_friction, session_effects
+from wearscope.effects.vocabulary import plain_friction, session_effects, worn_effect
 
 if TYPE_CHECKING:
     from wearscope.tracking.structure import Structure
 
 #: A joint's plain friction as a whole, as a change and in the tables.
 FRICTION = "friction"
+#: A joint's friction over its speed, of whatever form, of which only the size is asked.
+CURVE = "curve"
+#: Widths of the curve's bumps at low speed, as shares of the joint's top speed.
+_WIDTHS = (0.04, 0.16)
 #: A payload's parameters count as so many values: a mass and three moments.
 _BODY = 4
 
@@ -36,6 +40,8 @@ class Change:
         Whether the reference has all of it.
     rank : int
         Place among changes that explain the same.
+    asked : bool
+        Whether sessions are asked for it; False where only its size is.
     """
 
     name: str
@@ -44,6 +50,7 @@ class Change:
     friction: bool
     present: bool
     rank: int
+    asked: bool = True
 
     @property
     def key(self) -> str:
@@ -105,7 +112,7 @@ def list_changes(structure: "Structure") -> list[Change]:
     asked = session_effects()
     whole, single = [e for e in asked if e.per_robot], [e for e in asked if not e.per_robot]
     found: list[Change] = []
-    for joint in map(int, np.flatnonzero(structure.frame.moving)):
+    for joint in map(int, structure.moving):
         own = [entry for entry in structure.entries if entry.joint == joint]
         friction = [effect for effect in single if effect.is_friction]
         found += _friction_changes(structure, joint, friction, own)
@@ -118,6 +125,22 @@ def list_changes(structure: "Structure") -> list[Change]:
             Change(effect.name, last, (ModelTerm(effect, last, (), every),), False, there, _rank(effect))
         )
     return found
+
+
+def list_measured(structure: "Structure") -> list[Change]:
+    """What may change, then each moving joint's friction curve."""
+    return [*list_changes(structure), *(make_curve(structure, int(j)) for j in structure.moving)]
+
+
+def make_curve(structure: "Structure", joint: int) -> Change:
+    """Friction of a joint over its speed: Coulomb, viscous, and bumps at low speed of two widths."""
+    top_speed = float(structure.frame.top_speed[joint])
+    terms = [plain_term(effect, joint) for effect in plain_friction()]
+    bump = worn_effect()
+    terms += [
+        ModelTerm(bump, joint, (share * top_speed, *bump.pack({})[1][1:].tolist()), (0,)) for share in _WIDTHS
+    ]
+    return Change(CURVE, joint, tuple(terms), True, True, _rank(bump), asked=False)
 
 
 def _rank(effect: Effect) -> int:

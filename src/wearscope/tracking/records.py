@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from wearscope.effects.vocabulary import plain_friction
-from wearscope.tracking.changes import FRICTION, Change
+from wearscope.tracking.changes import CURVE, FRICTION, Change
 from wearscope.tracking.inference import Estimate
 from wearscope.tracking.reference import Reference
-from wearscope.tracking.session import Assessment, list_entries, relative_change
+from wearscope.tracking.session import Assessment, list_entries, measure_friction, relative_change
 from wearscope.tracking.structure import Structure
 
 
@@ -80,12 +80,13 @@ def list_rows(
     for key, estimate in estimates.items():
         change = estimate.change
         if change.name == FRICTION:
-            share, half = relative_change(estimate, scatter)
+            curve = estimates.get(f"{CURVE}@{change.joint}", estimate)
+            share, half = measure_friction(curve, scatter)
             size = float(structure.scales.friction[change.joint])
             friction = (structure.torque_unit[change.joint], size, size * share, size * half)
             p = scatter.p_value(estimate)
             rows.append(_row(structure.joints[change.joint], FRICTION, "torque", *friction, p, key in named))
-        if _is_shown_together(change, named):
+        if not change.asked or _is_shown_together(change, named):
             continue
         joint = structure.joints[change.joint]
         p, width = scatter.p_value(estimate), scatter.width(estimate)

@@ -12,7 +12,7 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.vocabulary import plain_friction
-from wearscope.tracking.changes import Change, list_changes, plain_term
+from wearscope.tracking.changes import Change, list_changes, list_measured, plain_term
 from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
@@ -54,6 +54,11 @@ class Reference:
         """What may change."""
         return list_changes(self.structure)
 
+    @property
+    def measured(self) -> list[Change]:
+        """What may change, and what only has a size."""
+        return list_measured(self.structure)
+
 
 def identify_reference(
     sessions: Sessions,
@@ -74,7 +79,7 @@ def identify_reference(
     structure, made, prior = lay_out(diagnosis, model)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
-    changes = list_changes(structure)
+    changes = list_measured(structure)
     held_out: dict[str, dict[str, Estimate]] = {}
     for name, rest, own in split_healthy(made):
         believed = fit_belief(structure, rest, prior)

@@ -97,7 +97,7 @@ def measure_scatter(
         by_joint: dict[int, list[Estimate]] = {}
         for estimates in held_out:
             for estimate in estimates.values():
-                if estimate.change.friction == friction:
+                if estimate.change.asked and estimate.change.friction == friction:
                     by_joint.setdefault(estimate.change.joint, []).append(estimate)
         found = [_excess(own) for own in by_joint.values()]
         count = max(len(held_out) - 1, 0) * joints if found else 0

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
 from wearscope.tracking.changes import FRICTION, Change
-from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
+from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
@@ -79,11 +80,11 @@ def assess_runs(
         False-alarm rate of a session.
     notes : sequence of str
     """
-    structure, changes = reference.structure, reference.changes
-    rows = stack_rows(structure, changes, [make_rows(structure, run) for run in runs])
-    sample = make_sample(rows, changes, reference.belief, reference.payload_prior)
+    structure, changes, measured = reference.structure, reference.changes, reference.measured
+    rows = stack_rows(structure, measured, [make_rows(structure, run) for run in runs])
+    sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
     named = name_changes(changes, make_ask(sample, reference.scatter), level)
-    alone = {change.key: estimate_change(sample, change) for change in changes}
+    alone = {change.key: estimate_alone(sample, change, named) for change in measured}
     thermal = np.arange(structure.width) >= structure.count
     held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
     known = make_sample(
@@ -93,6 +94,12 @@ def assess_runs(
     return Assessment(
         session, named, {key: e for key, e in alone.items() if e is not None}, hidden, list(notes)
     )
+
+
+def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
+    """Estimate of a change alone; of what only has a size, beside all else that the session shows."""
+    beside = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
+    return estimate_change(sample, change, beside)
 
 
 def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
@@ -173,6 +180,17 @@ def relative_change(estimate: Estimate, scatter: Scatter) -> tuple[float, float]
     error = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
     sign = np.sign(np.sqrt(np.maximum(np.diag(unit), 0.0)) @ value) or 1.0
     return float(sign * size), float(1.96 * error)
+
+
+def measure_friction(estimate: Estimate, scatter: Scatter) -> tuple[float, float]:
+    """RMS torque by which a joint's friction changed, as a share of it, and half its 95 % interval.
+
+    Noise makes any RMS larger; its expected part is taken out. The sign is as of `relative_change`.
+    """
+    share, half = relative_change(estimate, scatter)
+    made = share**2 - float(np.sum(estimate.shares * estimate.noise))
+    wide = float(stats.t.ppf(0.975, scatter.dof)) / 1.96
+    return float(np.sign(share) * np.sqrt(max(made, 0.0))), wide * half
 
 
 def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joint: int) -> str:

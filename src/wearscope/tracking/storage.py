@@ -14,7 +14,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.files import write_whole
-from wearscope.tracking.changes import Change, list_changes
+from wearscope.tracking.changes import Change, list_measured
 from wearscope.tracking.inference import Belief, Estimate
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.scatter import Scatter
@@ -117,7 +117,7 @@ def _restore(
         arrays["warmth"],
         Scales(*(arrays[f"scales_{name}"] for name in names)),
     )
-    changes = {change.key: change for change in list_changes(structure)}
+    changes = {change.key: change for change in list_measured(structure)}
     held_out = {
         session: {key: _restore_estimate(arrays, k, changes[key], *sizes) for key, sizes in kept.items()}
         for k, (session, kept) in enumerate(words["held_out"].items())
