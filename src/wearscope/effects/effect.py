@@ -114,6 +114,8 @@ class Effect:
         ``change_shape(top_speed)``: its shape parameters (k,) as such a change; the defaults where None.
     mounted : bool
         Whether it is a part that somebody mounts on the joint, and nobody unknowingly.
+    thermal : bool
+        Whether it is how a joint's friction depends on a temperature that is recorded.
     passive : callable or None
         ``passive(values, temperature)``: what formats with passive joints hold of it, of `friction`,
         `damping`, `quadratic` (factor of v abs(v)), `stiffness` and `preload`; nothing where None.
@@ -162,6 +164,7 @@ class Effect:
     changes: int | None = None
     change_shape: Callable[[float], np.ndarray] | None = None
     mounted: bool = False
+    thermal: bool = False
     passive: Callable[[Mapping[str, float], float], Mapping[str, float]] | None = None
     passive_lacks: str = ""
     reference: str = ""

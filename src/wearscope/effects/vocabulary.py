@@ -40,6 +40,12 @@ def worn_effect() -> Effect:
     return effect
 
 
+def thermal_friction() -> Effect:
+    """How friction depends on a temperature that is recorded."""
+    (effect,) = (effect for effect in _builtin() if effect.thermal)
+    return effect
+
+
 def empirical_effect() -> Effect:
     """The generic term for structure outside the vocabulary."""
     (effect,) = (effect for effect in _builtin() if effect.empirical)

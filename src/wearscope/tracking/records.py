@@ -11,6 +11,7 @@ from wearscope.tracking.inference import Estimate
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.session import Assessment, list_entries, measure_friction, relative_change
 from wearscope.tracking.structure import Structure
+from wearscope.tracking.worn import record_worn
 
 
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
@@ -27,6 +28,7 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
         ],
         "cannot_tell": assessment.cannot_tell,
         "notes": assessment.notes,
+        "wear": record_worn(assessment.worn, reference),
         "rows": list_rows(reference, together, set(named)),
         "series": list_series(reference, together),
     }

@@ -12,6 +12,7 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.vocabulary import plain_friction
+from wearscope.robots.model import RobotModel
 from wearscope.tracking.changes import Change, list_changes, list_measured, plain_term
 from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
@@ -20,6 +21,7 @@ from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.sessions import read_reference
 from wearscope.tracking.structure import Scales, Structure
+from wearscope.tracking.tracked_model import make_healthy_model
 
 #: Least friction of a joint, as a share of its torque, and of its residual: what a change is measured by.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
@@ -40,6 +42,8 @@ class Reference:
     scatter : Scatter
     held_out : dict of str to dict of str to Estimate
         Each change in each healthy session, held out; by session (run where there is one), then by key.
+    robot : RobotModel
+        The healthy machine, as the simulator has it.
     """
 
     sessions: tuple[str, ...]
@@ -48,6 +52,7 @@ class Reference:
     payload_prior: np.ndarray
     scatter: Scatter
     held_out: dict[str, dict[str, Estimate]]
+    robot: RobotModel
 
     @property
     def changes(self) -> list[Change]:
@@ -92,7 +97,8 @@ def identify_reference(
         f"healthy sessions scatter by {100 * scatter.friction:.2g} % of friction, "
         f"{100 * scatter.torque:.2g} % of torque ({scatter.sessions} held out)"
     )
-    return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out)
+    robot = make_healthy_model(diagnosis, model, structure, belief)
+    return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out, robot)
 
 
 def choose_terms(diagnosis: Diagnosis) -> Regression:

@@ -13,12 +13,14 @@ from wearscope import tables
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
+from wearscope.robots.model import save_model
 from wearscope.tracking.changes import FRICTION
 from wearscope.tracking.records import collect_series, record_assessment, record_reference
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference
+from wearscope.tracking.tracked_model import STAGE, make_tracked_model
 from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
 
 Say = Callable[[str], None]
@@ -132,7 +134,7 @@ def write_tracking(
     sessions: Sessions, reference: Reference, records: Sequence[dict[str, Any]], folder: str | Path,
     level: float,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write ``changes.parquet``, then ``tracking.json``; records in any order."""
+    """Write ``changes.parquet``, ``model_tracked.yaml``, then ``tracking.json``; records in any order."""
     by_name = {record["session"]: record for record in records}
     later = [by_name[session] for session in sessions.later]
     own = record_reference(reference)
@@ -142,6 +144,7 @@ def write_tracking(
         for record in part
         for row in record["rows"]
     ]
+    worn = [{"session": r["session"], **one} for r in later for one in r["wear"]]
     told = {
         "dataset": sessions.name,
         "reference": list(sessions.reference),
@@ -155,12 +158,14 @@ def write_tracking(
             for k, record in enumerate(later)
         ],
         "trends": list_trends(own, later),
+        "wear": worn,
         "healthy": {key: own[key] for key in ("terms", "temperatures", "scatter")},
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
     }
     table = pd.DataFrame(rows, columns=_COLUMNS)
     tables.write_table(Path(folder) / "changes.parquet", table, _UNITS)
+    save_model(make_tracked_model(reference.robot, worn), Path(folder) / f"model_{STAGE}.yaml")
     tables.write_text(Path(folder) / "tracking.json", dump(told))
     return told
 

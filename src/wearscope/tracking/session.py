@@ -18,6 +18,7 @@ from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session
 from wearscope.tracking.structure import Structure
+from wearscope.tracking.worn import Worn, identify_wear
 
 #: False-alarm rate of a session, over all joints and changes.
 FALSE_ALARM_RATE = 0.01
@@ -39,6 +40,8 @@ class Assessment:
         Every change alone, by key.
     cannot_tell : list of str
     notes : list of str
+    worn : list of Worn
+        Wear of each joint whose friction grew.
     """
 
     session: str
@@ -46,6 +49,7 @@ class Assessment:
     estimates: dict[str, Estimate]
     cannot_tell: list[str]
     notes: list[str]
+    worn: list[Worn]
 
 
 def assess_session(
@@ -81,7 +85,8 @@ def assess_runs(
     notes : sequence of str
     """
     structure, changes, measured = reference.structure, reference.changes, reference.measured
-    rows = stack_rows(structure, measured, [make_rows(structure, run) for run in runs])
+    made = [make_rows(structure, run) for run in runs]
+    rows = stack_rows(structure, measured, made)
     sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
     named = name_changes(changes, make_ask(sample, reference.scatter), level)
     alone = {change.key: estimate_alone(sample, change, named) for change in measured}
@@ -91,9 +96,9 @@ def assess_runs(
         stack_rows(structure, changes, held), changes, reference.belief, reference.payload_prior, thermal
     )
     hidden = explain_hidden(reference, runs, sample, known, named, level)
-    return Assessment(
-        session, named, {key: e for key, e in alone.items() if e is not None}, hidden, list(notes)
-    )
+    known_alone = {key: e for key, e in alone.items() if e is not None}
+    worn = identify_wear(reference, made, named)
+    return Assessment(session, named, known_alone, hidden, list(notes), worn)
 
 
 def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
@@ -103,13 +108,21 @@ def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Es
 
 
 def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
-    """Estimates of changes beside others in a session, each made once."""
+    """Estimates of changes beside others in a session, each made once.
+
+    What is no friction is asked beside all that the friction of a joint may have become where it changed, so
+    that what the named form leaves of it is not taken for something else.
+    """
+    curves = {change.joint: change for change in sample.changes if not change.asked}
     made: dict[tuple[str, ...], Judged | None] = {}
 
     def ask(change: Change, beside: Sequence[Change]) -> Judged | None:
         key = (change.key, *sorted(c.key for c in beside))
         if key not in made:
-            estimate = estimate_change(sample, change, beside)
+            others = beside
+            if not change.friction:
+                others = [curves.get(c.joint, c) if c.friction else c for c in beside]
+            estimate = estimate_change(sample, change, others)
             made[key] = None if estimate is None else Judged(estimate, scatter.p_value(estimate))
         return made[key]
 

@@ -14,6 +14,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.files import write_whole
+from wearscope.robots.model import make_model
 from wearscope.tracking.changes import Change, list_measured
 from wearscope.tracking.inference import Belief, Estimate
 from wearscope.tracking.reference import Reference
@@ -55,6 +56,7 @@ def save_reference(path: str | Path, reference: Reference) -> None:
         "entries": [[e.effect.label, e.joint, e.shape, e.subset] for e in structure.entries],
         "scatter": {**asdict(scatter), "inflation": dict(sorted(scatter.inflation.items()))},
         "held_out": held_out,
+        "robot": {"fields": reference.robot.to_mapping(), "urdf": reference.robot.urdf_text},
     }
     arrays["words"] = np.array(json.dumps(words))
 
@@ -129,6 +131,7 @@ def _restore(
         arrays["payload_prior"],
         Scatter(**words["scatter"]),
         held_out,
+        make_model(words["robot"]["fields"], words["robot"]["urdf"], "reference", strict=False),
     )
 
 
