@@ -9,7 +9,8 @@ from wearscope.effects.vocabulary import plain_friction
 from wearscope.tracking.changes import CURVE, FRICTION, Change
 from wearscope.tracking.inference import Estimate
 from wearscope.tracking.reference import Reference
-from wearscope.tracking.session import Assessment, list_entries, measure_friction, relative_change
+from wearscope.tracking.scatter import measure_friction, relative_change
+from wearscope.tracking.session import Assessment, list_entries
 from wearscope.tracking.structure import Structure
 from wearscope.tracking.worn import record_worn
 
@@ -27,6 +28,7 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
             for entry in list_entries([one], structure, scatter)
         ],
         "cannot_tell": assessment.cannot_tell,
+        "next_measurement": [plan.to_mapping(structure.joints) for plan in assessment.plans],
         "notes": assessment.notes,
         "wear": record_worn(assessment.worn, reference),
         "rows": list_rows(reference, together, set(named)),

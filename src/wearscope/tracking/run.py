@@ -15,6 +15,7 @@ from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
 from wearscope.robots.model import save_model
 from wearscope.tracking.changes import FRICTION
+from wearscope.tracking.next_session import write_plans
 from wearscope.tracking.records import collect_series, record_assessment, record_reference
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
@@ -145,6 +146,7 @@ def write_tracking(
         for row in record["rows"]
     ]
     worn = [{"session": r["session"], **one} for r in later for one in r["wear"]]
+    write_plans(Path(folder), later, reference)
     told = {
         "dataset": sessions.name,
         "reference": list(sessions.reference),
@@ -154,6 +156,10 @@ def write_tracking(
                 "session": record["session"],
                 "changes": [tell_entry(entry, k, own["sessions"], later) for entry in record["changes"]],
                 "cannot_tell": record["cannot_tell"],
+                "next_measurement": [
+                    {key: value for key, value in one.items() if key != "motion"}
+                    for one in record["next_measurement"]
+                ],
             }
             for k, record in enumerate(later)
         ],
