@@ -98,6 +98,9 @@ def _term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
     if term.effect.needs_wear:
         # At f = 1: what is estimated is the wear's torque, not how worn it is.
         signals = replace(signals, wear=np.ones_like(signals.v))
+    if isinstance(term.effect, PayloadEffect):
+        # A load between sessions is no error of what is declared.
+        signals = replace(signals, carries=True)
     return term.columns(signals)
 
 
