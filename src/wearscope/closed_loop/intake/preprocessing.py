@@ -364,6 +364,7 @@ def _make_signals(
         rigid_body=source.body,
         torque=known,
         bandwidth=band.torque,
+        carries=source.carries,
         channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
     return signals, known, rest[::factor]
