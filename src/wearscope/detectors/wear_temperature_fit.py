@@ -202,19 +202,27 @@ class WearTemperatureFit:
 
         It is that of the declared effects which wear or temperature change.
         """
-        levels = np.vstack([x * (0.0, 1.0), np.column_stack([np.abs(x[:, 0]), x[:, 1]])])
+        worn = self._evaluate_worn(speed, np.abs(x[:, 0]), x[:, 1])
+        below = x[:, 0] < 0.0
+        if below.any():
+            unworn = self._evaluate_worn(speed, np.zeros(below.sum()), x[below, 1])
+            worn[below] = 2.0 * unworn - worn[below]
+        return worn
+
+    def _evaluate_worn(self, speed: Array, wears: Array, temperatures: Array) -> Array:
+        """Torque (m, K) at speeds (K,), and wears, none negative, and temperatures (m,)."""
         # These effects see nothing but the axis: one column stands for it.
-        wear, temperature = np.repeat(levels, len(speed), axis=0).T[:, :, None]
-        v = np.tile(speed, len(levels))[:, None]
+        wear, temperature = (np.repeat(level, len(speed))[:, None] for level in (wears, temperatures))
+        v = np.tile(speed, len(wears))[:, None]
         still = np.zeros_like(v)
         signals = Signals(
             np.arange(len(v), dtype=float), still, v, still, np.sign(v), still, temperature, wear
         )
+        signals.dt = 1.0  # that of these samples; to find it costs as much as their torque
         torque = np.zeros(len(v))
         for effect, values in self.varying:
             torque += effect.torque(signals, 0, values)
-        unworn, worn = torque.reshape(2, len(x), len(speed))
-        return unworn + np.sign(x[:, :1]) * (worn - unworn)
+        return torque.reshape(len(wears), len(speed))
 
     def _minimise(self, start: Array, misfit: "_Misfit") -> tuple[Array, float]:
         """Damped Gauss-Newton on f and T (2,) with difference quotients; T is kept in its range.
