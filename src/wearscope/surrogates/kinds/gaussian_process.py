@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_solve
 from scipy.optimize import minimize
 
+from wearscope.surrogates.kinds.likelihood import Likelihood
+
 Array = NDArray[np.float64]
 GAUSSIAN_PROCESS = "gaussian_process"
 BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
@@ -22,7 +24,11 @@ LENGTHS = (0.1, 100.0)
 #: Widths of the steps at nominal, coded.
 STEP, WIDE_STEP = 0.1, 0.4
 SHAPES = ("root", "steps")
-ITERATIONS = 40
+#: Lengths from which the search for them begins: the likelihood may have several maxima.
+FIRST_LENGTHS = (4.0, 1.5)
+ITERATIONS = 60
+#: Points at which a mean is computed at a time: what is in between stays in the processor's cache.
+ROWS = 512
 #: Added to the variance of standardised y where functions are drawn, so that rounding leaves it positive.
 JITTER = 1e-8
 
@@ -73,7 +79,8 @@ class GaussianProcess:
     def predict_mean(self, z: ArrayLike) -> Array:
         """Mean response alone, which is much cheaper."""
         seen = self._see(z)
-        return self.middle + self.scale * self._process.predict(seen)
+        parts = [self._process.predict(seen[k : k + ROWS]) for k in range(0, len(seen), ROWS)]
+        return self.middle + self.scale * np.concatenate(parts)
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
         """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
@@ -112,7 +119,6 @@ def fit_gaussian_process(
     GaussianProcess or None
         None with too few runs or where y does not vary.
     """
-    from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import WhiteKernel
 
     scale = float(y.std())
@@ -121,18 +127,22 @@ def fit_gaussian_process(
     seen = _see(z, bent, centre, shape)
     known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
     kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
-
-    def climb(objective: Any, first: Array, bounds: Array) -> tuple[Array, float]:
-        found = minimize(
-            objective, first, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": ITERATIONS}
+    objective = Likelihood(seen, (y - y.mean()) / scale)
+    found = []
+    for length in FIRST_LENGTHS:
+        first = kernel.theta.copy()
+        first[1 : 1 + seen.shape[1]] = np.log(length)
+        found.append(
+            minimize(
+                objective,
+                first,
+                jac=True,
+                bounds=kernel.bounds,
+                method="L-BFGS-B",
+                options={"maxiter": ITERATIONS},
+            )
         )
-        return found.x, found.fun
-
-    process = GaussianProcessRegressor(kernel, optimizer=climb, alpha=1e-10)
-    with warnings.catch_warnings():  # a length at its bound says that the factor does not matter
-        warnings.simplefilter("ignore")
-        process.fit(seen, (y - y.mean()) / scale)
-    theta = process.kernel_.theta
+    theta = min(found, key=lambda one: one.fun).x
     parameters = {
         "theta": [float(one) for one in theta[:-1]],
         "log_noise": float(theta[-1]),
