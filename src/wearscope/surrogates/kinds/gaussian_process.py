@@ -97,6 +97,7 @@ def fit_gaussian_process(
     bent: int | None = None,
     centre: float = 0.0,
     shape: str = SHAPES[0],
+    plain: GaussianProcess | None = None,
 ) -> GaussianProcess | None:
     """Gaussian process of the highest marginal likelihood.
 
@@ -113,6 +114,8 @@ def fit_gaussian_process(
         Coded nominal level of that factor.
     shape : {"root", "steps"}
         How it is bent.
+    plain : GaussianProcess, optional
+        That of the same runs with no factor bent, from whose hyperparameters the search begins.
 
     Returns
     -------
@@ -128,20 +131,13 @@ def fit_gaussian_process(
     known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
     kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
     objective = Likelihood(seen, (y - y.mean()) / scale)
-    found = []
-    for length in FIRST_LENGTHS:
-        first = kernel.theta.copy()
-        first[1 : 1 + seen.shape[1]] = np.log(length)
-        found.append(
-            minimize(
-                objective,
-                first,
-                jac=True,
-                bounds=kernel.bounds,
-                method="L-BFGS-B",
-                options={"maxiter": ITERATIONS},
-            )
+    bounds = kernel.bounds
+    found = [
+        minimize(
+            objective, first, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": ITERATIONS}
         )
+        for first in _first_hyperparameters(kernel.theta, seen.shape[1], plain)
+    ]
     theta = min(found, key=lambda one: one.fun).x
     parameters = {
         "theta": [float(one) for one in theta[:-1]],
@@ -152,6 +148,19 @@ def fit_gaussian_process(
         "shape": shape,
     }
     return GaussianProcess(z, y, parameters)
+
+
+def _first_hyperparameters(theta: Array, columns: int, plain: GaussianProcess | None) -> list[Array]:
+    """Logarithms (columns + 4,) from which the search begins, `theta` among them."""
+    if plain is None:
+        starts = [theta.copy() for _ in FIRST_LENGTHS]
+        for start, length in zip(starts, FIRST_LENGTHS, strict=True):
+            start[1 : 1 + columns] = np.log(length)
+        return starts
+    found = np.array([*plain.parameters["theta"], plain.parameters["log_noise"]])
+    # The columns that bending adds come last among the lengths.
+    added = theta[len(found) - 3 : 1 + columns]
+    return [np.concatenate([found[:-3], added, found[-3:]])]
 
 
 def _signal(columns: int) -> Any:
