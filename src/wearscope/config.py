@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from wearscope import plugins
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
@@ -341,7 +342,8 @@ class ClosedLoopSettings(Section):
     policy: Policy = Policy()
     """Numbers of the rule that accepts, ties and names; `verdict.json` repeats them."""
     effects: list[str] = []
-    """Paths of .py files that define `EFFECT`: own effects, candidates beside the vocabulary."""
+    """Own effects, candidates beside the vocabulary: paths of .py files that define `EFFECT`, or names of
+    effects of installed packages."""
     allow_code: bool = False
     """Whether effect files that a data set names may run: a data set may come from someone else. The
     study's own `allow_code: true` allows it too."""
@@ -350,9 +352,10 @@ class ClosedLoopSettings(Section):
     @classmethod
     def _python_files(cls, value: list[str]) -> list[str]:
         for path in value:
-            if not path.endswith(".py"):
+            if not path.endswith(".py") and path not in plugins.list_installed("effects"):
                 raise ValueError(
-                    f"{path} is no path of a .py file; the vocabulary's own effects take part anyway"
+                    f"{path} is no path of a .py file, nor an effect of an installed package; the "
+                    "vocabulary's own effects take part anyway"
                 )
         return value
 

@@ -33,7 +33,7 @@ def run(tmp_path, monkeypatch):
         for cell in notebook.cells:
             if parameters is not None and "parameters" in cell.metadata.get("tags", []):
                 cell.source += f"\n{parameters}"
-        client = NotebookClient(notebook, timeout=900, resources={"metadata": {"path": str(folder)}})
+        client = NotebookClient(notebook, timeout=1800, resources={"metadata": {"path": str(folder)}})
         return client.execute().cells
 
     return execute
