@@ -115,8 +115,6 @@ class Problem:
             return None
         if not effect.is_usable(self.joined, joint):
             return None
-        if len({run.file for run in self.train}) < effect.runs_needed:
-            return None
         if ModelTerm(effect, joint, (), ()).is_deflection and not effect.shape:
             return self._bend(effect, joint)
         made = make_candidate(effect, joint, p, effect.shapes(self.joined, joint))
@@ -175,7 +173,7 @@ class Problem:
         residual : ndarray (M,)
         """
         p = self.prepared
-        if not p.moving[joint] or len({run.file for run in self.train}) < effect.runs_needed:
+        if not p.moving[joint]:
             return None
         shapes = effect.shapes(self.joined, joint)
         keep = self.layout.keep[:, joint]

@@ -24,6 +24,8 @@ _LEAST, _LARGEST = 1e-4, 0.3
 #: Widths from which the fit starts besides the rough model's, over the joint's largest speed; residual
 #: variances by which one must do better than it.
 _STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
+#: Share of the loss that a width must remove where the rough model found a reversal at once.
+_AT_ONCE = 0.2
 #: Standard errors that a change of a width must have.
 _ERRORS = 1.0
 
@@ -97,7 +99,10 @@ def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
     top = np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
     best = {j: (np.inf, widths[j]) for j in frictions}
     first = _fit_joints(prepared, assembly, frictions)
-    least = {j: fit.loss - _CLEARLY * fit.noise for j, fit in first.items()}
+    least = {
+        j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
+        for j, fit in first.items()
+    }
     for share in _STARTS:
         tried = np.where(prepared.moving, share * top, widths)
         for j, fit in _fit_joints(prepared.reverse_over(tried), assembly, frictions).items():

@@ -29,7 +29,7 @@ from wearscope.effects.base import Effect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
-#: Sine of the angle to the other terms below which a standard term stays though they can do without it.
+#: Sine of the angle to the other terms below which a standard term stays beside errors of bodies.
 _IMITATED = 0.05
 #: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
 _HOPELESS = 0.4
@@ -328,8 +328,9 @@ class Search:
             beside = self.assemble(others)
             if f.effect.standard:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-                # What richer effects can imitate is no worse for that: the plainer one comes first.
-                if not self.is_needed(beside, own) and not own.sine < _IMITATED:
+                # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
+                imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
+                if not imitated and not self.is_needed(beside, own):
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
