@@ -217,6 +217,8 @@ rule report_reevaluation:
     priority: -1
     conda:
         ENV
+    params:
+        factors=FACTORS,
     message:
         "Report what the correction changes"
     script:
