@@ -1,12 +1,32 @@
 """Sections on what is simulated: factors, design, simulation, detectors, surrogates."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from wearscope.config.base import Model, Section, SurrogateKind
+
+#: What a factor can be besides a number by its path.
+KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
+_PATH = r"^(drive|sensors|payload|controller|gravity|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
+
+
+def _check_kind(kind: str) -> str:
+    if kind not in KINDS and not re.match(_PATH, kind):
+        raise ValueError(
+            f"'{kind}' is none of {', '.join(KINDS)}, nor the path of a number such as sensors.torque_noise"
+        )
+    return kind
+
+
+FactorKind = Annotated[
+    str,
+    AfterValidator(_check_kind),
+    WithJsonSchema({"anyOf": [{"enum": list(KINDS)}, {"type": "string", "pattern": _PATH}]}),
+]
 
 
 class FactorSettings(Section):
@@ -14,13 +34,16 @@ class FactorSettings(Section):
 
     description: str
     """What it is, as figures and the report say it."""
-    kind: Literal["wear", "temperature", "dwell", "payload_mass_error"]
-    """What the simulation does with it. The first, second and third factor of kind `wear` are the wear of
-    axes 1, 2 and 3; the cells of an axis see their own axis's wear as `f`."""
+    kind: FactorKind
+    """What the simulation does with it: `wear`, `temperature`, `dwell`, `payload_mass_error`, or a number by
+    its path: of the robot's model (`sensors.torque_noise`, `controller.bandwidth_hz`, `drive.speed_limit`,
+    `effects.joint_elasticity.axis_2.compliance`), or of a detector (`detectors.A.OPTION`). Factors of kind
+    `wear` are the wear of the tested axes; the cells of an axis see their own axis's wear as `f`."""
     range: tuple[float, float]
     """Natural values at the coded levels -2 and +2 of the identification (Table 1)."""
     unit: str
-    """Unit of the natural values."""
+    """Unit of the natural values. Those of a number by its path are in the model's unit, or with `"%"` a
+    change in percent of what the model states."""
     levels: Annotated[int, Field(ge=2)] = 5
     """Number of levels in a full factorial, evenly spread."""
     nominal: Annotated[float, Field(ge=-2, le=2)] | None = None
@@ -36,6 +59,10 @@ class FactorSettings(Section):
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")
         return self
+
+    def full_kind(self) -> str:
+        """Kind as the simulation takes it: a path says whether its levels are changes in percent."""
+        return f"{self.kind} %" if "." in self.kind and self.unit == "%" else self.kind
 
 
 class DesignSettings(Section):

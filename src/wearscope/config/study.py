@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from itertools import count, islice
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -63,8 +64,10 @@ class StudyConfig(Section):
     dropped from that robot's answers and the report says so. The wear of a tested axis is never dropped."""
     cycles: Annotated[list[str], Field(min_length=1)]
     """Names of modules of `wearscope.cycles`, or paths of .py files that define `CYCLE`."""
-    axes: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(min_length=1)] = Field(default=[1, 2, 3])
-    """Axes under test; the wear of each is `f` of its own cells, `w1` or `w2` of the others'."""
+    axes: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)] = Field(default=[1, 2, 3])
+    """Axes under test, any of the robots': the joints that `wear_axes` of the model names count first, then
+    the others. The wear of each is `f` of its own cells, `w1` or `w2` of the others'; wear factors beyond the
+    tested axes are the wear of the first other axes."""
     detectors: Annotated[dict[Name, DetectorSettings], Field(min_length=1), BeforeValidator(_short_detectors)]
     """Detectors by the name they have in tables and figures."""
     factors: Annotated[dict[FactorName, FactorSettings], Field(min_length=1)]
@@ -113,10 +116,21 @@ class StudyConfig(Section):
     """Folder of a measured data set for the targets `closed_loop`, `detect` and `track`; usually given as
     `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
 
-    def tested_factors(self) -> list[str]:
-        """Wear factors that are the fault of a tested axis."""
+    def wear_factors(self) -> dict[int, str]:
+        """Factor that is the wear of an axis, by axis: the tested ones, and the first others."""
         wear = [name for name, factor in self.factors.items() if factor.kind == "wear"]
-        return [wear[axis - 1] for axis in self.axes]
+        others = (axis for axis in count(1) if axis not in self.axes)
+        axes = [*self.axes, *islice(others, max(len(wear) - len(self.axes), 0))]
+        return dict(zip(sorted(axes), wear, strict=False))
+
+    def worn_axes(self) -> list[int]:
+        """Axes that wear, in the order of their factors; those under test where no factor is wear."""
+        return list(self.wear_factors()) or sorted(self.axes)
+
+    def tested_factors(self) -> list[str]:
+        """Factors that are the fault of a tested axis."""
+        wear = self.wear_factors()
+        return [wear.get(axis, "f") for axis in self.axes]
 
     def may_run_code(self) -> bool:
         """Whether effect files that the data set names may run."""
@@ -134,28 +148,35 @@ class StudyConfig(Section):
             asked.checking_points + asked.checking_question_points * axes,
         )
 
+    def factor_kinds(self) -> dict[str, str]:
+        """Kind by factor, as the simulation takes it."""
+        return {name: factor.full_kind() for name, factor in self.factors.items()}
+
     def factor_ranges(self) -> dict[str, list[Any]]:
         """Kind and natural range by factor, validation included."""
         ranges = {}
         for name, factor in self.factors.items():
             ends = [*factor.range, *(factor.validation or ())]
-            ranges[name] = [factor.kind, min(ends), max(ends)]
+            ranges[name] = [factor.full_kind(), min(ends), max(ends)]
         return ranges
 
     def factor_table(self) -> list[dict[str, Any]]:
         """Factors as the keyword arguments of `wearscope.designs.factors.Factor`, in the design's order."""
         table = []
+        axes = {name: axis for axis, name in self.wear_factors().items()}
         for name, factor in self.factors.items():
             low, high = factor.validation or (None, None)
-            fields = factor.model_dump(include={"description", "kind", "unit", "levels", "nominal"})
+            fields = factor.model_dump(include={"description", "unit", "levels", "nominal"})
             table.append(
                 {
                     "name": name,
+                    "kind": factor.full_kind(),
                     "role": "fault" if name == "f" else "nuisance",
                     "low": factor.range[0],
                     "high": factor.range[1],
                     "validation_low": low,
                     "validation_high": high,
+                    "axis": axes.get(name),
                     **fields,
                 }
             )
@@ -180,8 +201,16 @@ class StudyConfig(Section):
     def _consistent(self) -> "StudyConfig":
         if "f" not in self.factors:
             raise ValueError("factors: f, the fault, is missing; add it")
+        for name, factor in self.factors.items():
+            section, _, rest = factor.kind.partition(".")
+            detector = rest.partition(".")[0]
+            if section == "detectors" and detector not in self.detectors:
+                raise ValueError(
+                    f"factors.{name}.kind: there is no detector {detector}; choose among "
+                    f"{', '.join(self.detectors)}"
+                )
         wear = [factor.range for factor in self.factors.values() if factor.kind == "wear"]
-        if max(self.axes) > len(wear):
+        if wear and len(self.axes) > len(wear):
             raise ValueError(
                 f"axes: axis {max(self.axes)} has no wear factor; add a factor of kind wear, or drop the axis"
             )
