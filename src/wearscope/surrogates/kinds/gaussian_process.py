@@ -27,8 +27,9 @@ SHAPES = ("root", "steps")
 #: Lengths from which the search for them begins: the likelihood may have several maxima.
 FIRST_LENGTHS = (4.0, 1.5)
 ITERATIONS = 60
-#: Points at which a mean is computed at a time: what is in between stays in the processor's cache.
-ROWS = 512
+#: Covariances computed at a time where only the mean is asked: they stay in the processor's cache, and in
+#: memory that the process already has.
+CELLS = 2**16
 #: Added to the variance of standardised y where functions are drawn, so that rounding leaves it positive.
 JITTER = 1e-8
 
@@ -79,7 +80,8 @@ class GaussianProcess:
     def predict_mean(self, z: ArrayLike) -> Array:
         """Mean response alone, which is much cheaper."""
         seen = self._see(z)
-        parts = [self._process.predict(seen[k : k + ROWS]) for k in range(0, len(seen), ROWS)]
+        rows = max(1, CELLS // len(self._process.alpha_))
+        parts = [self._process.predict(seen[k : k + rows]) for k in range(0, len(seen), rows)]
         return self.middle + self.scale * np.concatenate(parts)
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
