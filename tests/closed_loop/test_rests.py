@@ -64,3 +64,17 @@ def test_names_that_motion_tells_apart_are_not_asked_at_rest(rng):
     none, offset = pair(APART + 0.05 * rng.standard_normal(RESTS), rng)
     other = Left(offset.still, offset.forwards, offset.moving + 0.5, offset.error)
     assert not is_refuted(none, other)
+
+
+@pytest.mark.slow
+def test_rests_name_the_asymmetry_that_motion_does_not_tell_from_an_offset(tmp_path):
+    from wearscope.attribution_board.advice import list_advice_cases
+    from wearscope.attribution_board.generate import generate_dataset
+    from wearscope.closed_loop.diagnosis import diagnose
+
+    case = list_advice_cases("development", 200, 77)[10]
+    generate_dataset(tmp_path / case.name, case.machine, case.planted, case.seed, case.recipe)
+    (entry,) = diagnose(tmp_path / case.name).verdict["verdict"]
+    assert (entry["effect"], entry["equivalent"]) == ("coulomb_asymmetry", [])
+    value = entry["parameters"]["half_difference"]
+    assert value["ci95"][0] < value["value"] < value["ci95"][1]

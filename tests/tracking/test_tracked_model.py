@@ -103,3 +103,17 @@ def test_only_what_is_lacking_is_carried_over(tracked):
     assert {entry.joint for entry in added} == {"b"}
     kept = [entry for entry in complete.effects if entry.identified and entry.effect == "wear"]
     assert [entry.joint for entry in kept] == ["a"]
+
+
+def test_tracked_machine_is_simulated_at_a_wear_of_its_own(tracked):
+    import wearscope
+
+    path = str(tracked[0] / "model_tracked.yaml")
+    healthy, worn = (
+        wearscope.simulate(path, "point_to_point", wear=[level, 0.0], temperature=35.0, step=0.005, seed=3)
+        for level in (0.0, 20.0)
+    )
+    own = healthy["joint"] == "a"
+    moving = own & (healthy["qd"].abs() > 0.1)
+    rise = np.sign(healthy["qd"]) * (worn["tau"] - healthy["tau"])
+    assert rise[moving].mean() == pytest.approx(0.2 * COULOMB[0], rel=0.6)

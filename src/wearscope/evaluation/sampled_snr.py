@@ -9,7 +9,7 @@ from scipy import special
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
 from wearscope.designs.seeds import generator_for
-from wearscope.evaluation.snr import describe_snr, ratio
+from wearscope.evaluation.snr import describe_snr, is_noise_free, ratio
 from wearscope.surrogates.fitting import cell_name
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 
@@ -17,8 +17,6 @@ Array = NDArray[np.float64]
 NODES = 4096
 DRAW_NODES = 256
 MOST_RUNS = 20_000
-#: Noise of a run, over the size of y, below which a robot's model counts as free of noise.
-NOISE_FREE = 1e-12
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
@@ -105,7 +103,7 @@ def sampled_snr_table(
     for key, surrogate in chosen:
         setting = (f0, delta, sigma)
         status, name = surrogate.status, cell_name(key)
-        if noise is not None and status == "ok" and noise[key] <= NOISE_FREE * _size(surrogate):
+        if noise is not None and status == "ok" and is_noise_free(noise[key], response_size(surrogate)):
             status = "noise-free"
         if status != "ok":
             records.append(describe_snr(key, CHOSEN, status))
@@ -124,6 +122,7 @@ def sampled_snr_table(
     return pd.DataFrame(records)
 
 
-def _size(surrogate: ChosenSurrogate) -> float:
+def response_size(surrogate: ChosenSurrogate) -> float:
+    """Size of y at the design's centre."""
     centre = surrogate.predict(np.zeros((1, len(surrogate.names))))
     return float(np.abs(centre).max())

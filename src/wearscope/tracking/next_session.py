@@ -1,4 +1,4 @@
-"""The session to record next where wear cannot be told from temperature: its motion, how warm, what it tells.
+"""The session to record next where wear cannot be told from temperature: which motion, how warm, what shows.
 
 The machine is as it is, so that only its temperature can be chosen: one that the healthy sessions show. Each
 plan is judged by the interval that a change of the joint's friction would have, with all that is not known

@@ -82,7 +82,12 @@ def fit_wear(
     rest = tuple(effect.pack({})[1][1:].tolist())
     every = tuple(range(len(effect.coefficients)))
     tried = [
-        replace(change, name=f"{effect.name}{k}", terms=(ModelTerm(effect, joint, (w, *rest), every),))
+        replace(
+            change,
+            name=f"{effect.name}{k}",
+            terms=(ModelTerm(effect, joint, (w, *rest), every),),
+            asked=False,
+        )
         for k, w in enumerate(widths.tolist())
     ]
     changes = [*beside, *tried]
