@@ -64,9 +64,6 @@ class Effect:
         parameter, of the range about `shape` that holds the best value; `SEARCH_WIDTH` where None.
     standard : bool
         Whether a plain joint has it: asked for before any other.
-    masked : bool
-        Whether what the model lacks yet can hide it, or pose as its opposite: as a standard effect it is
-        dropped only beside all that was found.
     candidate : bool
         Whether a model that lacks it may be told so by name; False for what is only declared or generic.
     empirical : bool
@@ -142,7 +139,6 @@ class Effect:
     searched: int | None = None
     search_width: Callable[[Signals, int, np.ndarray], float] | None = None
     standard: bool = False
-    masked: bool = False
     candidate: bool = True
     empirical: bool = False
     parents: tuple[str, ...] = ()
@@ -184,6 +180,11 @@ class Effect:
     def is_friction(self) -> bool:
         """Whether its torque depends on the joint's own speed or its sign, and is felt there alone."""
         return bool({"qd_{joint}", "sign_qd_{joint}"} & set(self.depends_on)) and not self.spread
+
+    @property
+    def is_plain_friction(self) -> bool:
+        """Whether it is friction of a plain joint, which what a model lacks yet can hide or pose as."""
+        return self.standard and self.is_friction
 
     @property
     def is_thermal(self) -> bool:

@@ -25,7 +25,7 @@ def standard_effects() -> list[Effect]:
 
 def plain_friction() -> list[Effect]:
     """Friction of a plain joint."""
-    return [effect for effect in standard_effects() if effect.is_friction]
+    return [effect for effect in _builtin() if effect.is_plain_friction]
 
 
 def session_effects() -> list[Effect]:

@@ -194,8 +194,8 @@ class Search:
     def find_standard(self) -> list[Found]:
         """Standard terms that held-out runs need, of each joint as a group.
 
-        Those that what is missing yet can hide stay until the revision asks for them beside all that was
-        found.
+        What is missing yet can hide friction that is there, or pose as its opposite: it stays until the
+        revision asks for it beside all that was found.
         """
         problem = self.problem
         base = self.assemble(())
@@ -214,7 +214,7 @@ class Search:
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
                 if (
-                    not chosen.candidate.effect.masked
+                    not chosen.candidate.effect.is_plain_friction
                     and not self.is_needed(beside, e)
                     and e.share < worst.get(e.joint, (np.inf, chosen))[0]
                 ):
@@ -380,7 +380,9 @@ class Search:
     def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
         """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot or f.effect.masked:
+            if f.joint not in joints or id(f.chosen) in new:
+                continue
+            if f.effect.per_robot or f.effect.is_plain_friction:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
