@@ -14,6 +14,7 @@ from wearscope.detectors.motion import (
     compute_payload_torque,
     compute_rigid_torque,
     estimate_acceleration,
+    find_top_speed,
 )
 from wearscope.effects.base import Effect, Signals, load_effect
 
@@ -124,12 +125,9 @@ class WearTemperatureFit:
                 raise ValueError(f"the model declares no effect at {joint} that depends on {what}")
         self.law = {name: value for _, values in self.varying for name, value in values.items()}
         self.lowest = self._lowest_temperature()
-        speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
-        self.rest_speed = self.rest_share * float(np.quantile(speed, 0.99))
-        if not self.rest_speed > 0:
-            raise ValueError("the tested axis does not move in the nominal data")
+        self.rest_speed = self.rest_share * find_top_speed(nominal, axis)
         # All batches of a test-cycle are about as fast: one grid serves them.
-        self.top_speed = 1.1 * float(speed.max())
+        self.top_speed = 1.1 * max(float(np.abs(batch.qd[:, axis]).max()) for batch in nominal)
         self.grids = {}
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 

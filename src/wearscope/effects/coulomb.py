@@ -20,4 +20,5 @@ EFFECT = Effect(
     masked=True,
     passive=lambda values, temperature: {"friction": values["level"]},
     excitation=SPEEDS,
+    changes=0,
 )

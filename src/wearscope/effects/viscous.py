@@ -20,4 +20,5 @@ EFFECT = Effect(
     masked=True,
     passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
+    changes=1,
 )

@@ -88,9 +88,15 @@ def monte_carlo_snr(
     stderr : float
         Its Monte Carlo standard error, by the delta method on the sample means and deviation.
     """
-    y0 = sample_output(surrogate, rng, runs, f0, sigma)
-    y1 = sample_output(surrogate, rng, runs, f0 + delta, sigma)
-    return monte_carlo_error(y0, y1)
+    return monte_carlo_error(*sample_hypotheses(surrogate, rng, runs, f0, delta, sigma))
+
+
+def sample_hypotheses(
+    surrogate: Surrogate, rng: np.random.Generator, runs: int, f0: float, delta: float, sigma: float
+) -> tuple[Array, Array]:
+    """Outputs (runs,) of a surrogate under each hypothesis."""
+    first = sample_output(surrogate, rng, runs, f0, sigma)
+    return first, sample_output(surrogate, rng, runs, f0 + delta, sigma)
 
 
 def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
@@ -141,6 +147,40 @@ def parametric_interval(
     return float(low), float(high)
 
 
+def describe_snr(
+    key: Sequence[str | int],
+    model: str,
+    status: str,
+    runs: tuple[Array, Array] | None = None,
+    exact: float = np.nan,
+    interval: tuple[float, float] = (np.nan, np.nan),
+) -> dict[str, object]:
+    """Row of ``snr.parquet``.
+
+    Parameters
+    ----------
+    key : sequence
+        Cell.
+    model, status : str
+    runs : pair of array (N,), optional
+        Monte Carlo runs under each hypothesis; NaN where there is no SNR.
+    exact : float
+    interval : pair of float
+        Of the exact SNR.
+    """
+    snr, error = (np.nan, np.nan) if runs is None else monte_carlo_error(*runs)
+    return {
+        **dict(zip(CELL, key, strict=True)),
+        "model": model,
+        "snr": snr,
+        "snr_exact": float(exact),
+        "snr_low": float(interval[0]),
+        "snr_high": float(interval[1]),
+        "snr_stderr": error,
+        "status": status,
+    }
+
+
 def snr_table(
     surrogates: pd.DataFrame,
     model: str = "full",
@@ -182,21 +222,13 @@ def snr_table(
     records = []
     for key, surrogate in surrogates_of(surrogates, model):
         setting = (f0, delta, sigma)
-        snr, error = monte_carlo_snr(surrogate, generator_for(seed, "snr", cell_name(key)), runs, *setting)
-        low, high = parametric_interval(
-            surrogate, generator_for(seed, "snr interval", cell_name(key)), draws, level, *setting
+        name = cell_name(key)
+        sampled = sample_hypotheses(surrogate, generator_for(seed, "snr", name), runs, *setting)
+        interval = parametric_interval(
+            surrogate, generator_for(seed, "snr interval", name), draws, level, *setting
         )
-        records.append(
-            {
-                **dict(zip([*CELL, "model"], key, strict=True)),
-                "snr": snr,
-                "snr_exact": float(exact_snr(surrogate.theta, surrogate.terms, *setting)),
-                "snr_low": low,
-                "snr_high": high,
-                "snr_stderr": error,
-                "status": output_status(surrogate),
-            }
-        )
+        exact = float(exact_snr(surrogate.theta, surrogate.terms, *setting))
+        records.append(describe_snr(key[:-1], key[-1], output_status(surrogate), sampled, exact, interval))
     return pd.DataFrame(records)
 
 
