@@ -5,9 +5,9 @@
 
 A room's mutants are tried on the room's fast tests alone, in a copy of the tree. One place of the code gives
 one mutant, whatever the number of ways to change it: an operator in another's place, a comparison turned or
-with its bound moved in or out, a condition negated; with `--values` also a number one up or down, a truth value
-turned, a loop that does not run. Annotations, decorators and what only makes a message are left alone. A mutant
-that takes four times as long as the tests do is killed. Cosmic-ray comes by `make mutants` (envs/mutants.lock).
+with its bound moved in or out, a condition negated; with `--values` also a number one up or down, a truth
+value turned, a loop that does not run. Annotations, decorators and what only makes a message are left alone.
+A mutant that takes four times as long as the tests do is killed. Cosmic-ray comes by `make mutants`.
 """
 
 import argparse

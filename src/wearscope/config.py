@@ -148,6 +148,19 @@ class SimulationSettings(Section):
         return self
 
 
+class PartitionSettings(Section):
+    """How a study of many robots is divided: one job plans and runs each part, in a folder of its own."""
+
+    above: Annotated[int, Field(ge=1)] = 100
+    """Robots above which a study is divided."""
+    robots: Annotated[int, Field(ge=1)] = 1
+    """Robots in a partition."""
+    threads: Annotated[int, Field(ge=1)] = 1
+    """Cores of the job that runs a partition."""
+    number: Annotated[int, Field(ge=0)] | None = None
+    """The partition to run alone; the job that runs it says so."""
+
+
 class DetectorSettings(Section):
     """One detector under its configured name."""
 
@@ -460,6 +473,8 @@ class StudyConfig(Section):
     """The design matrix."""
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
+    partitions: PartitionSettings = PartitionSettings()
+    """How a study of many robots is divided."""
     max_failed_share: Share = 0.05
     """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
     study is refused."""
@@ -611,6 +626,31 @@ class StudyConfig(Section):
                 if labels.count(one) > 1:
                     raise ValueError(f"{field}: two of them would both be called {one}; rename one")
         return self
+
+    def divide(self) -> list["StudyConfig"]:
+        """Partitions, each a study of some of the robots; none where the study is not divided.
+
+        What a closed loop or a correction asks is asked of the whole study, not of a partition.
+        """
+        size = self.partitions.robots
+        if self.partitions.number is not None or len(self.robots) <= self.partitions.above:
+            return []
+        rest = {
+            "closed_loop": self.closed_loop.model_copy(update={"demonstration": False}),
+            "reevaluate": self.reevaluate.model_copy(update={"enabled": False}),
+            "dataset": None,
+        }
+        parts = []
+        for number, start in enumerate(range(0, len(self.robots), size)):
+            robots = self.robots[start : start + size]
+            labels = {label(robot) for robot in robots}
+            own = {
+                "robots": robots,
+                "carry_over": {name: one for name, one in self.carry_over.items() if name in labels},
+                "partitions": self.partitions.model_copy(update={"number": number}),
+            }
+            parts.append(self.model_copy(update=rest | own))
+        return parts
 
 
 def label(reference: str) -> str:

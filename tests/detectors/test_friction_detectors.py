@@ -243,3 +243,20 @@ def test_wear_fit_needs_a_dependence_on_temperature_too():
 def test_wear_fit_needs_the_friction_law():
     with pytest.raises(ValueError, match="no effect at j2 that depends on wear"):
         load_detector("wear_temperature_fit").fit([simulate()], 1, MODEL)
+
+
+def test_the_friction_fit_reads_a_bump_that_dies_out_over_its_share_of_the_top_speed():
+    """Planted on a motion whose speeds are listed, as no simulation of the platform makes them."""
+    detector = load_detector("friction_fit", {"low_speed_share": 0.2})
+    detector.top_speed = 3.0
+    speed = np.array([-3.0, -0.6, 0.3, 0.6, 1.2])
+    bump = [-np.exp(-5.0), -np.exp(-1.0), np.exp(-0.5), np.exp(-1.0), np.exp(-2.0)]
+    expected = np.column_stack([[-1.0, -1.0, 1.0, 1.0, 1.0], bump, speed, np.ones(5)])
+    np.testing.assert_allclose(detector.evaluate_regressors(speed), expected, rtol=1e-12)
+
+
+def test_the_friction_fit_weighs_by_the_mean_over_all_speeds_up_to_the_top_one():
+    detector = fitted("friction_fit", simulate(lambda v: 20.0 * np.sign(v) + 4.0 * v), low_speed_share=0.2)
+    speed = (np.arange(20000) + 0.5) / 20000 * detector.top_speed
+    mean = detector.evaluate_regressors(speed)[:, :3].mean(axis=0)
+    np.testing.assert_allclose(detector.mean_regressors, mean, rtol=1e-6)

@@ -1,0 +1,72 @@
+"""A study of many robots, run by partitions: the same tables, planned in a moment."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+
+TABLES = ("test_quantities", "failed_simulations", "surrogates", "snr", "ranking", "sensitivity")
+SCOPES = ("scope", "group_scope", "scope_disagreement")
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A tree with one study of two robots, whole and divided."""
+    tree = clones.copy_tree(tmp_path_factory.mktemp("partitions"))
+    study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
+    study |= {
+        "robots": ["medium", "large"],
+        "factors": {name: study["factors"][name] for name in ("f", "w3")},
+        "surrogates": {"filling": {"enabled": False}},
+        "snr": {"runs": 1000, "model": "full"},
+        "scope": study["scope"] | {"model": "full", "factors": ["w3"]},
+        "audit": {"enabled": False},
+        "direct": {"enabled": False},
+        "reevaluate": {"enabled": False},
+    }
+    for name, above in (("whole", 2), ("divided", 1)):
+        text = yaml.safe_dump(study | {"study": name, "partitions": {"above": above}})
+        (tree / f"{name}.yaml").write_text(text)
+    return tree
+
+
+def count_jobs(clone, study, *arguments) -> dict[str, int]:
+    text = clones.run_well(clone, "-n", *arguments, study=study)
+    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
+
+
+def test_a_job_a_partition_takes_the_place_of_all_that_is_done_for_its_robots(clone):
+    whole, divided = (count_jobs(clone, f"{name}.yaml", "scope") for name in ("whole", "divided"))
+    assert divided["run_partition"] == 2
+    assert {"simulate_points", "check_cycle", "compute_test_quantities"} <= whole.keys() - divided.keys()
+    assert "run_partition" not in whole
+
+
+@pytest.mark.slow
+def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
+    for name in ("whole", "divided"):
+        clones.run_well(clone, "scope", "snr", "sensitivity", study=f"{name}.yaml")
+    for table in (*TABLES, *SCOPES):
+        one, other = (clone / f"results/{name}/{table}.parquet" for name in ("whole", "divided"))
+        assert one.read_bytes() == other.read_bytes(), table
+    assert not clones.stale(clone, "scope", study="divided.yaml")
+    traces = list((clone / "results/divided").glob("partitions/*/traces/*"))
+    assert sorted(path.name for path in traces) == ["large", "medium"]
+
+
+@pytest.mark.slow
+def test_a_partition_that_fails_is_named_with_where_it_says_why(clone):
+    study = yaml.safe_load((clone / "divided.yaml").read_text())
+    study |= {"study": "broken", "cycles": ["broken.py"]}
+    (clone / "broken.py").write_text("raise ValueError('no motion')\n")
+    (clone / "broken.yaml").write_text(yaml.safe_dump(study))
+    done = clones.run(clone, "test_quantities", study="broken.yaml")
+    assert done.returncode != 0
+    assert "results/broken/logs/partitions/00000.log: the partition failed" in done.stdout + done.stderr
+    assert "no motion" in (clone / "results/broken/logs/partitions/00000.log").read_text()
