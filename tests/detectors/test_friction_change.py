@@ -1,6 +1,7 @@
 """Detector E against friction that is planted, and beside C on the same recordings."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,3 +67,15 @@ def test_axis_at_rest_is_refused(fitted):
 def test_options_are_checked():
     with pytest.raises(Exception, match="payload_error must be positive"):
         load_detector("friction_change", {"payload_error": 0.0})
+
+
+def test_what_moves_slower_than_its_share_of_the_top_speed_is_at_rest(fitted):
+    batch = simulate(plain, noise=0.3, seed=1)
+    limit = fitted.rest_share * fitted.top_speed
+    creeping, moving = (
+        replace(batch, qd=np.full_like(batch.qd, factor * limit) * [[1.0, 1.0]]) for factor in (0.99, 1.01)
+    )
+    with pytest.raises(ValueError, match="moves for 0 s only"):
+        fitted.make_rows(creeping)
+    rows = len(fitted.make_rows(moving).columns)
+    assert rows == len(batch.t) // round(fitted.row * batch.sample_rate)

@@ -5,7 +5,7 @@ import pytest
 
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
-from wearscope.detectors.wear_temperature_fit import _Misfit
+from wearscope.detectors.wear_temperature_fit import _Misfit, _orthonormal
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import make_model
 
@@ -260,3 +260,11 @@ def test_the_friction_fit_weighs_by_the_mean_over_all_speeds_up_to_the_top_one()
     speed = (np.arange(20000) + 0.5) / 20000 * detector.top_speed
     mean = detector.evaluate_regressors(speed)[:, :3].mean(axis=0)
     np.testing.assert_allclose(detector.mean_regressors, mean, rtol=1e-6)
+
+
+def test_a_column_that_is_the_sum_of_others_adds_nothing_to_a_basis():
+    a, b = np.array([1.0, 0.0, 0.0, 1.0]), np.array([0.0, 3.0, 4.0, 0.0])
+    basis = _orthonormal(np.column_stack([a, b, a + b]))
+    assert basis.shape == (4, 2)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(basis @ basis.T, np.outer(a, a) / 2 + np.outer(b, b) / 25, atol=1e-12)

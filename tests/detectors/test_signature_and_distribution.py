@@ -212,3 +212,9 @@ def test_bandwidth_is_silvermans_and_without_a_spread_of_the_middle_half_that_of
     assert _silverman(normal) == pytest.approx(0.9 * 3.0 * 1000**-0.2, rel=0.01)
     spikes = np.array([0.0] * 8 + [-4.0, 4.0])  # quartiles 0 and 0; variance 32 / 9
     assert _silverman(spikes) == pytest.approx(0.9 * np.sqrt(32.0 / 9.0) * 10**-0.2, rel=1e-12)
+
+
+def test_the_grid_reaches_a_tenth_of_the_range_and_three_bandwidths_beyond_the_nominal_torque():
+    torque = np.linspace(-40.0, 60.0, 2001)
+    detector = fitted("distribution_distance", make_batch(torque), margin=0.1, bandwidth=2.5)
+    assert detector.grid[[0, -1]] == pytest.approx([-40.0 - 10.0 - 7.5, 60.0 + 10.0 + 7.5])
