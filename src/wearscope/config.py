@@ -151,8 +151,8 @@ class SimulationSettings(Section):
 class PartitionSettings(Section):
     """How a study of many robots is divided: one job plans and runs each part, in a folder of its own."""
 
-    above: Annotated[int, Field(ge=1)] = 100
-    """Robots above which a study is divided."""
+    above: Annotated[int, Field(ge=0)] = 100
+    """Robots above which a study is divided; 0 divides any."""
     robots: Annotated[int, Field(ge=1)] = 1
     """Robots in a partition."""
     threads: Annotated[int, Field(ge=1)] = 1

@@ -2,6 +2,8 @@
 
 import importlib.util
 import re
+import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -61,6 +63,47 @@ def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
 
 
 @pytest.mark.slow
+def test_a_study_as_one_job_is_the_study(clone):
+    """Planned anew by its job, which does what is missing and no more."""
+    study = yaml.safe_load((clone / "whole.yaml").read_text()) | {"robots": ["medium"]}
+    for name in ("here", "as_one"):
+        (clone / f"{name}.yaml").write_text(yaml.safe_dump(study | {"study": name}))
+    clones.run_well(clone, "conclusion", study="here.yaml")
+    clones.run_well(clone, "in_one_job", study="as_one.yaml")
+    for table in ("test_quantities", "scope", "snr", "thresholds"):
+        one, other = (clone / f"results/{name}/{table}.parquet" for name in ("here", "as_one"))
+        assert one.read_bytes() == other.read_bytes(), table
+    assert clones.stale(clone, "all", study="as_one.yaml") <= {"all"}
+    report = clone / "results/as_one/report.html"
+    written = report.stat().st_mtime_ns
+    clones.run_well(clone, "in_one_job", study="as_one.yaml")
+    assert report.stat().st_mtime_ns == written
+
+
+@pytest.mark.slow
+def test_the_snakemake_of_a_job_ends_with_it(clone):
+    process = subprocess.Popen(
+        [*clones.command("scope", study="divided.yaml"), "--config", "study=killed"], cwd=clone,
+        start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+    def count() -> int:
+        asked = ["pgrep", "--full", "--count", f"{clone}/results/killed|results/killed/partitions"]
+        return int(subprocess.run(asked, capture_output=True, text=True, check=False).stdout)
+
+    deadline = time.monotonic() + 120
+    while not count() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert count(), "no partition began"
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 30
+    while count() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert not count()
+
+
+@pytest.mark.slow
 def test_a_partition_that_fails_is_named_with_where_it_says_why(clone):
     study = yaml.safe_load((clone / "divided.yaml").read_text())
     study |= {"study": "broken", "cycles": ["broken.py"]}
@@ -68,5 +111,5 @@ def test_a_partition_that_fails_is_named_with_where_it_says_why(clone):
     (clone / "broken.yaml").write_text(yaml.safe_dump(study))
     done = clones.run(clone, "test_quantities", study="broken.yaml")
     assert done.returncode != 0
-    told = re.search(r"(results/broken/logs/partitions/0000\d\.log): the partition failed", done.stderr)
+    told = re.search(r"(results/broken/logs/partitions/0000\d\.log): it failed", done.stderr)
     assert told and "no motion" in (clone / told[1]).read_text()

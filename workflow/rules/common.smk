@@ -30,7 +30,7 @@ from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, 
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
-from wearscope.processes import MAIN, end_with, identify_process
+from wearscope.processes import MAIN, STARTER, end_with, identify_process
 from wearscope.robots.model_file import (
     check_code,
     find_model,
@@ -48,6 +48,8 @@ try:
 except InputError as error:
     raise SystemExit(str(error)) from None
 
+# Started by a job (partitions.smk), it ends with that job.
+end_with(os.environ.pop(STARTER, ""))
 # A job ends with this process, also where it alone is killed.
 os.environ[MAIN] = identify_process(os.getpid())
 
@@ -55,8 +57,6 @@ os.environ[MAIN] = identify_process(os.getpid())
 PARTITIONS = {f"{part.partitions.number:05d}": part for part in STUDY.divide()}
 R = f"results/{STUDY.study}"
 if STUDY.partitions.number is not None:
-    # Started by a job, it ends with what the job works for.
-    end_with(inherited.get(MAIN, ""))
     R = f"{R}/partitions/{STUDY.partitions.number:05d}"
 if PARTITIONS:
     # They simulate more points of the robots: asked of a partition by itself, by its own study.yaml.
@@ -150,7 +150,8 @@ SCREENINGS = parts("screening", "screening", "{robot}")
 def needs(mib, minutes):
     """Memory [MiB] and time [min] that a job asks a cluster for, as much again each time that it is tried anew.
 
-    Each is about twice what was measured (docs/cluster.md); what is not said on a rule is in profiles/default.
+    Memory is 1.6 to 2.4 times the largest that was measured (docs/cluster.md); times are guesses, generous ones.
+    What is not said on a rule is in profiles/default.
     """
     return dict(
         mem_mb=lambda wildcards, attempt: attempt * mib,

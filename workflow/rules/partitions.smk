@@ -36,6 +36,8 @@ if PARTITIONS:
             **needs(1000 + 1300 * STUDY.partitions.threads, partition_minutes()),
         params:
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),
+            file=lambda w: f"{R}/partitions/{w.part}/study.yaml",
+            targets=lambda w, output: list(output),
             snakefile=os.path.join(HOME, "Snakefile"),
         message:
             "Run partition {wildcards.part}"
@@ -60,3 +62,24 @@ else:
             "Join what was screened"
         script:
             "../scripts/join_screening.py"
+
+
+# A study that is shorter than a cluster's job should be: planned and run by one, where it lands. It has no output of
+# its own, so that what is left to do is asked each time.
+rule in_one_job:
+    log:
+        f"{R}/logs/in_one_job.log",
+    conda:
+        ENV
+    threads: STUDY.partitions.threads
+    resources:
+        **needs(1000 + 1300 * STUDY.partitions.threads, 60),
+    params:
+        study=config,
+        file=f"{R}/in_one_job.yaml",
+        targets=["all"],
+        snakefile=os.path.join(HOME, "Snakefile"),
+    message:
+        "Run {STUDY.study} as one job"
+    script:
+        "../scripts/run_partition.py"

@@ -1,4 +1,4 @@
-"""A partition of a study of many robots, planned and run here as a study of its own."""
+"""A partition of a study of many robots, or a whole study, planned and run here by a Snakemake of its own."""
 
 import os
 import subprocess
@@ -10,19 +10,18 @@ import yaml
 from job import run_job
 from wearscope.errors import InputError
 from wearscope.files import write_text
+from wearscope.processes import STARTER, identify_process
 
 with run_job(snakemake) as say:
     params, log = snakemake.params, Path(snakemake.log[0])
-    study = Path(snakemake.output[0]).with_name("study.yaml")
-    write_text(study, yaml.safe_dump(params.study, sort_keys=False))
-    command = [sys.executable, "-m", "snakemake", *snakemake.output, "--cores", str(snakemake.threads)]
-    command += ["--snakefile", params.snakefile, "--configfile", str(study), "--nocolor"]
+    write_text(params.file, yaml.safe_dump(params.study, sort_keys=False))
+    command = [sys.executable, "-m", "snakemake", *params.targets, "--cores", str(snakemake.threads)]
+    command += ["--snakefile", params.snakefile, "--configfile", params.file, "--nocolor"]
     # What the whole study was started with is not for its parts.
     environment = {name: value for name, value in os.environ.items() if name != "SNAKEMAKE_PROFILE"}
+    environment[STARTER] = identify_process(os.getpid())
     say(f"robots {', '.join(params.study['robots'])}")
     with open(log, "a", encoding="utf-8") as text:
         done = subprocess.run(command, env=environment, stdout=text, stderr=text, check=False)
     if done.returncode:
-        raise InputError(
-            f"the partition failed; see {log}, correct what it says and run the same command again."
-        )
+        raise InputError(f"{log}: it failed; correct what is said there and run the same command again.")
