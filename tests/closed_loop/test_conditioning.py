@@ -16,6 +16,7 @@ from wearscope.closed_loop.intake.filtering import (
     rows,
 )
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
 from wearscope.errors import InputError
 
@@ -270,6 +271,21 @@ def test_peaks_that_merely_miss_the_prediction_are_not_clipped():
     need = draw_smooth(rng)[:, None]
     tau = 0.9 * need + 0.01 * rng.normal(size=need.shape)
     assert not find_clipped(tau, need, None).any()
+
+
+def test_a_joint_whose_torque_is_nearly_all_friction_is_not_clipped():
+    """A light wrist: two plateaus, of which the middle of the torque's range holds none, and rest."""
+    rng = np.random.default_rng(14)
+    v = draw_smooth(rng)[:, None]
+    rests = T < 0.1 * T[-1]
+    v[rests] = 1e-6 * rng.normal(size=(rests.sum(), 1))
+    tau = np.where(rests[:, None], 0.0, 0.5 * np.sign(v) + 0.05 * v / v.std())
+    tau += 0.02 * rng.normal(size=v.shape)
+    none = np.zeros(tau.shape, dtype=bool)
+    run = RoughRun("train", T, np.zeros(v.shape), np.gradient(v, T, axis=0), np.sign(v), v, tau, none, none)
+    (predicted,) = predict_rough([run], inner=True)
+    assert np.std((predicted - tau)[~rests]) < 0.2 * np.std(tau)
+    assert not find_clipped(tau, predicted, None).any()
 
 
 def test_stated_torque_limits_are_believed():

@@ -76,13 +76,15 @@ def test_held_out_losses_are_those_of_runs_left_out(problem, model, curved):
         np.testing.assert_allclose(losses[block_run == r].sum(), expected, rtol=1e-4)
 
 
-def test_scores_of_a_fitted_family_sum_to_zero_and_feel_the_residual(model, curved):
+def test_scores_sum_to_what_a_family_gains_and_to_nothing_once_it_is_in_the_model(problem, model, curved):
     regressors = model.correlate(curved[0], 0, 1)
     fit = partial_fit(model, regressors)
-    scores = block_scores(model, regressors, fit.beta)
-    assert np.abs(scores.sum(axis=0)).max() < 1e-3 * np.abs(scores).max()
-    alone = block_scores(model, regressors).sum(axis=0)
-    np.testing.assert_allclose(alone[0], fit.inner[0] @ fit.beta[0], rtol=1e-4)
+    scores = block_scores(model, regressors)
+    np.testing.assert_allclose(scores.sum(axis=0)[0], fit.inner[0] @ fit.beta[0], rtol=1e-4)
+    term = ModelTerm(load_effect("quadratic_viscous"), 0, (), (0,))
+    after = refit(model, [*model.entries, term])
+    left = block_scores(after, after.correlate(curved[0], 0, 1))
+    assert np.abs(left.sum(axis=0)).max() < 1e-3 * np.abs(scores).max()
     assert np.abs(scores).max() > 0
 
 

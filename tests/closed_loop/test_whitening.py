@@ -86,7 +86,7 @@ def test_an_effect_is_significant_beside_a_walk(record, search_of):
     candidate = search.problem.candidate(load_effect("stribeck"), 0)
     nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
     stribeck = Chosen(candidate.at(nearest), (0,))
-    assert drift_p_value(search.assemble(()), stribeck, 0, search.flips) < 1e-3
+    assert drift_p_value(search.assemble(()), stribeck, 0, search.flips) < 1e-4
 
 
 def test_an_offset_is_not_told_from_the_levels_of_a_walk(record, search_of):

@@ -64,6 +64,9 @@ class Effect:
         parameter, of the range about `shape` that holds the best value; `SEARCH_WIDTH` where None.
     standard : bool
         Whether a plain joint has it: asked for before any other.
+    masked : bool
+        Whether what the model lacks yet can hide it, or pose as its opposite: as a standard effect it is
+        dropped only beside all that was found.
     candidate : bool
         Whether a model that lacks it may be told so by name; False for what is only declared or generic.
     empirical : bool
@@ -132,6 +135,7 @@ class Effect:
     searched: int | None = None
     search_width: Callable[[Signals, int, np.ndarray], float] | None = None
     standard: bool = False
+    masked: bool = False
     candidate: bool = True
     empirical: bool = False
     parents: tuple[str, ...] = ()

@@ -17,6 +17,7 @@ EFFECT = Effect(
     depends_on=("qd_{joint}",),
     row=_row,
     standard=True,
+    masked=True,
     passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
 )

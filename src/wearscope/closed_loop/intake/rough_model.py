@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+#: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
+#: of a torque, the middle holds reversals and rest only.
+_MIDDLE = 0.5
 #: What the coefficients stand for.
 ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
 
@@ -94,19 +97,25 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
     ----------
     runs : list of RoughRun
     inner : bool
-        Fit on the middle 80 % of each torque's range only, and leave out what is faulty.
+        Leave out what is faulty or at rest, and fit on the middle 80 % of each torque's range only where that
+        holds most of its samples.
     """
     predicted = [np.zeros_like(run.tau) for run in runs]
+    train = [run for run in runs if run.use == "train"]
     for j in range(runs[0].tau.shape[1]):
-        x, y = [], []
-        for run in runs:
-            if run.use == "train":
-                at = (
-                    _is_inner(run.tau[:, j]) & ~run.faulty[:, j] if inner else np.ones(len(run.t), dtype=bool)
-                )
-                x.append(run.columns(j)[at])
-                y.append(run.tau[at, j])
-        theta = fit_rough(x, y)
+        picked = [np.ones(len(run.t), dtype=bool) for run in train]
+        if inner:
+            picked = [~run.faulty[:, j] for run in train]
+            moving = [good & ~run.slow[:, j] for good, run in zip(picked, train, strict=True)]
+            if any(map(np.any, moving)):
+                picked = moving
+            middle = [good & _is_inner(run.tau[:, j]) for good, run in zip(picked, train, strict=True)]
+            if sum(map(np.sum, middle)) >= _MIDDLE * sum(map(np.sum, picked)):
+                picked = middle
+        theta = fit_rough(
+            [run.columns(j)[at] for at, run in zip(picked, train, strict=True)],
+            [run.tau[at, j] for at, run in zip(picked, train, strict=True)],
+        )
         for out, run in zip(predicted, runs, strict=True):
             out[:, j] = run.columns(j) @ theta
     return predicted

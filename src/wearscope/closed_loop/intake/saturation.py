@@ -12,6 +12,9 @@ from scipy import ndimage
 _SHARE, _ROWS = 0.002, 5
 #: Share of a torque's span by which the rough prediction must exceed a limit.
 _BEYOND = 0.02
+#: Correlation of a torque with its prediction beyond a level from which the level is no limit: friction makes
+#: plateaus too, which rise with what the motion needs.
+_FOLLOWS = 0.5
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
@@ -38,6 +41,8 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     stays = spread < 0.5 * width and np.mean(np.abs(x[beyond] - level) < width) > 0.9
     moves = float(np.std(predicted[beyond])) > max(5.0 * spread, 0.007 * span)
     if not (stays and moves and top - level < width):
+        return none
+    if x[beyond].std() > 0.0 and np.corrcoef(x[beyond], predicted[beyond])[0, 1] > _FOLLOWS:
         return none
     return x > level - width
 

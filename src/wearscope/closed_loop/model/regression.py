@@ -1,6 +1,5 @@
 """Weighted least squares by blocks: everything asked of the data is answered from block Gram matrices."""
 
-from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,13 +52,6 @@ class Regressors:
     score: np.ndarray
     penalty: np.ndarray | None = None
 
-    def select(self, subset: np.ndarray) -> "Regressors":
-        """The same with a subset of the columns."""
-        penalty = None if self.penalty is None else self.penalty[:, subset][..., subset]
-        return Regressors(
-            self.cross[:, :, subset], self.gram[:, :, subset][..., subset], self.score[:, :, subset], penalty
-        )
-
     def at(self, shape: int) -> "Regressors":
         """The same with one shape only."""
         return Regressors(
@@ -68,22 +60,6 @@ class Regressors:
             self.score[:, shape : shape + 1],
             None if self.penalty is None else self.penalty[shape : shape + 1],
         )
-
-    def combine(self, onto: np.ndarray) -> "Regressors":
-        """The same for the columns' linear combinations `onto` (m, k), heights of a spline."""
-        gram = onto.T @ self.gram @ onto
-        weight = np.einsum("bsii->s", gram) / onto.shape[1]
-        return Regressors(
-            onto.T @ self.cross,
-            gram,
-            self.score @ onto,
-            weight[:, None, None] * regularise(onto.shape[1]),
-        )
-
-    def reweigh(self, weights: np.ndarray) -> "Regressors":
-        """The same with each block weighed anew, (B,)."""
-        w = weights[:, None, None]
-        return Regressors(self.cross * w[..., None], self.gram * w[..., None], self.score * w, self.penalty)
 
 
 @dataclass
@@ -245,19 +221,6 @@ class Regression:
         """Sum of squared weighted residuals by block, (B,)."""
         return self.power.sum(axis=1) - 2 * self.score @ theta + (self.gram @ theta) @ theta
 
-    def reweigh(self, weights: np.ndarray) -> "Regression":
-        """The same normal equations with each block weighed anew, (B,)."""
-        other = copy(self)
-        w = weights[:, None]
-        other.gram, other.score, other.power = self.gram * w[..., None], self.score * w, self.power * w
-        other._moments = {}
-        return other
-
-    def block_power(self, theta: np.ndarray) -> np.ndarray:
-        """Sum of squared weighted residuals by block and joint, (B, n)."""
-        power = [(r * w) ** 2 for r, w in zip(self.residuals(theta), self.weights, strict=True)]
-        return np.array([power[b.run][b.start : b.stop].sum(axis=0) for b in self.blocks])
-
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residual torque (M, n) of each training run, all rows."""
         return [y - x @ theta for y, x in zip(self.target, self.columns, strict=True)]
@@ -383,33 +346,13 @@ def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -
     return losses
 
 
-def block_scores(model: Regression, family: Regressors, beta: np.ndarray | None = None) -> np.ndarray:
-    """Scores of a family block by block: its regressors, the model projected out, times the residual.
-
-    Parameters
-    ----------
-    model : Regression
-    family : Regressors
-    beta : ndarray (s, m), optional
-        Where given, the residual is that left when the family is fitted too, and scores sum to zero; else
-        that of the model alone.
-
-    Returns
-    -------
-    ndarray (B, s, m)
-    """
+def block_scores(model: Regression, family: Regressors) -> np.ndarray:
+    """Scores (B, s, m) of a family by block: its regressors, the model projected out, times the residual."""
     s, m, p = family.cross.shape[1:]
-    scores = family.score.copy()
-    if beta is not None:
-        scores -= np.einsum("bsij,sj->bsi", family.gram, beta)
     if not p:
-        return scores
+        return family.score.copy()
     a, _ = model.moments()
     onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
-    theta = np.repeat(model.solve()[:, None], s, axis=1)
-    own = model.score[:, :, None]
-    if beta is not None:
-        theta = theta - np.einsum("psm,sm->ps", onto, beta)
-        own = own - np.einsum("bsmp,sm->bps", family.cross, beta)
-    own = own - model.gram @ theta
-    return scores - np.einsum("bsmp,ps->bsm", family.cross, theta) - np.einsum("bps,psm->bsm", own, onto)
+    theta = model.solve()
+    own = model.score - model.gram @ theta
+    return family.score - family.cross @ theta - np.einsum("bp,psm->bsm", own, onto)

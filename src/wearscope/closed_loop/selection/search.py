@@ -29,8 +29,6 @@ from wearscope.effects.base import Effect, MeasurementEffect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
-#: Standard terms that only the revision drops.
-_FRICTION = ("coulomb", "viscous")
 #: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
 _HOPELESS = 0.4
 #: What is said of a term that stays unless another one is better.
@@ -217,8 +215,8 @@ class Search:
     def find_standard(self) -> list[Found]:
         """Standard terms that held-out runs need, of each joint as a group.
 
-        What is missing yet can hide friction that is there, or pose as its opposite: Coulomb and viscous
-        friction stay until the revision asks for them beside all that was found.
+        Those that what is missing yet can hide stay until the revision asks for them beside all that was
+        found.
         """
         problem = self.problem
         base = self.assemble(())
@@ -236,9 +234,8 @@ class Search:
                 beside = Assembly(problem.layout, problem.target, every, self.sigma, reach)
                 e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
                 evidence[id(chosen)] = e
-                stays = chosen.candidate.effect.name in _FRICTION
                 if (
-                    not stays
+                    not chosen.candidate.effect.masked
                     and not self.is_needed(beside, e)
                     and e.share < worst.get(e.joint, (np.inf, chosen))[0]
                 ):

@@ -69,8 +69,13 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     p = model.shape[1] + len(runs)
     a, c, target = filtered[:, :p], filtered[:, p:-1], filtered[:, -1]
     scale = np.sqrt(np.maximum((a**2).sum(axis=0), 1e-300))
-    onto = linalg.lstsq(a / scale, np.column_stack([c, target]), cond=1e-9)[0]
-    rest = np.column_stack([c, target]) - (a / scale) @ onto
+    # What is known of the model's coefficients stays known; that of the levels is not.
+    known = np.diag(assembly.prior)[assembly.at[joint]] * np.mean(target[keep & settled] ** 2)
+    hold = np.diag(np.concatenate([np.sqrt(known), np.zeros(len(runs))]) / scale)
+    right = np.column_stack([c, target])
+    free = np.zeros((p, right.shape[1]))
+    onto = linalg.lstsq(np.vstack([a / scale, hold]), np.vstack([right, free]), cond=1e-9)[0]
+    rest = right - (a / scale) @ onto
     clean, residual = rest[:, :-1], rest[:, -1]
     inner = clean.T @ clean
     if np.trace(inner) < _ABSORBED**2 * np.sum(c**2):
