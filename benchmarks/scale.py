@@ -4,9 +4,9 @@
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
-than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6 test-cycles of
-each robot with so many points. Seconds and bytes of the table come from the benchmark files and recordings of
-the finished study that `--results` names.
+than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
+test-cycles of each robot with so many points. Seconds and bytes of the table come from benchmark files and
+recordings of the finished study that `--results` names.
 """
 
 import argparse
@@ -83,7 +83,7 @@ def dry_run(folder: Path, study: Path) -> tuple[float, float, float, dict[str, i
 
 
 def read_processor_time(pid: int) -> float:
-    """Processor time of a process so far [s], which a shared machine does not lengthen; 0 where it has ended."""
+    """Processor time of a process so far [s], which a busy machine hardly lengthens; 0 where it ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     except OSError:

@@ -142,7 +142,7 @@ class Scripted:
         return self.own
 
     def weigh_all(self, beside, candidates, least):
-        return list(self.offered)
+        return [e for e in self.offered if any(e.chosen.candidate is one for one in candidates)]
 
     def refine(self, beside, e):
         return e
@@ -195,3 +195,13 @@ def test_a_term_is_not_compared_with_itself():
     assert not _is_same(own, elsewhere)
     assert not _is_same(own, evidence("joint_spring", losses(-1.0, 0)))
     assert not _is_same(own, replace(again, chosen=replace(again.chosen, subset=(1,))))
+
+
+def test_an_effect_of_several_joints_is_compared_with_any_but_a_plain_joint_s_own():
+    spread = evidence("payload_error", losses(-1.0, 1))
+    assert spread.term.effect.spread
+    for name, standard in (("quadratic_viscous", False), ("viscous", True)):
+        own = evidence(name, losses(-1.0, 0))
+        assert own.term.effect.standard is standard
+        given, beside = named(own, spread)
+        assert ("payload_error" in {given, *beside}) is not standard
