@@ -192,21 +192,25 @@ def main() -> None:
     parser.add_argument("--mutants", type=int, default=25, help="a room; default 25")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--values", action="store_true", help="change numbers, truth values and loops too")
+    parser.add_argument("--least", type=float, default=0.0, help="share to be killed, or it fails; default 0")
     parser.add_argument("--budget", type=float, default=3600.0, help="seconds a room; default 3600")
     given = parser.parse_args()
     if unknown := set(given.rooms) - set(ROOMS):
         parser.error(f"no such room: {', '.join(sorted(unknown))}")
     kinds = f"{OPERATORS}|{VALUES}" if given.values else OPERATORS
-    rows = []
+    rows, lived, all_tried = [], 0, 0
     for room in given.rooms or ROOMS:
         score = try_room(room, kinds, given.mutants, given.seed, given.budget)
         for diff in score.survivors:
             print(f"{room}: survived\n{diff}\n")
         tried = score.killed + len(score.survivors)
+        lived, all_tried = lived + len(score.survivors), all_tried + tried
         share = f"{score.killed / tried:.0%}" if tried else "-"
         print(f"{room}: {score.killed} of {tried} killed in {score.seconds:.0f} s\n", flush=True)
         rows.append(f"| {room} | {score.places} | {tried} | {score.killed} | {share} |")
     print("| room | places | mutants | killed | share |\n|---|---|---|---|---|", *rows, sep="\n")
+    if lived > (1.0 - given.least) * all_tried:
+        sys.exit(f"{lived} of {all_tried} mutants live; at least {given.least:.0%} are to be killed")
 
 
 if __name__ == "__main__":
