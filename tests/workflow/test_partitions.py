@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from wearscope.integrity import find_damage
+
 _SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
 clones = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(clones)
@@ -60,6 +62,10 @@ def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
     assert not clones.stale(clone, "scope", study="divided.yaml")
     traces = list((clone / "results/divided").glob("partitions/*/traces/*"))
     assert sorted(path.name for path in traces) == ["large", "medium"]
+    assert not list(find_damage(clone / "results/divided"))
+    recording = next(traces[0].glob("*/validation/point=1/recording.parquet"))
+    recording.unlink()
+    assert [error.path for error in find_damage(clone / "results/divided")] == [recording]
 
 
 @pytest.mark.slow
