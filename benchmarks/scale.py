@@ -146,7 +146,7 @@ def count_jobs(robots: int, cycles: int, points: int, chunk: int) -> int:
     if robots > PartitionSettings().above:
         return robots + 17
     chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
-    return robots * (2 + cycles * (2 + chunks)) + 13
+    return robots * (2 + cycles * (2 + chunks)) + 15
 
 
 def plan(
