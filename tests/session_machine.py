@@ -42,7 +42,10 @@ def draw_motion(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np
 
 
 def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Columns of one run: a day has `temperature`, `wear` (share of friction), `mass`, `gain`."""
+    """Columns of one run: a day has `temperature`, `wear` (share of friction), `mass`, `gain`, `worn`.
+
+    The last is what wear adds at the first joint: height and width of a bump at low speed, and a slope.
+    """
     t = np.arange(int(DURATION * RATE)) / RATE
     q, v, a = draw_motion(rng, t)
     model = pin.buildModelFromXML(URDF)
@@ -54,6 +57,10 @@ def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:
     fall = np.exp(-HEAT * (warmth - MEAN))
     friction = (COULOMB * np.tanh(v / 0.005) + VISCOUS * v) * fall[:, None]
     friction[:, 0] *= 1.0 + day.get("wear", 0.0)
+    if day.get("worn"):
+        height, width, slope = day["worn"]
+        friction[:, 0] += height * np.exp(-np.abs(v[:, 0]) / width) * np.tanh(v[:, 0] / 0.005)
+        friction[:, 0] += slope * v[:, 0]
     tau = rigid + INERTIA * a + friction
     tau[:, 0] *= 1.0 + day.get("gain", 0.0)
     tau += NOISE * rng.standard_normal(q.shape)

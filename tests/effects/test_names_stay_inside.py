@@ -12,6 +12,8 @@ SOURCES = Path(wearscope.__file__).parent
 ELSEWHERE = {"wear", "rotor_inertia", "unknown", "rigid_body"}
 #: The room that makes planted truth shares no code with the effects.
 APART = "attribution_board"
+#: Modules that may list names: those that write a data set's file for somebody else.
+TABLES = ("starters/conversion.py", "starters/machine.py")
 
 
 def compared_names(tree: ast.AST, names: set[str]) -> list[tuple[int, str]]:
@@ -25,6 +27,47 @@ def compared_names(tree: ast.AST, names: set[str]) -> list[tuple[int, str]]:
     ]
 
 
+def listed_names(tree: ast.Module, names: set[str]) -> list[tuple[int, str]]:
+    """Names of which a module's own tables hold two or more, with their lines."""
+    found = []
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            held = [
+                (inner.lineno, inner.value)
+                for inner in ast.walk(node)
+                if isinstance(inner, ast.Constant) and inner.value in names
+            ]
+            found += held if len({name for _, name in held}) > 1 else []
+    return found
+
+
+def read_sources(*apart: str) -> dict[Path, ast.Module]:
+    """Syntax of every module outside the effects and the rooms `apart`, by its path in the source."""
+    found = {path.relative_to(SOURCES): path for path in sorted(SOURCES.rglob("*.py"))}
+    return {
+        name: ast.parse(path.read_text(encoding="utf-8"))
+        for name, path in found.items()
+        if name.parts[0] not in ("effects", APART) and not any(map(name.is_relative_to, apart))
+    }
+
+
+def test_the_search_sees_a_table():
+    tree = ast.parse(
+        "A = ('time_delay', 'coulomb')\nB = {'coulomb'}\ndef f():\n    x = ['viscous', 'coulomb']"
+    )
+    assert listed_names(tree, {"time_delay", "coulomb", "viscous"}) == [(1, "time_delay"), (1, "coulomb")]
+
+
+def test_no_table_of_names_stands_outside_the_effects():
+    names = {effect.name for effect in list_effects()} - ELSEWHERE
+    found = [
+        f"{path}:{line}: {name}"
+        for path, tree in read_sources(*TABLES).items()
+        for line, name in listed_names(tree, names)
+    ]
+    assert found == []
+
+
 def test_the_search_sees_a_comparison():
     tree = ast.parse("if effect.name == 'time_delay' or name in ('coulomb', 'x'): pass")
     assert compared_names(tree, {"time_delay", "coulomb"}) == [(1, "time_delay"), (1, "coulomb")]
@@ -33,9 +76,8 @@ def test_the_search_sees_a_comparison():
 def test_no_name_is_compared_outside_the_effects():
     names = {effect.name for effect in list_effects()} - ELSEWHERE
     found = [
-        f"{path.relative_to(SOURCES)}:{line}: {name}"
-        for path in sorted(SOURCES.rglob("*.py"))
-        if path.relative_to(SOURCES).parts[0] not in ("effects", APART)
-        for line, name in compared_names(ast.parse(path.read_text(encoding="utf-8")), names)
+        f"{path}:{line}: {name}"
+        for path, tree in read_sources().items()
+        for line, name in compared_names(tree, names)
     ]
     assert found == []

@@ -11,8 +11,12 @@ from wearscope.effects.vocabulary import (
     empirical_effect,
     given_effects,
     list_effects,
+    plain_friction,
     separating_motions,
+    session_effects,
     standard_effects,
+    thermal_friction,
+    worn_effect,
 )
 from wearscope.errors import InputError
 
@@ -261,3 +265,11 @@ def test_own_effects_of_one_name_are_refused():
     assert "drag" in names_of(candidate_effects([], own[:1], (), 2))
     with pytest.raises(InputError, match=r"two own effects are called 'drag' \(a/drag.py and b/drag.py\)"):
         candidate_effects([], own, (), 2)
+
+
+def test_what_sessions_are_asked_for_has_a_place_of_its_own():
+    places = [effect.changes for effect in list_effects() if effect.changes is not None]
+    assert sorted(places) == list(range(len(places)))
+    assert [effect.changes for effect in session_effects()] == sorted(places)
+    assert worn_effect().needs_wear and thermal_friction().is_thermal
+    assert {effect.name for effect in plain_friction()} == {"coulomb", "viscous"}

@@ -186,6 +186,8 @@ def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(proce
     row = direct_table(table, design, {KEY: process}).iloc[0]
     assert row["agrees"] and row["runs"] == 300 and row["n_failed"] == 0
     assert row["direct_low"] < row["snr_surrogate"] < row["direct_high"]
+    free = direct_table(table, design, {KEY: process}, {KEY: 0.0}).iloc[0]
+    assert np.isnan(free["snr_direct"]) and np.isnan(free["snr_surrogate"]) and free["agrees"] is None
     loud = direct_table(table, design, {KEY: process}, {KEY: 10.0}).iloc[0]
     assert loud["snr_surrogate"] < 0.2 and not loud["agrees"]  # the noise that is given counts
     doubled = choose_surrogate(Z, runs(Z) + 2 * Z[:, 0], NAMES, NOMINAL, ["gaussian_process"])[0]

@@ -209,3 +209,30 @@ def test_one_cell_alone_is_no_certain_ranking():
 def test_five_cells_are_resampled():
     table = pd.concat([few_cells(A=(3.0, 2.9, 3.1)).assign(cycle=f"c{k}") for k in range(3)])
     assert rank_by_median(table, draws=50)["interval_from"].tolist() == ["choice of cells"]
+
+
+def test_few_cells_without_intervals_are_all_tied():
+    table = few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.5, 2.5)).drop(columns=["snr_low", "snr_high"])
+    ranking = rank_by_median(table)
+    assert ranking["tied_with"].tolist() == ["B", "A"]
+    assert ranking[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 2], [1, 2]]
+
+
+def test_a_group_with_values_in_few_of_many_cells_is_judged_by_their_intervals():
+    cells = [few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.9, 2.1)).assign(cycle=f"c{k}") for k in range(6)]
+    table = pd.concat(cells)
+    lost = (table["fda"] == "A") & (table["cycle"] != "c0")
+    ranking = rank_by_median(table.assign(snr_exact=table["snr_exact"].mask(lost))).set_index("fda")
+    assert ranking.loc["A", "n"] == 2 and ranking.loc["A", "tied_with"] == "B"
+    assert (ranking["interval_from"] == "each cell").all()
+
+
+def test_a_model_without_noise_has_no_snr(surrogates):
+    large = surrogates[surrogates["robot"] == "large"]
+    keys = [tuple(key) for key in large[["robot", "cycle", "axis", "fda"]].drop_duplicates().to_numpy()]
+    free, noisy = (
+        snr_table(large, runs=500, draws=20, noise=dict.fromkeys(keys, noise)) for noise in (0.0, 1.0)
+    )
+    assert (free["status"] == "noise-free").all()
+    assert free[["snr", "snr_exact", "snr_low", "snr_high"]].isna().all(axis=None)
+    assert noisy["snr_exact"].notna().any() and "noise-free" not in set(noisy["status"])

@@ -15,12 +15,21 @@ ENTRY = {
     "unit": "N m", "since": "d3", "equivalent": ["viscous"],
 }  # fmt: skip
 HIDDEN = "wear / temperature: the friction of b changed by +9 % (+7 to +11 %), measure <this>."
+PLAN = {
+    "joint": "b", "cycle": "points_all_0_40_100", "seconds": 30.0, "runs": 2, "start_temperature": 25.0,
+    "sees": 0.04, "sees_now": 0.3, "cycle_file": "next_measurement_1.py", "table": "next_measurement_1.csv",
+}  # fmt: skip
+WORN = {
+    "session": "d4", "joint": "a", "effect": "wear", "level": 12.5,
+    "parameters": {"eta7": {"value": 0.06, "ci95": [0.03, 0.1], "unit": "N m"}}, "fixed": {"alpha": 1.0},
+}  # fmt: skip
 OUTCOME = {
     "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01,
     "sessions": [
-        {"session": "d3", "changes": [ENTRY], "cannot_tell": []},
-        {"session": "d4", "changes": [ENTRY], "cannot_tell": [HIDDEN]},
+        {"session": "d3", "changes": [ENTRY], "cannot_tell": [], "next_measurement": []},
+        {"session": "d4", "changes": [ENTRY], "cannot_tell": [HIDDEN], "next_measurement": [PLAN]},
     ],
+    "wear": [WORN],
     "trends": [{"joint": "a", "effect": "friction", "slope": 0.02, "ci95": [0.01, 0.03], "unit": "1/session",
                 "p": 0.01}],
     "healthy": {"terms": [{"joint": "a", "effect": "coulomb"}],
@@ -53,6 +62,8 @@ def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     assert "Earlier sessions with a change: d3." in text
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
     assert "r9.parquet: has no session" in text
+    assert "Test-cycles to record: next_measurement_1.py." in text
+    assert "eta7 0.06 N m (0.03 to 0.1)" in text and "model_tracked.yaml" in text
 
 
 def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):
@@ -63,8 +74,11 @@ def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):
 
 def test_quiet_machine_is_called_unchanged(tmp_path):
     quiet = OUTCOME | {
-        "sessions": [{"session": s, "changes": [], "cannot_tell": []} for s in ("d3", "d4")],
+        "sessions": [
+            {"session": s, "changes": [], "cannot_tell": [], "next_measurement": []} for s in ("d3", "d4")
+        ],
         "trends": [],
+        "wear": [],
     }
     text = write(tmp_path, quiet)
     assert "no change" in text and "Other changes" not in text

@@ -11,6 +11,7 @@ import yaml
 from session_machine import write_machine
 
 from wearscope import tables
+from wearscope.robots.model import load_model
 
 _SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
 clones = importlib.util.module_from_spec(_SPEC)
@@ -49,6 +50,8 @@ def test_files_are_those_of_the_contract(tracked):
     assert {"session", "joint", "effect", "parameter", "value", "change", "unit", "p"} <= set(table.columns)
     assert set(table["session"]) == {"s0", "s1", "s2", "s3", "s4"}
     assert set(table.loc[table["named"], "session"]) == {"s4"}
+    (entry,) = [e for e in load_model(folder / "model_tracked.yaml").effects if e.effect == "wear"]
+    assert entry.joint == "a" and entry.identified and set(entry.intervals) == {"eta7", "eta8", "eta9"}
     assert "Tracked: duo" in (folder / "report.html").read_text()
 
 

@@ -41,6 +41,7 @@ rule compute_sensitivity:
 rule compute_snr:
     input:
         unpack(asked_of(STUDY.snr.model)),
+        noise=f"{R}/chosen_surrogates.parquet",
         code=code("compute_snr"),
     output:
         snr=f"{R}/snr.parquet",

@@ -67,6 +67,8 @@ if STUDY.dataset is not None:
         output:
             f"{TRACK_FOLDER}/tracking.json",
             f"{TRACK_FOLDER}/changes.parquet",
+            f"{TRACK_FOLDER}/model_tracked.yaml",
+            f"{TRACK_FOLDER}/model_tracked.urdf",
         log:
             f"{TRACK_FOLDER}/join_sessions.log",
         benchmark:

@@ -15,7 +15,9 @@ with run_job(snakemake):
         chosen = read_chosen(table, tables.read_table(snakemake.input.test_quantities))
         snr = sampled_snr_table(chosen, read_noise(table), **settings, seed=snakemake.params.seed)
     else:
-        snr = snr_table(tables.read_table(snakemake.input.surrogates), **settings, seed=snakemake.params.seed)
+        noise = read_noise(tables.read_table(snakemake.input.noise))
+        quadratic = tables.read_table(snakemake.input.surrogates)
+        snr = snr_table(quadratic, **settings, seed=snakemake.params.seed, noise=noise)
     tables.write_table(snakemake.output.snr, snr)
     ranking = rank_by_median(snr, by=group_by, seed=snakemake.params.seed)
     tables.write_table(snakemake.output.ranking, ranking)

@@ -16,10 +16,11 @@ from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
-from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
-from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
@@ -28,7 +29,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.closed_loop.selection.status import Marked, mark_terms
-from wearscope.closed_loop.verdict import make_verdict, residual_table
+from wearscope.closed_loop.verdict import make_verdict
 from wearscope.effects.base import Effect, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
@@ -218,6 +219,7 @@ def diagnose(
     after, kept = drop_undetermined(before, found, search.sigma)
     equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]
     found = kept
+    after, equivalent = settle_rests(problem, after, len(before.entries), equivalent)
     marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
     named = [
         Attribution(term, f.evidence, names, mark)
@@ -228,6 +230,38 @@ def diagnose(
     states = judge_joints(prepared, after, named, left)
     full = [dataset.joints[j] for j in sorted(search.full)]
     return Diagnosis(prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem)
+
+
+def settle_rests(
+    problem: Problem, after: Regression, first: int, equivalent: Sequence[Sequence[str]]
+) -> tuple[Regression, list[list[str]]]:
+    """The model, and what stands beside each of its names, after what the joints' rests say of them.
+
+    Parameters
+    ----------
+    problem : Problem
+    after : Regression
+    first : int
+        Of the named terms among its entries.
+    equivalent : sequence of sequence of str
+        Names beside each.
+    """
+    effects = {effect.name: effect for effect in problem.effects}
+    left = []
+    for k, names in enumerate(equivalent):
+        term = after.entries[first + k]
+        rivals = [
+            None
+            if effects[name].spread or term.effect.spread
+            else fit_declared(problem.prepared, effects[name], term.joint, problem.joined)
+            for name in names
+        ]
+        stays = list(range(1 + len(names)))
+        if any(rival is not None for rival in rivals):
+            after, stays = settle_at_rest(after, first + k, rivals)
+        every = [term.effect.name, *names]
+        left.append([every[one] for one in stays[1:]])
+    return after, left
 
 
 def drop_undetermined(

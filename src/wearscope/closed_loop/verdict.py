@@ -4,7 +4,6 @@ import importlib.metadata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.intake.preprocessing import Prepared
@@ -113,27 +112,3 @@ def summarise_joints(
             "relative_error_percent": relative,
         }
     return summary
-
-
-def residual_table(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
-    """Long table of measured and predicted torque of every run."""
-    frames = []
-    for p in predicted:
-        for j, joint in enumerate(prepared.dataset.joints):
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "t": p.run.t,
-                        "run": p.run.file,
-                        "use": p.run.use,
-                        "joint": joint,
-                        "measured": p.run.measured[:, j],
-                        "predicted_before": p.before[:, j],
-                        "predicted_after": p.after[:, j],
-                        "residual_before": p.run.measured[:, j] - p.before[:, j],
-                        "residual_after": p.run.measured[:, j] - p.after[:, j],
-                        "counts": p.run.keep[:, j],
-                    }
-                )
-            )
-    return pd.concat(frames, ignore_index=True)

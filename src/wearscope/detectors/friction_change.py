@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from wearscope.detectors.base import Array, Batch, check_nominal
-from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
-from wearscope.effects.base import load_effect
-from wearscope.tracking.changes import Change, plain_term
+from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque, find_top_speed
+from wearscope.tracking.changes import Change, make_friction_change
 from wearscope.tracking.inference import Belief, SessionRows, estimate_change, make_sample
 
 
@@ -69,12 +68,8 @@ class FrictionChange:
         """Estimate the nominal friction, its uncertainty and the noise."""
         check_nominal(nominal)
         self.axis, self.model = axis, model
-        speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
-        self.top_speed = float(np.quantile(speed, 0.99))
-        if not self.top_speed > 0:
-            raise ValueError("the tested axis does not move in the nominal data")
-        terms = tuple(plain_term(load_effect(name), axis) for name in ("coulomb", "viscous"))
-        self.change = Change("friction", axis, terms, True, True, 0)
+        self.top_speed = find_top_speed(nominal, axis)
+        self.change = make_friction_change(axis)
         self.noise = 1.0
         made = [self.make_rows(batch) for batch in nominal]
         x, y = np.concatenate([r.base for r in made]), np.concatenate([r.target for r in made])

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from wearscope.detectors.base import Array, Batch, check_nominal
-from wearscope.detectors.motion import compute_joint_residual
+from wearscope.detectors.motion import compute_joint_residual, find_top_speed
 
 
 @dataclass
@@ -67,10 +67,7 @@ class FrictionFit:
         """Estimate the nominal friction parameters, the mean over the nominal batches."""
         check_nominal(nominal)
         self.axis, self.model = axis, model
-        speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
-        self.top_speed = float(np.quantile(speed, 0.99))
-        if not self.top_speed > 0:
-            raise ValueError("the tested axis does not move in the nominal data")
+        self.top_speed = find_top_speed(nominal, axis)
         share = self.low_speed_share
         self.mean_regressors = np.array([1.0, share * (1.0 - np.exp(-1.0 / share)), 0.5 * self.top_speed])
         self.nominal = np.mean([self.estimate_parameters(batch) for batch in nominal], axis=0)

@@ -1,5 +1,6 @@
 """Signals that detectors derive from a recording, computed once a batch."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,21 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 PAYLOAD_STEP = 0.01
+
+
+def find_top_speed(nominal: Sequence[Batch], axis: int) -> float:
+    """99 % quantile of the nominal speed magnitude of an axis, counted from 0.
+
+    Raises
+    ------
+    ValueError
+        Where the axis stands still.
+    """
+    speed = np.abs(np.concatenate([batch.qd[:, axis] for batch in nominal]))
+    top_speed = float(np.quantile(speed, 0.99))
+    if not top_speed > 0:
+        raise ValueError("the tested axis does not move in the nominal data")
+    return top_speed
 
 
 def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:

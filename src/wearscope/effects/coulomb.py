@@ -17,7 +17,7 @@ EFFECT = Effect(
     depends_on=("sign_qd_{joint}",),
     row=_row,
     standard=True,
-    masked=True,
     passive=lambda values, temperature: {"friction": values["level"]},
     excitation=SPEEDS,
+    changes=0,
 )

@@ -64,9 +64,6 @@ class Effect:
         parameter, of the range about `shape` that holds the best value; `SEARCH_WIDTH` where None.
     standard : bool
         Whether a plain joint has it: asked for before any other.
-    masked : bool
-        Whether what the model lacks yet can hide it, or pose as its opposite: as a standard effect it is
-        dropped only beside all that was found.
     candidate : bool
         Whether a model that lacks it may be told so by name; False for what is only declared or generic.
     empirical : bool
@@ -86,8 +83,6 @@ class Effect:
         Whether a joint can have several of it.
     per_robot : bool
         Whether there is one for the whole robot, which stands at the last joint.
-    runs_needed : int
-        Training runs below which it cannot be named.
     applies : callable or None
         ``applies(signals, joint)``: whether the signals hold what it needs; always where None.
     lacking : str
@@ -110,6 +105,15 @@ class Effect:
     limit_temperature : callable or None
         ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds
         with given values of all parameters; at every one where None.
+    changes : int or None
+        Place among what every joint is asked for when sessions are compared, what is believed first first;
+        None of what only a joint that has it is asked for.
+    change_shape : callable or None
+        ``change_shape(top_speed)``: its shape parameters (k,) as such a change; the defaults where None.
+    mounted : bool
+        Whether it is a part that somebody mounts on the joint, and nobody unknowingly.
+    thermal : bool
+        Whether it is how a joint's friction depends on a temperature that is recorded.
     passive : callable or None
         ``passive(values, temperature)``: what formats with passive joints hold of it, of `friction`,
         `damping`, `quadratic` (factor of v abs(v)), `stiffness` and `preload`; nothing where None.
@@ -135,7 +139,6 @@ class Effect:
     searched: int | None = None
     search_width: Callable[[Signals, int, np.ndarray], float] | None = None
     standard: bool = False
-    masked: bool = False
     candidate: bool = True
     empirical: bool = False
     parents: tuple[str, ...] = ()
@@ -145,7 +148,6 @@ class Effect:
     given_by: str = ""
     repeatable: bool = False
     per_robot: bool = False
-    runs_needed: int = 1
     applies: Callable[[Signals, int], bool] | None = None
     lacking: str = "the runs do not hold the signals that it needs"
     least: Callable[[Signals], float] | None = None
@@ -156,6 +158,10 @@ class Effect:
     separated_by: Mapping[str, str] = field(default_factory=dict)
     name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None
     limit_temperature: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
+    changes: int | None = None
+    change_shape: Callable[[float], np.ndarray] | None = None
+    mounted: bool = False
+    thermal: bool = False
     passive: Callable[[Mapping[str, float], float], Mapping[str, float]] | None = None
     passive_lacks: str = ""
     reference: str = ""
@@ -169,6 +175,26 @@ class Effect:
     def label(self) -> str:
         """What stands for the effect in a model file: its path, or its name in the vocabulary."""
         return self.reference or self.name
+
+    @property
+    def is_friction(self) -> bool:
+        """Whether its torque depends on the joint's own speed or its sign, and is felt there alone."""
+        return bool({"qd_{joint}", "sign_qd_{joint}"} & set(self.depends_on)) and not self.spread
+
+    @property
+    def is_plain_friction(self) -> bool:
+        """Whether it is friction of a plain joint, which what a model lacks yet can hide or pose as."""
+        return self.standard and self.is_friction
+
+    @property
+    def is_thermal(self) -> bool:
+        """Whether its torque depends on temperature or time."""
+        return bool({"temp_{joint}", "t"} & set(self.depends_on))
+
+    @property
+    def needs_wear(self) -> bool:
+        """Whether its torque depends on how worn the joint is."""
+        return "wear_{joint}" in self.depends_on
 
     def for_robot(self, n: int) -> "Effect":
         """The effect on a robot of `n` joints; another object only where its coefficients depend on `n`."""

@@ -37,4 +37,6 @@ EFFECT = Effect(
     opposes_gravity=True,
     excitation=RANGE,
     separated_by={"payload_error": PAYLOAD, "torque_constant_error": PAYLOAD},
+    changes=8,
+    mounted=True,
 )

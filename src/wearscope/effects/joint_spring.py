@@ -24,4 +24,6 @@ EFFECT = Effect(
     excitation=RANGE,
     passive=lambda values, temperature: {"stiffness": values["stiffness"], "preload": values["preload"]},
     separated_by={"payload_error": PAYLOAD, "gravity_counterbalance": RANGE},
+    changes=7,
+    mounted=True,
 )

@@ -43,7 +43,9 @@ class PayloadEffect(Effect):
     """Mass at the last link beyond the declared payload; regressors are those of the rigid body."""
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors of the inertial parameters at every joint, (N, n, 10)."""
+        """Regressors of the inertial parameters at every joint, (N, n, 10); zero without a payload."""
+        if not signals.carries:
+            return np.zeros((*signals.q.shape, len(self.coefficients)))
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:

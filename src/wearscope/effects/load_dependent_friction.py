@@ -25,4 +25,5 @@ EFFECT = Effect(
     row=_row,
     parents=("coulomb",),
     excitation=PAYLOAD,
+    changes=2,
 )

@@ -31,4 +31,5 @@ EFFECT = PayloadEffect(
     per_robot=True,
     excitation=POSTURES,
     excitation_alone=PAYLOAD,
+    changes=4,
 )

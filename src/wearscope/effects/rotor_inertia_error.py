@@ -14,4 +14,5 @@ EFFECT = ArmatureEffect(
     corrects="rotor_inertia",
     excitation=POSTURES,
     excitation_alone=PAYLOAD,
+    changes=9,
 )

@@ -39,6 +39,8 @@ class Signals:
     reversal : ndarray (N, n, 3) or None
         What would change in `sign`: by the logarithm of the speed over which it changes, and with each of two
         other forms of that change in full.
+    carries : bool
+        Whether a payload of which a declared mass may be wrong is at the last link.
     channels : mapping of str to ndarray (N,)
         Further measured channels by column name, in the unit that the data set gives them.
     """
@@ -57,6 +59,7 @@ class Signals:
     transmitted: np.ndarray | None = None
     lag: np.ndarray | None = None
     reversal: np.ndarray | None = None
+    carries: bool = True
     channels: Mapping[str, np.ndarray] = field(default_factory=dict)
     _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
 

@@ -43,4 +43,5 @@ EFFECT = Effect(
     lacking="its temperature is not recorded, or hardly changes",
     excitation=TEMPERATURE,
     separated_by={"warm_up_drift": TEMPERATURE},
+    thermal=True,
 )

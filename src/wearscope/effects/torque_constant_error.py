@@ -15,4 +15,5 @@ EFFECT = MeasurementEffect(
     kind="gain",
     excitation=PAYLOAD,
     separated_by={"payload_error": "hold still in several postures with a known payload"},
+    changes=5,
 )

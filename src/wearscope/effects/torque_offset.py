@@ -18,4 +18,5 @@ EFFECT = Effect(
     row=_row,
     standard=True,
     excitation=REVERSALS,
+    changes=6,
 )

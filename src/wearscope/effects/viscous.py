@@ -17,7 +17,7 @@ EFFECT = Effect(
     depends_on=("qd_{joint}",),
     row=_row,
     standard=True,
-    masked=True,
     passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
+    changes=1,
 )

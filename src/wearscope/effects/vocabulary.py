@@ -23,6 +23,29 @@ def standard_effects() -> list[Effect]:
     return [effect for effect in _builtin() if effect.standard]
 
 
+def plain_friction() -> list[Effect]:
+    """Friction of a plain joint."""
+    return [effect for effect in _builtin() if effect.is_plain_friction]
+
+
+def session_effects() -> list[Effect]:
+    """Effects that every joint is asked for when sessions are compared, what is believed first first."""
+    asked = {effect.changes: effect for effect in _builtin() if effect.changes is not None}
+    return [asked[place] for place in sorted(asked)]
+
+
+def worn_effect() -> Effect:
+    """What wear adds to a joint's friction, as a change between sessions."""
+    (effect,) = (effect for effect in session_effects() if effect.needs_wear)
+    return effect
+
+
+def thermal_friction() -> Effect:
+    """How friction depends on a temperature that is recorded."""
+    (effect,) = (effect for effect in _builtin() if effect.thermal)
+    return effect
+
+
 def empirical_effect() -> Effect:
     """The generic term for structure outside the vocabulary."""
     (effect,) = (effect for effect in _builtin() if effect.empirical)

@@ -5,6 +5,9 @@ import numpy as np
 from wearscope.effects.base import Effect, Parameter, compile_row
 from wearscope.effects.motions import WEAR
 
+#: Share of a joint's top speed over which the bump of worn friction dies away, until data show it.
+BUMP = 0.05
+
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
@@ -30,4 +33,6 @@ EFFECT = Effect(
     ),
     candidate=False,
     excitation=WEAR,
+    changes=3,
+    change_shape=lambda top_speed: np.array([BUMP * top_speed, 1.0]),
 )

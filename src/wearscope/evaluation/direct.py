@@ -10,8 +10,8 @@ from wearscope.designs.kinds import design_table
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import bootstrap_indices
-from wearscope.evaluation.sampled_snr import draw_snr
-from wearscope.evaluation.snr import ratio
+from wearscope.evaluation.sampled_snr import draw_snr, response_size
+from wearscope.evaluation.snr import is_noise_free, ratio
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of
 from wearscope.surrogates.selection import ChosenSurrogate
 
@@ -106,6 +106,7 @@ def direct_table(
         ``robot``, ``cycle``, ``axis``, ``fda``, ``runs`` (pairs in which both hypotheses have a value),
         ``n_failed``, ``snr_direct`` with ``direct_low``, ``direct_high``, ``snr_surrogate`` with
         ``surrogate_low``, ``surrogate_high``, ``agrees`` (the intervals overlap; None where either has none).
+        A model without noise has no SNR: all of these are NaN.
 
     Raises
     ------
@@ -125,7 +126,9 @@ def direct_table(
         y = cell.sort_values("point")["y"].to_numpy(dtype=float).reshape(2, half)
         good = y[:, np.isfinite(y).all(axis=0)]
         value, low, high = np.nan, np.nan, np.nan
-        if good.shape[1] >= 2:
+        known_noise = (noise or {}).get(key, np.nan)
+        free = surrogate.status == "ok" and is_noise_free(known_noise, response_size(surrogate))
+        if good.shape[1] >= 2 and not free:
             value = _snr(good)
             index = bootstrap_indices(good.shape[1], draws, generator_for(seed, "direct", cell_name(key)))
             again = np.array([_snr(good[:, one]) for one in index])
@@ -133,9 +136,8 @@ def direct_table(
             if again.size:
                 low, high = np.quantile(again, tail)
         said = [np.nan] * 3
-        if surrogate.status == "ok":
+        if surrogate.status == "ok" and not free:
             stream = generator_for(seed, "direct surrogate", cell_name(key))
-            known_noise = (noise or {}).get(key, np.nan)
             scatter = surrogate.noise if np.isnan(known_noise) else known_noise
             answers = draw_snr(surrogate, stream, min(draws, 400), f0, delta, sigma, scatter)
             said = [float(one) for one in np.quantile(answers, [0.5, *tail])]

@@ -9,16 +9,14 @@ from scipy import special
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
 from wearscope.designs.seeds import generator_for
-from wearscope.evaluation.snr import monte_carlo_error, ratio
-from wearscope.surrogates.fitting import CELL, cell_name
+from wearscope.evaluation.snr import describe_snr, is_noise_free, ratio
+from wearscope.surrogates.fitting import cell_name
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 
 Array = NDArray[np.float64]
 NODES = 4096
 DRAW_NODES = 256
 MOST_RUNS = 20_000
-#: Noise of a run, over the size of y, below which a robot's model counts as free of noise.
-NOISE_FREE = 1e-12
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
@@ -104,33 +102,27 @@ def sampled_snr_table(
     records = []
     for key, surrogate in chosen:
         setting = (f0, delta, sigma)
-        values = dict.fromkeys(("snr", "snr_exact", "snr_low", "snr_high", "snr_stderr"), np.nan)
-        status = surrogate.status
-        if noise is not None and status == "ok" and noise[key] <= NOISE_FREE * _size(surrogate):
+        status, name = surrogate.status, cell_name(key)
+        if noise is not None and status == "ok" and is_noise_free(noise[key], response_size(surrogate)):
             status = "noise-free"
-        if status == "ok":
-            rng = generator_for(seed, "sampled snr", cell_name(key))
-            y0, y1 = (
-                surrogate.predict(
-                    place_nodes(
-                        rng.standard_normal((min(runs, MOST_RUNS), len(surrogate.names) - 1)),
-                        surrogate.names,
-                        f,
-                        sigma,
-                    )
-                )
-                for f in (f0, f0 + delta)
-            )
-            values["snr"], values["snr_stderr"] = monte_carlo_error(y0, y1)
-            values["snr_exact"] = quadrature_snr(surrogate, *setting)
-            drawn = draw_snr(surrogate, generator_for(seed, "snr draws", cell_name(key)), draws, *setting)
-            low, high = np.quantile(drawn, [0.5 - level / 2, 0.5 + level / 2])
-            values["snr_low"], values["snr_high"] = float(low), float(high)
-            status = "decreasing" if values["snr_exact"] < 0 else "ok"
-        records.append({**dict(zip(CELL, key, strict=True)), "model": CHOSEN, **values, "status": status})
+        if status != "ok":
+            records.append(describe_snr(key, CHOSEN, status))
+            continue
+        rng = generator_for(seed, "sampled snr", name)
+        shape = min(runs, MOST_RUNS), len(surrogate.names) - 1
+        first, second = (
+            surrogate.predict(place_nodes(rng.standard_normal(shape), surrogate.names, f, sigma))
+            for f in (f0, f0 + delta)
+        )
+        drawn = draw_snr(surrogate, generator_for(seed, "snr draws", name), draws, *setting)
+        low, high = np.quantile(drawn, [0.5 - level / 2, 0.5 + level / 2])
+        exact = quadrature_snr(surrogate, *setting)
+        status = "decreasing" if exact < 0 else "ok"
+        records.append(describe_snr(key, CHOSEN, status, (first, second), exact, (float(low), float(high))))
     return pd.DataFrame(records)
 
 
-def _size(surrogate: ChosenSurrogate) -> float:
+def response_size(surrogate: ChosenSurrogate) -> float:
+    """Size of y at the design's centre."""
     centre = surrogate.predict(np.zeros((1, len(surrogate.names))))
     return float(np.abs(centre).max())

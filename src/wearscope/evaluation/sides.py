@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.seeds import generator_for
-from wearscope.evaluation.sampled_snr import NOISE_FREE, draw_snr
+from wearscope.evaluation.sampled_snr import draw_snr
+from wearscope.evaluation.snr import NOISE_FREE
 from wearscope.evaluation.tolerance import sampled_tolerance
 from wearscope.surrogates.chosen import read_chosen
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients

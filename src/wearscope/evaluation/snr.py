@@ -1,6 +1,6 @@
 """Comparing detectors (Q-2): the signal-to-noise ratio (11) under (20), by Monte Carlo and exactly."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +16,8 @@ from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 Array = NDArray[np.float64]
 #: Fewer cells than these say nothing by being resampled.
 FEW = 5
+#: Noise of a run, over the size of y, below which a robot's model counts as free of noise.
+NOISE_FREE = 1e-12
 
 
 def quadratic_moments(c: ArrayLike, g: ArrayLike, a: ArrayLike, sigma: float) -> tuple[Array, Array]:
@@ -88,9 +90,15 @@ def monte_carlo_snr(
     stderr : float
         Its Monte Carlo standard error, by the delta method on the sample means and deviation.
     """
-    y0 = sample_output(surrogate, rng, runs, f0, sigma)
-    y1 = sample_output(surrogate, rng, runs, f0 + delta, sigma)
-    return monte_carlo_error(y0, y1)
+    return monte_carlo_error(*sample_hypotheses(surrogate, rng, runs, f0, delta, sigma))
+
+
+def sample_hypotheses(
+    surrogate: Surrogate, rng: np.random.Generator, runs: int, f0: float, delta: float, sigma: float
+) -> tuple[Array, Array]:
+    """Outputs (runs,) of a surrogate under each hypothesis."""
+    first = sample_output(surrogate, rng, runs, f0, sigma)
+    return first, sample_output(surrogate, rng, runs, f0 + delta, sigma)
 
 
 def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
@@ -141,6 +149,40 @@ def parametric_interval(
     return float(low), float(high)
 
 
+def describe_snr(
+    key: Sequence[str | int],
+    model: str,
+    status: str,
+    runs: tuple[Array, Array] | None = None,
+    exact: float = np.nan,
+    interval: tuple[float, float] = (np.nan, np.nan),
+) -> dict[str, object]:
+    """Row of ``snr.parquet``.
+
+    Parameters
+    ----------
+    key : sequence
+        Cell.
+    model, status : str
+    runs : pair of array (N,), optional
+        Monte Carlo runs under each hypothesis; NaN where there is no SNR.
+    exact : float
+    interval : pair of float
+        Of the exact SNR.
+    """
+    snr, error = (np.nan, np.nan) if runs is None else monte_carlo_error(*runs)
+    return {
+        **dict(zip(CELL, key, strict=True)),
+        "model": model,
+        "snr": snr,
+        "snr_exact": float(exact),
+        "snr_low": float(interval[0]),
+        "snr_high": float(interval[1]),
+        "snr_stderr": error,
+        "status": status,
+    }
+
+
 def snr_table(
     surrogates: pd.DataFrame,
     model: str = "full",
@@ -151,6 +193,7 @@ def snr_table(
     seed: int = 0,
     level: float = 0.95,
     draws: int = 2000,
+    noise: Mapping[tuple, float] | None = None,
 ) -> pd.DataFrame:
     """SNR of every cell.
 
@@ -169,35 +212,38 @@ def snr_table(
         Of ``snr_low``, ``snr_high``.
     draws : int
         Coefficient draws for that interval.
+    noise : mapping, optional
+        Standard deviation of a run by cell, from replicates; 0 says that the robot's model has no noise.
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``snr`` (Monte Carlo), ``snr_exact``, ``snr_low``,
         ``snr_high`` (of the exact SNR, from the uncertainty of the coefficients), ``snr_stderr`` (Monte
-        Carlo error), ``status``: ``ok``, ``constant`` (SNR NaN) or ``decreasing`` (theta_0 < 0).
+        Carlo error), ``status``: ``ok``, ``constant`` or
+        ``noise-free`` (SNR NaN), or ``decreasing`` (theta_0 < 0).
     """
     if runs < 2 or sigma < 0:
         raise InputError(f"snr: runs {runs} and sigma {sigma} must be at least 2 and 0; correct the setting.")
     records = []
     for key, surrogate in surrogates_of(surrogates, model):
         setting = (f0, delta, sigma)
-        snr, error = monte_carlo_snr(surrogate, generator_for(seed, "snr", cell_name(key)), runs, *setting)
-        low, high = parametric_interval(
-            surrogate, generator_for(seed, "snr interval", cell_name(key)), draws, level, *setting
+        name = cell_name(key)
+        if noise is not None and is_noise_free(noise[key[:-1]], abs(float(surrogate.theta[0]))):
+            records.append(describe_snr(key[:-1], key[-1], "noise-free"))
+            continue
+        sampled = sample_hypotheses(surrogate, generator_for(seed, "snr", name), runs, *setting)
+        interval = parametric_interval(
+            surrogate, generator_for(seed, "snr interval", name), draws, level, *setting
         )
-        records.append(
-            {
-                **dict(zip([*CELL, "model"], key, strict=True)),
-                "snr": snr,
-                "snr_exact": float(exact_snr(surrogate.theta, surrogate.terms, *setting)),
-                "snr_low": low,
-                "snr_high": high,
-                "snr_stderr": error,
-                "status": output_status(surrogate),
-            }
-        )
+        exact = float(exact_snr(surrogate.theta, surrogate.terms, *setting))
+        records.append(describe_snr(key[:-1], key[-1], output_status(surrogate), sampled, exact, interval))
     return pd.DataFrame(records)
+
+
+def is_noise_free(noise: float, size: float) -> bool:
+    """Whether a run's standard deviation is none beside y's size: nothing but the nuisances scatters."""
+    return noise <= NOISE_FREE * size
 
 
 def output_status(surrogate: Surrogate) -> str:
@@ -228,8 +274,9 @@ def rank_by_median(
     """Rank groups by their median, with what the choice of cells leaves open.
 
     The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
-    them at once), so that differences between groups are paired. With fewer than `FEW` of them, resampling
-    says nothing: there the cells' own intervals decide, a group's being the medians of its cells' ends.
+    them at once), so that differences between groups are paired. Where a group has values in fewer than `FEW`
+    of them, resampling says nothing: there the cells' own intervals decide, a group's being the medians of
+    its cells' ends, and a group without intervals is tied with every other.
 
     Parameters
     ----------
@@ -264,9 +311,12 @@ def rank_by_median(
     wide = table.pivot(index=rest, columns=by, values=value).sort_index(axis=0).sort_index(axis=1)
     values = wide.to_numpy(dtype=float)
     keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
-    if len(values) < FEW and {"snr_low", "snr_high"} <= set(table.columns):
+    held = np.sum(~np.isnan(values), axis=0)
+    if len(values) < FEW or np.any((held > 0) & (held < FEW)):
         low, high = (
             table.pivot(index=rest, columns=by, values=name).reindex_like(wide).to_numpy(dtype=float)
+            if name in table.columns
+            else np.full_like(values, np.nan)
             for name in ("snr_low", "snr_high")
         )
         return _rank_few(values, low, high, keys, by)

@@ -34,6 +34,7 @@ def render_tracking(tracking: Tracking) -> str:
     sections = [
         Section("What changed", _outcome(tracking), "changed"),
         Section("Friction of each joint", _friction(tracking), "friction"),
+        Section("Wear", _wear(tracking), "wear"),
         Section("Other changes", _others(tracking), "others"),
         Section("Session by session", _sessions(tracking), "sessions"),
         Section("The healthy machine", _healthy(outcome), "healthy"),
@@ -78,6 +79,9 @@ def _outcome(tracking: Tracking) -> Markup:
         parts.append(Markup("<p>{}</p>").format(badge("no change", "good")))
     if last["cannot_tell"]:
         parts.append(Markup("<h3>What cannot be told</h3>{}").format(_items(last["cannot_tell"])))
+    files = [one["cycle_file"] for one in last["next_measurement"] if "cycle_file" in one]
+    if files:
+        parts.append(Markup("<p>Test-cycles to record: {}.</p>").format(join_words(files)))
     over = [session for session, _ in tracking.entries() if session != last["session"]]
     passed = list(dict.fromkeys(over))
     if passed:
@@ -105,6 +109,33 @@ def _friction(tracking: Tracking) -> Markup:
     if not trends:
         return figure
     return figure + render_table(pd.DataFrame(trends), "Straight line through the later sessions.")
+
+
+def _wear(tracking: Tracking) -> Markup:
+    """Wear of each joint by session, in the form that the simulator has."""
+    records = []
+    for one in tracking.outcome["wear"]:
+        told = [
+            f"{name} {format_number(x['value'])} {unit_text(x['unit'])} "
+            f"({format_number(x['ci95'][0])} to {format_number(x['ci95'][1])})"
+            for name, x in one["parameters"].items()
+        ]
+        records.append(
+            {
+                "session": one["session"],
+                "joint": one["joint"],
+                "level [% of friction]": one["level"],
+                "parameters (95 %)": "; ".join(told),
+            }
+        )
+    if not records:
+        return Markup("")
+    caption = (
+        "What wear adds to friction at a level f, eq. (17), each parameter with its 95 % interval. "
+        "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
+        "study or one side of the target reevaluate."
+    )
+    return render_table(pd.DataFrame(records), caption)
 
 
 def _others(tracking: Tracking) -> Markup:

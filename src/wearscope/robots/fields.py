@@ -80,3 +80,7 @@ class EffectEntry(Section):
     source: str = "assumed"
     assumed: bool = False
     """Whether it was carried over from elsewhere, not identified on this robot."""
+    identified: bool = False
+    """Whether data of this robot determined it."""
+    intervals: dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]] = {}
+    """95 % interval of each parameter that was identified."""

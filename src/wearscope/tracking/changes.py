@@ -7,26 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect, PayloadEffect, Signals, load_effect
+from wearscope.effects.base import Effect, PayloadEffect, Signals
+from wearscope.effects.vocabulary import plain_friction, session_effects, worn_effect
 
 if TYPE_CHECKING:
     from wearscope.tracking.structure import Structure
 
-#: Friction that every joint has, as effects; and as a change, where it may be all of it.
-_PLAIN = {"coulomb", "viscous"}
-_EVERYWHERE = {*_PLAIN, "friction"}
-#: Changes of friction, most elementary first; what follows is asked of joints too.
-FRICTION = ("coulomb", "viscous", "friction", "load_dependent_friction", "wear")
-OTHERS = (
-    "torque_constant_error",
-    "torque_offset",
-    "joint_spring",
-    "gravity_counterbalance",
-    "rotor_inertia_error",
-)
-MOUNTED = ("joint_spring", "gravity_counterbalance")
-#: Share of a joint's top speed over which the bump of worn friction dies away.
-_BUMP = 0.05
+#: A joint's plain friction as a whole, as a change and in the tables.
+FRICTION = "friction"
+#: A joint's friction over its speed, of whatever form, of which only the size is asked.
+CURVE = "curve"
+#: Widths of the curve's bumps at low speed, as shares of the joint's top speed.
+_WIDTHS = (0.04, 0.16)
 #: A payload's parameters count as so many values: a mass and three moments.
 _BODY = 4
 
@@ -48,6 +40,8 @@ class Change:
         Whether the reference has all of it.
     rank : int
         Place among changes that explain the same.
+    asked : bool
+        Whether sessions are asked for it; False where only its size is.
     """
 
     name: str
@@ -56,6 +50,7 @@ class Change:
     friction: bool
     present: bool
     rank: int
+    asked: bool = True
 
     @property
     def key(self) -> str:
@@ -86,7 +81,7 @@ class Change:
         Loads change from day to day. A spring or a balancer that was not there comes last: nobody mounts
         one unknowingly.
         """
-        mounted = not self.present and self.name in MOUNTED
+        mounted = not self.present and any(term.effect.mounted for term in self.terms)
         return (not self.friction, not self.present, mounted, not self.spread, self.complexity, self.rank)
 
     @property
@@ -100,9 +95,12 @@ class Change:
 
 
 def _term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
-    if term.effect.name == "wear":
+    if term.effect.needs_wear:
         # At f = 1: what is estimated is the wear's torque, not how worn it is.
         signals = replace(signals, wear=np.ones_like(signals.v))
+    if isinstance(term.effect, PayloadEffect):
+        # A load between sessions is no error of what is declared.
+        signals = replace(signals, carries=True)
     return term.columns(signals)
 
 
@@ -114,75 +112,85 @@ def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None)
 
 def list_changes(structure: "Structure") -> list[Change]:
     """What may change at each joint that moves in the reference, and the load at the last one."""
+    asked = session_effects()
+    whole, single = [e for e in asked if e.per_robot], [e for e in asked if not e.per_robot]
     found: list[Change] = []
-    last = structure.n - 1
-    for joint in map(int, np.flatnonzero(structure.frame.moving)):
+    for joint in map(int, structure.moving):
         own = [entry for entry in structure.entries if entry.joint == joint]
-        found += _friction_changes(structure, joint, own)
-        found += _other_changes(joint, own)
-    payload = load_effect("payload_error")
-    every = tuple(range(len(payload.coefficients)))
-    there = any(isinstance(entry.effect, PayloadEffect) for entry in structure.entries)
-    found.append(
-        Change("payload_error", last, (ModelTerm(payload, last, (), every),), False, there, len(FRICTION))
-    )
+        friction = [effect for effect in single if effect.is_friction]
+        found += _friction_changes(structure, joint, friction, own)
+        found += _other_changes(joint, [effect for effect in single if not effect.is_friction], own)
+    last = structure.n - 1
+    for effect in whole:
+        every = tuple(range(len(effect.coefficients)))
+        there = any(entry.effect.name == effect.name for entry in structure.entries)
+        found.append(
+            Change(effect.name, last, (ModelTerm(effect, last, (), every),), False, there, _rank(effect))
+        )
     return found
 
 
-def _friction_changes(structure: "Structure", joint: int, own: list[ModelTerm]) -> list[Change]:
+def list_measured(structure: "Structure") -> list[Change]:
+    """What may change, then each moving joint's friction curve."""
+    return [*list_changes(structure), *(make_curve(structure, int(j)) for j in structure.moving)]
+
+
+def make_curve(structure: "Structure", joint: int) -> Change:
+    """Friction of a joint over its speed: Coulomb, viscous, and bumps at low speed of two widths."""
+    top_speed = float(structure.frame.top_speed[joint])
+    terms = [plain_term(effect, joint) for effect in plain_friction()]
+    bump = worn_effect()
+    terms += [
+        ModelTerm(bump, joint, (share * top_speed, *bump.pack({})[1][1:].tolist()), (0,)) for share in _WIDTHS
+    ]
+    return Change(CURVE, joint, tuple(terms), True, True, _rank(bump), asked=False)
+
+
+def _rank(effect: Effect) -> int:
+    """Place of an effect among changes that explain the same; what no joint is asked for comes last."""
+    return len(session_effects()) if effect.changes is None else effect.changes
+
+
+def make_friction_change(joint: int) -> Change:
+    """Plain friction of a joint as a whole; every joint has some."""
+    terms = tuple(plain_term(effect, joint) for effect in plain_friction())
+    return Change(FRICTION, joint, terms, True, True, max(_rank(term.effect) for term in terms))
+
+
+def _friction_changes(
+    structure: "Structure", joint: int, asked: Sequence[Effect], own: list[ModelTerm]
+) -> list[Change]:
     present = {name for entry in own for name in (entry.effect.name, *entry.effect.contains)}
-    coulomb, viscous = (plain_term(load_effect(name), joint) for name in ("coulomb", "viscous"))
-    bump = _BUMP * float(structure.frame.top_speed[joint])
-    wear = load_effect("wear")
-    worn = plain_term(wear, joint, (bump, *wear.pack({})[1][1:].tolist()))
-    load = plain_term(load_effect("load_dependent_friction"), joint)
-    terms = {
-        "coulomb": (coulomb,),
-        "viscous": (viscous,),
-        "friction": (coulomb, viscous),
-        "load_dependent_friction": (load,),
-        "wear": (worn,),
-    }
+    plain = {effect.name for effect in plain_friction()}
+    top_speed = float(structure.frame.top_speed[joint])
     found = []
-    for rank, name in enumerate(FRICTION):
-        # Friction as a whole counts as there: every joint has some.
-        there = name in _EVERYWHERE or name in present
-        found.append(Change(name, joint, terms[name], True, there, rank))
+    for effect in asked:
+        shape = None if effect.change_shape is None else effect.change_shape(top_speed).tolist()
+        there = effect.name in plain | present
+        term = plain_term(effect, joint, shape)
+        found.append(Change(effect.name, joint, (term,), True, there, _rank(effect)))
+    found.append(make_friction_change(joint))
+    known = {effect.name for effect in asked}
     for entry in own:
         effect = entry.effect
-        plain = effect.name in FRICTION or _covers_plain(effect)
-        if is_friction(effect) and not (effect.empirical or plain or is_thermal(effect)):
-            found.append(Change(effect.name, joint, (entry,), True, True, len(FRICTION)))
+        covers = plain <= {effect.name, *effect.contains}
+        if effect.is_friction and not (
+            effect.empirical or effect.is_thermal or covers or effect.name in known
+        ):
+            found.append(Change(effect.name, joint, (entry,), True, True, _rank(effect)))
     return found
 
 
-def is_thermal(effect: Effect) -> bool:
-    """Whether an effect's torque depends on temperature or time, so that it is no property of a session."""
-    return bool({"temp_{joint}", "t"} & set(effect.depends_on))
-
-
-def _covers_plain(effect: Effect) -> bool:
-    """Whether an effect holds Coulomb and viscous friction, which are asked by themselves."""
-    return _PLAIN <= {effect.name, *effect.contains}
-
-
-def is_friction(effect: Effect) -> bool:
-    """Whether an effect's torque depends on the joint's own speed or its sign."""
-    own = {"qd_{joint}", "sign_qd_{joint}"}
-    return bool(own & set(effect.depends_on)) and not effect.spread
-
-
-def _other_changes(joint: int, own: list[ModelTerm]) -> list[Change]:
-    found, rank = [], len(FRICTION) + 1
+def _other_changes(joint: int, asked: Sequence[Effect], own: list[ModelTerm]) -> list[Change]:
+    found = []
     named = {entry.effect.name for entry in own}
-    for k, name in enumerate(OTHERS):
-        effect = load_effect(name)
-        if name in named or effect.corrects in named:
+    for effect in asked:
+        if effect.name in named or effect.corrects in named:
             continue
-        found.append(Change(name, joint, (plain_term(effect, joint),), False, False, rank + k))
-    for k, entry in enumerate(own):
+        found.append(Change(effect.name, joint, (plain_term(effect, joint),), False, False, _rank(effect)))
+    for entry in own:
         effect = entry.effect
-        if effect.empirical or effect.spread or is_friction(effect) or entry.is_deflection:
+        if effect.empirical or effect.spread or effect.is_friction or entry.is_deflection:
             continue
-        found.append(Change(effect.name, joint, (entry,), False, True, rank + len(OTHERS) + k))
+        found.append(Change(effect.name, joint, (entry,), False, True, _rank(effect)))
     return found

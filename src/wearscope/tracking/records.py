@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.tracking.changes import Change
+from wearscope.effects.vocabulary import plain_friction
+from wearscope.tracking.changes import CURVE, FRICTION, Change
 from wearscope.tracking.inference import Estimate
 from wearscope.tracking.reference import Reference
-from wearscope.tracking.session import Assessment, list_entries, relative_change
+from wearscope.tracking.scatter import measure_friction, relative_change
+from wearscope.tracking.session import Assessment, list_entries
 from wearscope.tracking.structure import Structure
-
-#: A joint's friction as a whole: its RMS torque along the session's motion.
-FRICTION = "friction"
+from wearscope.tracking.worn import record_worn
 
 
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
@@ -28,7 +28,9 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
             for entry in list_entries([one], structure, scatter)
         ],
         "cannot_tell": assessment.cannot_tell,
+        "next_measurement": [plan.to_mapping(structure.joints) for plan in assessment.plans],
         "notes": assessment.notes,
+        "wear": record_worn(assessment.worn, reference),
         "rows": list_rows(reference, together, set(named)),
         "series": list_series(reference, together),
     }
@@ -82,12 +84,13 @@ def list_rows(
     for key, estimate in estimates.items():
         change = estimate.change
         if change.name == FRICTION:
-            share, half = relative_change(estimate, scatter)
+            curve = estimates.get(f"{CURVE}@{change.joint}", estimate)
+            share, half = measure_friction(curve, scatter)
             size = float(structure.scales.friction[change.joint])
             friction = (structure.torque_unit[change.joint], size, size * share, size * half)
             p = scatter.p_value(estimate)
             rows.append(_row(structure.joints[change.joint], FRICTION, "torque", *friction, p, key in named))
-        if _is_shown_together(change, named):
+        if not change.asked or _is_shown_together(change, named):
             continue
         joint = structure.joints[change.joint]
         p, width = scatter.p_value(estimate), scatter.width(estimate)
@@ -103,7 +106,7 @@ def list_rows(
 def _is_shown_together(change: Change, named: set[str]) -> bool:
     """Whether a change's parameters stand in the rows of the joint's friction as a whole."""
     whole = f"{FRICTION}@{change.joint}"
-    alone = {f"{name}@{change.joint}" for name in ("coulomb", "viscous")}
+    alone = {f"{effect.name}@{change.joint}" for effect in plain_friction()}
     if change.key in alone:
         return change.key not in named
     return change.key == whole and bool(alone & named)

@@ -11,8 +11,9 @@ from wearscope.closed_loop.model.inertials import payload_penalty
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.effects.base import load_effect
-from wearscope.tracking.changes import Change, is_friction, list_changes, plain_term
+from wearscope.effects.vocabulary import plain_friction
+from wearscope.robots.model import RobotModel
+from wearscope.tracking.changes import Change, list_changes, list_measured, plain_term
 from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
@@ -20,6 +21,7 @@ from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.sessions import read_reference
 from wearscope.tracking.structure import Scales, Structure
+from wearscope.tracking.tracked_model import make_healthy_model
 
 #: Least friction of a joint, as a share of its torque, and of its residual: what a change is measured by.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
@@ -40,6 +42,8 @@ class Reference:
     scatter : Scatter
     held_out : dict of str to dict of str to Estimate
         Each change in each healthy session, held out; by session (run where there is one), then by key.
+    robot : RobotModel
+        The healthy machine, as the simulator has it.
     """
 
     sessions: tuple[str, ...]
@@ -48,11 +52,17 @@ class Reference:
     payload_prior: np.ndarray
     scatter: Scatter
     held_out: dict[str, dict[str, Estimate]]
+    robot: RobotModel
 
     @property
     def changes(self) -> list[Change]:
         """What may change."""
         return list_changes(self.structure)
+
+    @property
+    def measured(self) -> list[Change]:
+        """What may change, and what only has a size."""
+        return list_measured(self.structure)
 
 
 def identify_reference(
@@ -74,7 +84,7 @@ def identify_reference(
     structure, made, prior = lay_out(diagnosis, model)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
-    changes = list_changes(structure)
+    changes = list_measured(structure)
     held_out: dict[str, dict[str, Estimate]] = {}
     for name, rest, own in split_healthy(made):
         believed = fit_belief(structure, rest, prior)
@@ -87,7 +97,8 @@ def identify_reference(
         f"healthy sessions scatter by {100 * scatter.friction:.2g} % of friction, "
         f"{100 * scatter.torque:.2g} % of torque ({scatter.sessions} held out)"
     )
-    return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out)
+    robot = make_healthy_model(diagnosis, model, structure, belief)
+    return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out, robot)
 
 
 def choose_terms(diagnosis: Diagnosis) -> Regression:
@@ -99,11 +110,11 @@ def choose_terms(diagnosis: Diagnosis) -> Regression:
     """
     after, moving = diagnosis.after, np.flatnonzero(diagnosis.prepared.moving)
     added = []
-    for name in ("coulomb", "viscous"):
+    for friction in plain_friction():
         for joint in map(int, moving):
             own = [entry.effect for entry in after.entries if entry.joint == joint]
-            if not any(name in (effect.name, *effect.contains) for effect in own):
-                added.append(plain_term(load_effect(name), joint))
+            if not any(friction.name in (effect.name, *effect.contains) for effect in own):
+                added.append(plain_term(friction, joint))
     model = refit(after, [*after.entries, *added]) if added else after
     for term in [entry for entry in model.entries if entry.effect.empirical]:
         less = refit(model, [entry for entry in model.entries if entry is not term])
@@ -188,7 +199,7 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
         signals, keep = rows.signals, rows.weights > 0
         friction = np.zeros_like(signals.q)
         for entry, span in zip(structure.entries, structure.spans, strict=True):
-            if is_friction(entry.effect):
+            if entry.effect.is_friction:
                 friction += entry.columns(signals) @ structure.theta[span]
         predicted = rows.columns[..., : structure.count] @ structure.theta
         residual = (rows.target - predicted) * keep

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wearscope.closed_loop.intake.filtering import rows as band_rows
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
 from wearscope.effects.base import Signals
 from wearscope.tracking.changes import Change
@@ -13,6 +14,8 @@ from wearscope.tracking.structure import Structure
 
 #: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets; least [s].
 _BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
+#: Share of its top speed above which a joint moves.
+_MOVES = 0.01
 
 
 @dataclass(eq=False)
@@ -87,7 +90,10 @@ def stack_rows(structure: Structure, changes: Sequence[Change], runs: Sequence[R
         scaled = []
         for change, x in zip(changes, parts, strict=True):
             size = structure.scales.friction if change.friction else structure.scales.torque
-            scaled.append(x * (keep / size)[:, :, None] / np.sqrt(max(float(keep.sum(axis=0).max()), 1.0)))
+            taken, felt = (keep, x) if change.asked else feel_torque(structure, change, rows)
+            scaled.append(
+                felt * (taken / size)[:, :, None] / np.sqrt(max(float(taken.sum(axis=0).max()), 1.0))
+            )
         columns.append(_flatten(np.concatenate(parts, axis=2) * w[:, :, None]))
         shares.append(_flatten(np.concatenate(scaled, axis=2)))
         target.append((rows.target * w).ravel())
@@ -98,6 +104,16 @@ def stack_rows(structure: Structure, changes: Sequence[Change], runs: Sequence[R
     together = [np.concatenate(x) for x in (target, base, unrecorded, columns, shares, starts)]
     together[4] /= np.sqrt(len(runs))
     return SessionRows(*together)
+
+
+def feel_torque(structure: Structure, change: Change, rows: RunRows) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M, n) in which a joint moves, and regressors (M, n, m) there before the common filter.
+
+    A joint feels a bump at low speed in full, however briefly; the filter leaves little of it.
+    """
+    at = band_rows(rows.run.band, len(rows.signals.t))
+    moves = np.abs(rows.signals.v[at]) > _MOVES * np.maximum(structure.frame.top_speed, 1e-12)
+    return moves, change.columns(rows.signals)[at]
 
 
 def _flatten(x: np.ndarray) -> np.ndarray:

@@ -13,12 +13,15 @@ from wearscope import tables
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
-from wearscope.tracking.changes import is_friction
-from wearscope.tracking.records import FRICTION, collect_series, record_assessment, record_reference
+from wearscope.robots.model import save_model
+from wearscope.tracking.changes import FRICTION
+from wearscope.tracking.next_session import write_plans
+from wearscope.tracking.records import collect_series, record_assessment, record_reference
 from wearscope.tracking.reference import Reference, identify_reference
 from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference
+from wearscope.tracking.tracked_model import STAGE, make_tracked_model
 from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
 
 Say = Callable[[str], None]
@@ -132,7 +135,7 @@ def write_tracking(
     sessions: Sessions, reference: Reference, records: Sequence[dict[str, Any]], folder: str | Path,
     level: float,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write ``changes.parquet``, then ``tracking.json``; records in any order."""
+    """Write ``changes.parquet``, ``model_tracked.yaml``, then ``tracking.json``; records in any order."""
     by_name = {record["session"]: record for record in records}
     later = [by_name[session] for session in sessions.later]
     own = record_reference(reference)
@@ -142,6 +145,8 @@ def write_tracking(
         for record in part
         for row in record["rows"]
     ]
+    worn = [{"session": r["session"], **one} for r in later for one in r["wear"]]
+    write_plans(Path(folder), later, reference)
     told = {
         "dataset": sessions.name,
         "reference": list(sessions.reference),
@@ -151,16 +156,22 @@ def write_tracking(
                 "session": record["session"],
                 "changes": [tell_entry(entry, k, own["sessions"], later) for entry in record["changes"]],
                 "cannot_tell": record["cannot_tell"],
+                "next_measurement": [
+                    {key: value for key, value in one.items() if key != "motion"}
+                    for one in record["next_measurement"]
+                ],
             }
             for k, record in enumerate(later)
         ],
         "trends": list_trends(own, later),
+        "wear": worn,
         "healthy": {key: own[key] for key in ("terms", "temperatures", "scatter")},
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
     }
     table = pd.DataFrame(rows, columns=_COLUMNS)
     tables.write_table(Path(folder) / "changes.parquet", table, _UNITS)
+    save_model(make_tracked_model(reference.robot, worn), Path(folder) / f"model_{STAGE}.yaml")
     tables.write_text(Path(folder) / "tracking.json", dump(told))
     return told
 
@@ -193,7 +204,7 @@ def tell_entry(
 def is_friction_key(key: str) -> bool:
     """Whether a change's key is one of friction, of whatever form."""
     name = key.partition("@")[0]
-    return name == FRICTION or is_friction(load_effect(name))
+    return name == FRICTION or load_effect(name).is_friction
 
 
 def list_trends(own: dict[str, Any], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

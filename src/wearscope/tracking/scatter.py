@@ -78,6 +78,32 @@ def _distance(value: np.ndarray, covariance: np.ndarray) -> float:
     return float((value / scale) @ np.linalg.solve(covariance / np.outer(scale, scale), value / scale))
 
 
+def relative_change(estimate: Estimate, scatter: Scatter) -> tuple[float, float]:
+    """Change of a joint's friction as a share of it, and the half width of its 95 % interval.
+
+    The sign is that of the power it takes: positive where friction rose.
+    """
+    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
+    value, covariance = estimate.value, scatter.covariance(estimate)
+    unit = estimate.shares
+    size = np.sqrt(max(float(value @ unit @ value), 1e-300))
+    slope = unit @ value / size
+    error = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    sign = np.sign(np.sqrt(np.maximum(np.diag(unit), 0.0)) @ value) or 1.0
+    return float(sign * size), float(1.96 * error)
+
+
+def measure_friction(estimate: Estimate, scatter: Scatter) -> tuple[float, float]:
+    """RMS torque by which a joint's friction changed, as a share of it, and half its 95 % interval.
+
+    Noise makes any RMS larger; its expected part is taken out. The sign is as of `relative_change`.
+    """
+    share, half = relative_change(estimate, scatter)
+    made = share**2 - float(np.sum(estimate.shares * estimate.noise))
+    wide = float(stats.t.ppf(0.975, scatter.dof)) / 1.96
+    return float(np.sign(share) * np.sqrt(max(made, 0.0))), wide * half
+
+
 def measure_scatter(
     held_out: Sequence[Mapping[str, Estimate]], joints: int, of_sessions: bool = True
 ) -> Scatter:
@@ -97,7 +123,7 @@ def measure_scatter(
         by_joint: dict[int, list[Estimate]] = {}
         for estimates in held_out:
             for estimate in estimates.values():
-                if estimate.change.friction == friction:
+                if estimate.change.asked and estimate.change.friction == friction:
                     by_joint.setdefault(estimate.change.joint, []).append(estimate)
         found = [_excess(own) for own in by_joint.values()]
         count = max(len(held_out) - 1, 0) * joints if found else 0

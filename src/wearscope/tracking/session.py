@@ -1,22 +1,24 @@
 """One session against the reference: what changed in it, and what cannot be told."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from wearscope.closed_loop.intake.preprocessing import PreparedRun
-from wearscope.tracking.changes import Change
-from wearscope.tracking.decision import Judged, Named, counts, name_changes, touches
+from wearscope.tracking.changes import FRICTION, Change
+from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
+from wearscope.tracking.next_session import NextSession, plan_session, tell_plan
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
-from wearscope.tracking.scatter import Scatter
+from wearscope.tracking.scatter import Scatter, relative_change
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session
 from wearscope.tracking.structure import Structure
+from wearscope.tracking.worn import Worn, identify_wear
 
 #: False-alarm rate of a session, over all joints and changes.
 FALSE_ALARM_RATE = 0.01
@@ -36,15 +38,27 @@ class Assessment:
     named : list of Named
     estimates : dict of str to Estimate
         Every change alone, by key.
-    cannot_tell : list of str
+    hidden : dict of int to str
+        What cannot be told of a joint's friction, and what to measure.
     notes : list of str
+    worn : list of Worn
+        Wear of each joint whose friction grew.
+    plans : list of NextSession
+        What to record next for joints of which something cannot be told.
     """
 
     session: str
     named: list[Named]
     estimates: dict[str, Estimate]
-    cannot_tell: list[str]
+    hidden: dict[int, str]
     notes: list[str]
+    worn: list[Worn]
+    plans: list[NextSession] = field(default_factory=list)
+
+    @property
+    def cannot_tell(self) -> list[str]:
+        """Sentences on what cannot be told."""
+        return list(self.hidden.values())
 
 
 def assess_session(
@@ -57,8 +71,16 @@ def assess_session(
     InputError
         Where its runs break the format or cannot be what they say.
     """
-    runs, notes = prepare_runs(read_session(sessions, session), reference.structure.frame)
-    return assess_runs(session, runs, reference, level, notes)
+    dataset = read_session(sessions, session)
+    runs, notes = prepare_runs(dataset, reference.structure.frame)
+    found = assess_runs(session, runs, reference, level, notes)
+    plans = [plan_session(reference, dataset, runs, joint) for joint in found.hidden]
+    kept = {plan.joint: plan for plan in plans if plan is not None}
+    told = {
+        joint: f"{text.removesuffix('.')}; {tell_plan(kept[joint])}." if joint in kept else text
+        for joint, text in found.hidden.items()
+    }
+    return replace(found, hidden=told, plans=list(kept.values()))
 
 
 def assess_runs(
@@ -79,30 +101,45 @@ def assess_runs(
         False-alarm rate of a session.
     notes : sequence of str
     """
-    structure, changes = reference.structure, reference.changes
-    rows = stack_rows(structure, changes, [make_rows(structure, run) for run in runs])
-    sample = make_sample(rows, changes, reference.belief, reference.payload_prior)
+    structure, changes, measured = reference.structure, reference.changes, reference.measured
+    made = [make_rows(structure, run) for run in runs]
+    rows = stack_rows(structure, measured, made)
+    sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
     named = name_changes(changes, make_ask(sample, reference.scatter), level)
-    alone = {change.key: estimate_change(sample, change) for change in changes}
+    alone = {change.key: estimate_alone(sample, change, named) for change in measured}
     thermal = np.arange(structure.width) >= structure.count
     held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
     known = make_sample(
         stack_rows(structure, changes, held), changes, reference.belief, reference.payload_prior, thermal
     )
     hidden = explain_hidden(reference, runs, sample, known, named, level)
-    return Assessment(
-        session, named, {key: e for key, e in alone.items() if e is not None}, hidden, list(notes)
-    )
+    known_alone = {key: e for key, e in alone.items() if e is not None}
+    worn = identify_wear(reference, made, named)
+    return Assessment(session, named, known_alone, hidden, list(notes), worn)
+
+
+def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
+    """Estimate of a change alone; of what only has a size, beside all else that the session shows."""
+    beside = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
+    return estimate_change(sample, change, beside)
 
 
 def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
-    """Estimates of changes beside others in a session, each made once."""
+    """Estimates of changes beside others in a session, each made once.
+
+    What is no friction is asked beside all that the friction of a joint may have become where it changed, so
+    that what the named form leaves of it is not taken for something else.
+    """
+    curves = {change.joint: change for change in sample.changes if not change.asked}
     made: dict[tuple[str, ...], Judged | None] = {}
 
     def ask(change: Change, beside: Sequence[Change]) -> Judged | None:
         key = (change.key, *sorted(c.key for c in beside))
         if key not in made:
-            estimate = estimate_change(sample, change, beside)
+            others = beside
+            if not change.friction:
+                others = [curves.get(c.joint, c) if c.friction else c for c in beside]
+            estimate = estimate_change(sample, change, others)
             made[key] = None if estimate is None else Judged(estimate, scatter.p_value(estimate))
         return made[key]
 
@@ -112,8 +149,8 @@ def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Cha
 def explain_hidden(
     reference: Reference, runs: Sequence[PreparedRun], sample: Sample, known: Sample, named: list[Named],
     level: float,
-) -> list[str]:  # fmt: skip
-    """Sentences on friction that temperature may have changed, joint by joint.
+) -> dict[int, str]:  # fmt: skip
+    """Sentences on friction that temperature may have changed, by joint.
 
     Parameters
     ----------
@@ -125,11 +162,11 @@ def explain_hidden(
     named : list of Named
     level : float
     """
-    said = []
+    said = {}
     ask, ask_known = make_ask(sample, reference.scatter), make_ask(known, reference.scatter)
     changes = reference.changes
     for change in changes:
-        if change.name != "friction":
+        if change.name != FRICTION:
             continue
         others = [n.change for n in named]
         if any(other.friction and other.joint == change.joint for other in others):
@@ -143,13 +180,13 @@ def explain_hidden(
         share, width = relative_change(as_known.estimate, reference.scatter)
         blind = relative_change(as_is.estimate, reference.scatter)[1]
         if counts(as_known, level, len(changes)):
-            said.append(
+            said[change.joint] = (
                 f"wear / temperature: the friction of {joint} changed by {100 * share:+.0f} % "
                 f"({100 * (share - width):+.0f} to {100 * (share + width):+.0f} %), which its temperature "
                 f"may explain: {told}"
             )
         elif 2.0 * blind > _HIDDEN and 2.0 * width < _SEEN and _is_recorded(runs, change.joint):
-            said.append(
+            said[change.joint] = (
                 f"wear / temperature: a change of {joint}'s friction by less than {200 * blind:.0f} % could "
                 f"not be seen: {told}"
             )
@@ -158,21 +195,6 @@ def explain_hidden(
 
 def _is_recorded(runs: Sequence[PreparedRun], joint: int) -> bool:
     return all(bool(np.isfinite(run.signals.temperature[:, joint]).all()) for run in runs)
-
-
-def relative_change(estimate: Estimate, scatter: Scatter) -> tuple[float, float]:
-    """Change of a joint's friction as a share of it, and the half width of its 95 % interval.
-
-    The sign is that of the power it takes: positive where friction rose.
-    """
-    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
-    value, covariance = estimate.value, scatter.covariance(estimate)
-    unit = estimate.shares
-    size = np.sqrt(max(float(value @ unit @ value), 1e-300))
-    slope = unit @ value / size
-    error = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
-    sign = np.sign(np.sqrt(np.maximum(np.diag(unit), 0.0)) @ value) or 1.0
-    return float(sign * size), float(1.96 * error)
 
 
 def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joint: int) -> str:

@@ -14,7 +14,8 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.files import write_whole
-from wearscope.tracking.changes import Change, list_changes
+from wearscope.robots.model import make_model
+from wearscope.tracking.changes import Change, list_measured
 from wearscope.tracking.inference import Belief, Estimate
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.scatter import Scatter
@@ -55,6 +56,7 @@ def save_reference(path: str | Path, reference: Reference) -> None:
         "entries": [[e.effect.label, e.joint, e.shape, e.subset] for e in structure.entries],
         "scatter": {**asdict(scatter), "inflation": dict(sorted(scatter.inflation.items()))},
         "held_out": held_out,
+        "robot": {"fields": reference.robot.to_mapping(), "urdf": reference.robot.urdf_text},
     }
     arrays["words"] = np.array(json.dumps(words))
 
@@ -117,7 +119,7 @@ def _restore(
         arrays["warmth"],
         Scales(*(arrays[f"scales_{name}"] for name in names)),
     )
-    changes = {change.key: change for change in list_changes(structure)}
+    changes = {change.key: change for change in list_measured(structure)}
     held_out = {
         session: {key: _restore_estimate(arrays, k, changes[key], *sizes) for key, sizes in kept.items()}
         for k, (session, kept) in enumerate(words["held_out"].items())
@@ -129,6 +131,7 @@ def _restore(
         arrays["payload_prior"],
         Scatter(**words["scatter"]),
         held_out,
+        make_model(words["robot"]["fields"], words["robot"]["urdf"], "reference", strict=False),
     )
 
 

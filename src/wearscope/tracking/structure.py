@@ -85,6 +85,11 @@ class Structure:
         return len(self.joints)
 
     @property
+    def moving(self) -> np.ndarray:
+        """Indices of the joints that move in the reference."""
+        return np.flatnonzero(self.frame.moving)
+
+    @property
     def prepared(self) -> "Structure":
         """What the closed loop's predictions ask for the number of joints."""
         return self

@@ -23,8 +23,8 @@ from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements
 from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.model.prediction import residual_table
 from wearscope.closed_loop.selection.significance import make_flips
-from wearscope.closed_loop.verdict import residual_table
 
 if TYPE_CHECKING:
     from wearscope.closed_loop.diagnosis import Diagnosis

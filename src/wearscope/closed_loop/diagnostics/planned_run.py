@@ -9,6 +9,7 @@ from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.reversals import soften_direction
 from wearscope.closed_loop.intake.saturation import keep_lasting, spread_out
+from wearscope.closed_loop.intake.sources import is_carried
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Signals
 from wearscope.robots.dynamics import Payload, RigidBody
@@ -65,6 +66,7 @@ def make_planned_run(
         rigid_body=body,
         torque=known,
         bandwidth=band.torque,
+        carries=is_carried(dataset, payload),
     )
     at = rows(band, len(reference.t))
     keep = ~(slow | spread_out(rest, width))[at]

@@ -7,6 +7,7 @@ import numpy as np
 from wearscope.closed_loop.intake.cleaning import clean_run
 from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
 from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
@@ -27,12 +28,15 @@ class Source:
     lost : ndarray (N,) of bool
         Samples that were interpolated where the recorder lost some.
     body : RigidBody
+    carries : bool
+        Whether it carries a payload whose declared mass may be wrong.
     """
 
     run: Run
     faulty: np.ndarray
     lost: np.ndarray
     body: RigidBody
+    carries: bool = True
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,15 @@ def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
         x, y, z = run.payload.com
         payload = Payload(run.payload.mass, (x, y, z))
     return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
+
+
+def is_carried(dataset: Dataset, payload: PayloadFields | None) -> bool:
+    """Whether a run with a declared payload, or without one, carries what may be wrong of the declared ones.
+
+    Where no run declares any, something may be carried all the same.
+    """
+    masses = [run.payload.mass for run in dataset.runs if run.payload is not None]
+    return (payload is not None and payload.mass > 0.0) or not any(mass > 0.0 for mass in masses)
 
 
 def clean_runs(
@@ -87,7 +100,9 @@ def clean_runs(
             notes += cleaned.notes
             lost = mark_losses(cleaned.run)
             body = rigid_body_of(urdf, dataset, cleaned.run)
-            sources.append(Source(cleaned.run, cleaned.faulty, lost, body))
+            sources.append(
+                Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))
+            )
     return sources
 
 

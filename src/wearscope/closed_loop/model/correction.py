@@ -79,12 +79,14 @@ def make_corrected_model(
     for entry, estimate, span in zip(model.entries, estimates, model.spans, strict=True):
         names = [entry.effect.coefficients[k].name for k in entry.subset]
         values: Mapping[str, float] = estimate.values if isinstance(estimate, Estimate) else estimate
+        told = _tell_intervals(estimate) if isinstance(estimate, Estimate) else {}
         effects.append(
             {
                 "joint": dataset.joints[entry.joint],
                 "effect": entry.effect.label,
                 "parameters": {**values, **dict(zip(names, theta[span].tolist(), strict=True))},
                 "source": f"fitted on {', '.join(run.file for run in train)}",
+                **told,
             }
         )
     payload = next((run.payload for run in dataset.runs if run.payload is not None), None)
@@ -107,6 +109,15 @@ def make_corrected_model(
         "effects": effects,
     }
     return make_model(fields, corrected_urdf(prepared, model, theta), f"model_{stage}.yaml", strict=False)
+
+
+def _tell_intervals(estimate: Estimate) -> dict[str, object]:
+    """What a model file says of parameters that were estimated; nothing of a generic term's."""
+    ends = {name: [float(x) for x in pair] for name, pair in estimate.intervals.items()}
+    kept = {name: pair for name, pair in ends.items() if np.isfinite(pair).all()}
+    if estimate.entry.effect.empirical or not kept:
+        return {}
+    return {"identified": True, "intervals": kept}
 
 
 def corrected_urdf(prepared: Prepared, model: Regression, theta: np.ndarray) -> str:

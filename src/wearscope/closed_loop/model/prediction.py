@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
 from wearscope.closed_loop.model.joint_flexibility import (
@@ -209,3 +210,27 @@ def noise_floor(prepared: Prepared, predicted: list[Predicted]) -> np.ndarray | 
         eb = (b.run.measured - b.after)[:short]
         parts.append(((ea - eb) / np.sqrt(2.0), a.run.keep[:short] & b.run.keep[:short]))
     return pooled_rms(parts) if parts else None
+
+
+def residual_table(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
+    """Long table of measured and predicted torque of every run."""
+    frames = []
+    for p in predicted:
+        for j, joint in enumerate(prepared.dataset.joints):
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "t": p.run.t,
+                        "run": p.run.file,
+                        "use": p.run.use,
+                        "joint": joint,
+                        "measured": p.run.measured[:, j],
+                        "predicted_before": p.before[:, j],
+                        "predicted_after": p.after[:, j],
+                        "residual_before": p.run.measured[:, j] - p.before[:, j],
+                        "residual_after": p.run.measured[:, j] - p.after[:, j],
+                        "counts": p.run.keep[:, j],
+                    }
+                )
+            )
+    return pd.concat(frames, ignore_index=True)

@@ -1,0 +1,128 @@
+"""A run that could be recorded, and what it promises."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields
+from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.cycles.base import Reference
+from wearscope.cycles.planned import PlannedMotion
+
+#: Length of a generated motion [s], pause between its moves [s].
+SECONDS, DWELL = 30.0, 0.1
+#: Fewest and most runs that are promised: a run that is held out must have its like among the others.
+LEAST_RUNS, MOST_RUNS = 2, 6
+#: Probability of telling the names apart from which on a number of runs is promised.
+POWER = 0.9
+#: Cold start [deg C].
+COLD = 20.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run that could be recorded.
+
+    Attributes
+    ----------
+    cycle : str
+        Name of a test-cycle.
+    motion : PlannedMotion or None
+        Where it was generated.
+    reference : Reference
+        At the rate of the filtered recordings.
+    payload : PayloadFields or None
+    temperature : float
+        At the start [deg C]; NaN where it is not recorded.
+    moving : ndarray (n,) of bool
+        Joints that move; the others stay at home.
+    """
+
+    cycle: str
+    motion: PlannedMotion | None
+    reference: Reference
+    payload: PayloadFields | None
+    temperature: float
+    moving: np.ndarray
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """What to record next for one term.
+
+    Attributes
+    ----------
+    joint : str
+    names : list of str
+        The named effect and what it cannot be told from.
+    plan : Plan
+    runs : int
+        To record.
+    power : float
+        Probability of telling the names apart with them, by the rule that names.
+    angle_before, angle_after : float
+        Between the two names that are most alike, on the runs so far and with the new ones [deg].
+    evidence_before, evidence_after : float
+        Expected difference of their losses [residual variances].
+    tried : int
+        Plans compared.
+    """
+
+    joint: str
+    names: list[str]
+    plan: Plan
+    runs: int
+    power: float
+    angle_before: float
+    angle_after: float
+    evidence_before: float
+    evidence_after: float
+    tried: int
+
+    def to_mapping(self) -> dict[str, Any]:
+        """As ``verdict.json`` has it."""
+        plan = self.plan
+        payload = None if plan.payload is None else {"mass": plan.payload.mass, "com": plan.payload.com}
+        return {
+            "joint": self.joint,
+            "names": self.names,
+            "cycle": plan.cycle,
+            "seconds": float(plan.reference.t[-1]),
+            "payload": payload,
+            "start_temperature": float(plan.temperature) if np.isfinite(plan.temperature) else None,
+            "runs": self.runs,
+            "power": self.power,
+            "angle_before_deg": self.angle_before,
+            "angle_after_deg": self.angle_after,
+            "evidence_before": self.evidence_before,
+            "evidence_after": self.evidence_after,
+            "plans_compared": self.tried,
+        }
+
+
+def list_payloads(prepared: Prepared) -> list[PayloadFields | None]:
+    """Payloads that are at hand: those of the recordings, then none."""
+    found: list[PayloadFields | None] = []
+    for run in prepared.dataset.runs:
+        if not any(_alike(run.payload, one) for one in found):
+            found.append(run.payload)
+    if None not in found:
+        found.append(None)
+    return found
+
+
+def _alike(a: PayloadFields | None, b: PayloadFields | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return a.mass == b.mass and list(a.com) == list(b.com)
+
+
+def list_temperatures(prepared: Prepared) -> list[float]:
+    """Start temperatures [deg C]: the recordings' mean, coldest and warmest, then cold; NaN without any."""
+    means = np.array([float(np.mean(run.signals.temperature)) for run in prepared.runs_for("train")])
+    means = means[np.isfinite(means)]
+    if not len(means):
+        return [float("nan")]
+    values = [float(means.mean()), float(means.min()), float(means.max()), COLD]
+    return list(dict.fromkeys(round(value, 1) for value in values))

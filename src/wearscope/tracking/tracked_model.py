@@ -1,0 +1,128 @@
+"""The tracked machine as a model that can wear: temperature and wear as its sessions show them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from wearscope.closed_loop.diagnosis import Diagnosis
+from wearscope.closed_loop.model.correction import make_corrected_model
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.effects.base import load_effect
+from wearscope.effects.vocabulary import thermal_friction
+from wearscope.robots.model import RobotModel
+from wearscope.tracking.inference import Belief
+from wearscope.tracking.structure import Structure
+from wearscope.tracking.temperature import count_features, temperature_features
+
+#: Stage by which the model goes: its file is ``model_tracked.yaml``.
+STAGE = "tracked"
+#: p-value at which healthy sessions show a dependence on temperature; and the half width of the interval of
+#: a change by so many kelvin, as a share of friction, below which they show that there is little.
+_SHOWN, _KELVIN, _NARROW = 0.01, 10.0, 0.05
+#: Span of temperatures [K] below which a slope is none.
+_LEAST_SPAN = 2.0
+
+
+def make_healthy_model(
+    diagnosis: Diagnosis, model: Regression, structure: Structure, belief: Belief
+) -> RobotModel:
+    """Healthy machine, with the dependence on temperature where its sessions show it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Of the reference.
+    model : Regression
+        With the terms that are held.
+    structure : Structure
+    belief : Belief
+    """
+    robot = make_corrected_model(diagnosis.prepared, model, estimate(model), STAGE)
+    told = f"{diagnosis.prepared.dataset.fields.description} As its healthy sessions show it.".strip()
+    return add_effects(robot, list_thermal(structure, belief, robot)).replace(description=told)
+
+
+def add_effects(robot: RobotModel, entries: Sequence[Mapping[str, Any]]) -> RobotModel:
+    """The model with further effects."""
+    own = [entry.model_dump(mode="json", exclude_unset=True) for entry in robot.effects]
+    return robot.replace(effects=[*own, *entries])
+
+
+def list_thermal(structure: Structure, belief: Belief, robot: RobotModel) -> list[dict[str, Any]]:
+    """Entries of friction's dependence on temperature at joints whose sessions show it.
+
+    The function of temperature that the reference determines is replaced by its straight line over the
+    temperatures seen; a joint whose model has such a dependence keeps it.
+    """
+    effect, k = thermal_friction(), count_features()
+    entries = []
+    for place, j in enumerate(structure.thermal):
+        name = structure.joints[j]
+        if any(entry.joint == name and load_effect(entry.effect).is_thermal for entry in robot.effects):
+            continue
+        low, high = structure.warmth[:, j]
+        if high - low < _LEAST_SPAN:
+            continue
+        warmth = np.linspace(low, high, 50)
+        mean = float(structure.temperature[j])
+        warmer = warmth - mean
+        line = warmer @ temperature_features(warmth, mean) / float(warmer @ warmer)
+        start = structure.count + 2 * k * place
+        onto = np.zeros((2, structure.width))
+        onto[0, start : start + k], onto[1, start + k : start + 2 * k] = line, line
+        slopes, covariance = onto @ belief.mean, onto @ belief.covariance @ onto.T
+        half = stats.norm.ppf(0.975) * np.sqrt(np.diag(covariance))
+        p_value = float(stats.chi2.sf(slopes @ np.linalg.pinv(covariance, hermitian=True) @ slopes, 2))
+        if p_value > _SHOWN and np.any(_KELVIN * half > _NARROW):
+            continue
+        friction = float(structure.scales.friction[j])
+        scale = np.array([friction, friction / float(structure.scales.speed[j])])
+        names = [p.name for p in effect.coefficients]
+        values = dict(zip(names, (scale * slopes).tolist(), strict=True))
+        ends = np.column_stack([scale * (slopes - half), scale * (slopes + half)])
+        entries.append(
+            {
+                "joint": name,
+                "effect": effect.label,
+                "parameters": {**values, effect.shape[0].name: mean},
+                "intervals": dict(zip(names, ends.tolist(), strict=True)),
+                "identified": True,
+                "source": f"identified in the healthy sessions, at {low:.4g} to {high:.4g} deg C",
+            }
+        )
+    return entries
+
+
+def make_tracked_model(healthy: RobotModel, worn: Sequence[Mapping[str, Any]]) -> RobotModel:
+    """Model of the machine that wears as its sessions showed.
+
+    Parameters
+    ----------
+    healthy : RobotModel
+    worn : sequence of mapping
+        Of ``wear`` in ``tracking.json``; of several of a joint the last one counts.
+    """
+    last = {one["joint"]: one for one in worn}
+    entries = [
+        {
+            "joint": joint,
+            "effect": one["effect"],
+            "parameters": {
+                **{name: told["value"] for name, told in one["parameters"].items()},
+                **one["fixed"],
+            },
+            "intervals": {name: told["ci95"] for name, told in one["parameters"].items()},
+            "identified": True,
+            "source": f"identified in session {one['session']}, in which wear is {one['level']:.4g}",
+        }
+        for joint, one in last.items()
+        if not any(e.joint == joint and load_effect(e.effect).needs_wear for e in healthy.effects)
+    ]
+    axes = [joint for joint in healthy.joints if joint in last]
+    others = [joint for joint in healthy.wear_joints if joint not in last]
+    wearing = sorted([*axes, *others][: len(healthy.wear_joints)], key=healthy.joints.index)
+    model = add_effects(healthy, entries)
+    return model if wearing == healthy.wear_joints else model.replace(wear_axes=wearing)
