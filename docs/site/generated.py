@@ -84,7 +84,10 @@ def effects_page() -> str:
         "# Effects",
         "",
         "Each is one formula, which identification fits and the simulator applies. q, v, a: position, speed",
-        "and acceleration of the joint; T its temperature [deg C]; f its wear [-].",
+        "and acceleration of the joint; T its temperature [deg C]; f its wear [-]. Pictures: the effect",
+        "alone along a sinusoid, with parameters that fit a joint of some 100 N m; or what it adds to the",
+        "simulated torque of the medium robot's second axis (`docs/site/pictures.py`, drawn when this site",
+        "is built).",
     ]
     for name in plugins.list_names("effects", "EFFECT"):
         parts += ["", *describe_effect(load_effect(name), _module("effects", name))]
@@ -94,6 +97,7 @@ def effects_page() -> str:
 def describe_effect(effect: Effect, module: ModuleType) -> list[str]:
     """Section of an effect, in lines."""
     lines = [f"## `{effect.name}`", "", *_text(module), "", "```text", effect.form, "```", ""]
+    lines += [f"![{effect.name}: torque of a joint](pictures/effects/{effect.name}.svg)", ""]
     if effect.parameters:
         rows = [_parameter_row(p, p in effect.coefficients) for p in effect.parameters]
         header = ["parameter", "unit", "bounds", "default", "enters", "from data"]
@@ -113,7 +117,8 @@ def detectors_page() -> str:
     parts = [
         "# Built-in detectors",
         "",
-        "What a detector is given, and how to add one: [detectors](detectors.md).",
+        "What a detector is given, and how to add one: [detectors](detectors.md). Pictures: the second",
+        "axis of the medium robot in the test-cycle `axis_sweeps`; the detector learned at 50 °C.",
     ]
     for name in plugins.list_names("detectors", "DETECTOR"):
         kind = plugins.load(name, "detectors", "DETECTOR")
@@ -125,7 +130,9 @@ def detectors_page() -> str:
             for field in (fields(kind) if is_dataclass(kind) else ())
             if field.init
         ]
-        parts += ["", f"## `{name}`", "", *_sections(text), "", f"- Unit of the test quantity: {unit}"]
+        picture = f"![{name}: test quantity over wear](pictures/detectors/{name}.svg)"
+        parts += ["", f"## `{name}`", "", *_sections(text), "", picture, ""]
+        parts += [f"- Unit of the test quantity: {unit}"]
         if options:
             parts += ["", *_table(["option", "default"], options)]
     return "\n".join(parts) + "\n"

@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages made from the code and from files outside of docs/, and mathematics as MathML."""
+"""Hooks of MkDocs: pages and pictures made from the code, pages from files outside of docs/, MathML."""
 
 import html
 import os
@@ -15,6 +15,7 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))
 import generated
+import pictures
 
 ROOT = Path(__file__).parents[2]
 #: Page by the file of the repository that it shows.
@@ -63,11 +64,13 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are made."""
+    """Add the pages and pictures that are made."""
     pages = generated.make_pages(ROOT)
     for source, page in SHOWN.items():
         if (ROOT / source).is_file():
             pages[page] = move_links((ROOT / source).read_text(encoding="utf-8"), Path(source))
+    for name, picture in pictures.make_pictures().items():
+        files.append(File.generated(config, name, content=picture))
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files

@@ -105,6 +105,18 @@ def test_every_effect_and_detector_has_its_section(site):
     assert set(plugins.list_names("detectors", "DETECTOR")) <= find(site, "built-in-detectors.html").anchors
 
 
+def test_every_effect_and_detector_has_its_picture(site):
+    for page, room, attribute in (
+        ("effects.html", "effects", "EFFECT"), ("built-in-detectors.html", "detectors", "DETECTOR"),
+    ):  # fmt: skip
+        path = next(one for one in site if one.name == page)
+        shown = {one for one in site[path].loaded if one.startswith(f"pictures/{room}/")}
+        assert shown == {f"pictures/{room}/{name}.svg" for name in plugins.list_names(room, attribute)}
+        for one in shown:
+            text = (path.parent / one).read_text(encoding="utf-8")
+            assert text.startswith("<?xml") and text.count("<path") > 5, one
+
+
 def test_mathematics_is_shown_as_such(site):
     for path, page in site.items():
         text = " ".join(page.words)
