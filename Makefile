@@ -15,7 +15,11 @@ LOCKS := envs/build.lock envs/requirements.lock
 export OMP_NUM_THREADS ?= 1
 export NO_MKDOCS_2_WARNING := true
 
-.PHONY: run test test-fast test-kills test-cluster cluster setup docs lint format lock clean
+# The default study's own page in a browser, against its tables; skips, saying why, where either is not there.
+test-page: setup
+	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
+
+.PHONY: run test test-fast test-page test-kills test-cluster cluster setup docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)

@@ -1,6 +1,7 @@
 """Pages made from the code: effects, detectors, tables, the reference, how to cite."""
 
 import inspect
+import json
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +15,9 @@ from wearscope.effects.base import Effect, Parameter, load_effect
 
 #: Modules of the reference by heading.
 REFERENCE = {
-    "In a notebook": ["wearscope.study", "wearscope.one_run", "wearscope.closed_loop.diagnosis"],
+    "In a notebook": [
+        "wearscope.study", "wearscope.one_run", "wearscope.closed_loop.diagnosis", "wearscope.example",
+    ],
     "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
     "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],
     "Effects": ["wearscope.effects.base", "wearscope.effects.effect", "wearscope.effects.parameter"],
@@ -40,12 +43,34 @@ def make_pages(root: Path) -> dict[str, str]:
         "tables.md": tables_page(),
         "reference.md": reference_page(),
         "cite.md": cite_page(root / "CITATION.cff"),
+        **{
+            f"notebooks/{file.stem}.md": notebook_page(file)
+            for file in sorted((root / "docs" / "notebooks").glob("*.ipynb"))
+        },
     }
+
+
+def notebook_page(file: Path) -> str:
+    """A notebook as a page: its text and its code; tests/notebooks runs it."""
+    parts = [f"[This page as a notebook]({file.name})"]
+    for cell in json.loads(file.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+        else:
+            shell, code = source.startswith("%%bash"), source.removeprefix("%%bash\n")
+            parts.append(f"```{'sh' if shell else 'python'}\n{code}\n```")
+    head, *rest = parts[1:]
+    return "\n\n".join([head, parts[0], *rest]) + "\n"
 
 
 def reference_page() -> str:
     """The functions and classes that others call, from their docstrings."""
-    parts = ["# Python", "", "`import wearscope` has `Study`, `diagnose`, `simulate` and `InputError`."]
+    parts = [
+        "# Python",
+        "",
+        "`import wearscope` has `Study`, `diagnose`, `example_dataset`, `simulate` and `InputError`.",
+    ]
     for heading, modules in REFERENCE.items():
         parts += ["", f"## {heading}", ""]
         for module in modules:

@@ -4,6 +4,7 @@ For a notebook or a script; each name is imported when it is first used:
 
 - `Study`: results of a study as data frames with units, and its figures;
 - `diagnose`: what the declared model of a measured machine lacks;
+- `example_dataset`: where the data set is that ships with the package;
 - `simulate`: one recorded run of a robot under given wear, temperature and payload error;
 - `InputError`: bad input, said in one sentence.
 
@@ -21,15 +22,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from wearscope.closed_loop.diagnosis import diagnose
     from wearscope.errors import InputError
+    from wearscope.example import example_dataset
     from wearscope.one_run import simulate
     from wearscope.study import Study
 
-__all__ = ["InputError", "Study", "diagnose", "simulate"]
+__all__ = ["InputError", "Study", "diagnose", "example_dataset", "simulate"]
 
 _MODULES = {
     "InputError": "wearscope.errors",
     "Study": "wearscope.study",
     "diagnose": "wearscope.closed_loop.diagnosis",
+    "example_dataset": "wearscope.example",
     "simulate": "wearscope.one_run",
 }
 

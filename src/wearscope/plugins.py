@@ -1,4 +1,8 @@
-"""Finds an effect, a detector or a test-cycle by its name in its room, or by the path of a Python file."""
+"""Finds an effect, a detector or a test-cycle by its name in its room, or by the path of a Python file.
+
+A name may also be that of a plug-in of an installed package, by the entry point ``wearscope.<room>``; nothing
+of the package is imported before somebody names it.
+"""
 
 import hashlib
 import importlib
@@ -6,6 +10,8 @@ import importlib.util
 import pkgutil
 import re
 import sys
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -31,6 +37,60 @@ def list_names(room: str, attribute: str) -> list[str]:
         if not module.name.startswith("_") and not module.ispkg
     )
     return [name for name in names if hasattr(importlib.import_module(f"wearscope.{room}.{name}"), attribute)]
+
+
+def list_installed(room: str) -> list[str]:
+    """Names that installed packages offer for a room, sorted; none of them is imported."""
+    return sorted({point.name for point in entry_points(group=f"wearscope.{room}")})
+
+
+def find_installed(name: str, room: str) -> EntryPoint | None:
+    """What an installed package offers for a room under a name; None where none does.
+
+    Raises
+    ------
+    InputError
+        Where two packages offer different things under the name.
+    """
+    points = {point.value: point for point in entry_points(group=f"wearscope.{room}", name=name)}
+    if len(points) > 1:
+        owners = ", ".join(sorted(point.dist.name for point in points.values() if point.dist is not None))
+        raise InputError(f"{room}: '{name}' is offered by several packages ({owners}); remove all but one.")
+    return next(iter(points.values()), None)
+
+
+def installed_file(name: str, room: str) -> Path | None:
+    """File of the module that `find_installed` names; only the packages that it lies in are imported.
+
+    Raises
+    ------
+    InputError
+        Where there is no such module, or it is no file.
+    """
+    point = find_installed(name, room)
+    if point is None:
+        return None
+    try:
+        spec = importlib.util.find_spec(point.module)
+    except (Exception, SystemExit) as error:
+        raise InputError(_tell_broken(point, room, error)) from error
+    if spec is None or spec.origin is None:
+        raise InputError(_tell_broken(point, room, ModuleNotFoundError(f"no module file {point.module}")))
+    return Path(spec.origin)
+
+
+@cache
+def _import_installed(point: EntryPoint, room: str) -> ModuleType:
+    try:
+        return importlib.import_module(point.module)
+    except (Exception, SystemExit) as error:
+        raise InputError(_tell_broken(point, room, error)) from error
+
+
+def _tell_broken(point: EntryPoint, room: str, error: BaseException) -> str:
+    owner = "" if point.dist is None else f" of package {point.dist.name}"
+    told = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{room}: importing '{point.name}'{owner} raised {told}; correct the package, or remove it."
 
 
 def load_file(path: Path, attribute: str) -> ModuleType:
@@ -99,7 +159,8 @@ def load(reference: str, room: str, attribute: str) -> Any:
     Parameters
     ----------
     reference : str
-        The name of a module of `wearscope.<room>`, or the path of a ``.py`` file.
+        The name of a module of `wearscope.<room>`, or else of a plug-in of an installed package, or the path
+        of a ``.py`` file.
     room, attribute : str
         E.g. ``"detectors"``, ``"DETECTOR"``.
 
@@ -110,13 +171,21 @@ def load(reference: str, room: str, attribute: str) -> Any:
     """
     if reference.endswith(".py"):
         module = load_file(Path(reference), attribute)
+    elif is_built_in(reference, room):
+        module = importlib.import_module(f"wearscope.{room}.{reference}")
     else:
-        if not reference.isidentifier() or importlib.util.find_spec(f"wearscope.{room}.{reference}") is None:
-            known = ", ".join(list_names(room, attribute))
+        point = find_installed(reference, room)
+        if point is None:
+            known = ", ".join([*list_names(room, attribute), *list_installed(room)])
             raise InputError(
                 f"{room}: there is no '{reference}'; choose one of {known}, or the path of a .py file."
             )
-        module = importlib.import_module(f"wearscope.{room}.{reference}")
+        module, attribute = _import_installed(point, room), point.attr or attribute
     if not hasattr(module, attribute):
         raise InputError(f"{reference}: defines no {attribute}; add a module-level {attribute}.")
     return getattr(module, attribute)
+
+
+def is_built_in(name: str, room: str) -> bool:
+    """Whether a room has a module of this name."""
+    return name.isidentifier() and importlib.util.find_spec(f"wearscope.{room}.{name}") is not None

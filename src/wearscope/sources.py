@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+from wearscope.plugins import installed_file
+
 PACKAGE = "wearscope"
 ROOT = Path(__file__).parent
 
@@ -42,7 +44,10 @@ def find_sources(*files: str | Path) -> list[Path]:
 
 def plugin_file(reference: str, room: str) -> Path:
     """File of a plug-in given as `wearscope.plugins.load` takes it; it need not exist."""
-    return Path(reference) if reference.endswith(".py") else ROOT / room / f"{reference}.py"
+    if reference.endswith(".py"):
+        return Path(reference)
+    own = ROOT / room / f"{reference}.py"
+    return own if own.is_file() else installed_file(reference, room) or own
 
 
 @cache

@@ -1,5 +1,6 @@
 """Results of a study, for a notebook: tables as data frames with units, and figures."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,6 +146,7 @@ class Study:
         """
         from wearscope.reporting.figures import fit, scope, sensitivity, snr
 
+        _let_notebook_show_figures()
         if not set(_KEYS).issuperset(by):
             raise InputError(f"by: {', '.join(by)} is no grouping; use some of {', '.join(_KEYS)}.")
         if name == "fit":
@@ -169,6 +171,17 @@ class Study:
         ranking = self.ranking()
         grouped = [name for name in ranking.columns if name in _KEYS]
         return ranking if grouped == list(by) else rank_by_median(self.snr(), by=by)
+
+
+def _let_notebook_show_figures() -> None:
+    """Do ``%matplotlib inline`` where nobody has: a notebook would show a figure's size alone."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    if shell is not None and hasattr(shell, "kernel"):
+        from matplotlib.figure import Figure
+
+        if Figure not in shell.display_formatter.formatters["image/png"].type_printers:
+            shell.run_line_magic("matplotlib", "inline")
 
 
 def _find_results(folder: Path) -> Path:

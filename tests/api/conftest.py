@@ -17,7 +17,7 @@ from wearscope.surrogates.validation import fit_table, validate_surrogates
 @pytest.fixture(scope="session")
 def place(tmp_path_factory):
     """A folder with ``results/paper`` in it."""
-    points = planted_test_quantities(cycles=("a",), axes=(1, 2), fdas=("A", "B"), seed=3)[0]
+    points = planted_test_quantities(cycles=("a",), axes=(1, 2), fdas=("A", "C"), seed=3)[0]
     points["status"] = "ok"
     surrogates = fit_surrogates(points, ["full", "simplified"])
     validation = validate_surrogates(points, surrogates)

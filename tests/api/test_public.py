@@ -27,7 +27,7 @@ def test_every_public_name_is_there():
         _ = wearscope.nothing
 
 
-@pytest.mark.parametrize("module", ["wearscope", "wearscope.study", "wearscope.one_run"])
+@pytest.mark.parametrize("module", ["wearscope", "wearscope.study", "wearscope.one_run", "wearscope.example"])
 def test_examples_run(module, place, monkeypatch):
     monkeypatch.chdir(place)
     failed, tried = doctest.testmod(importlib.import_module(module))

@@ -17,8 +17,8 @@ LONG = re.compile(r"^(wearscope (?:run|diagnose|track|detect|reevaluate|report)\
 LINES = 60
 
 
-def list_blocks(page: Path) -> list[str]:
-    return re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+def list_blocks(page: Path, language: str = "sh") -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture
@@ -57,6 +57,9 @@ def test_page_s_commands_work(page, shell):
 def test_page_s_commands_compute(page, shell):
     for block in list_blocks(page):
         shell(block)
+    if page.stem == "notebook":
+        for block in list_blocks(page, "python"):
+            shell(f"{sys.executable} - <<'END'\n{block}END\n")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from wearscope.cli.progress import describe, format_seconds
-from wearscope.cli.workflow import Progress, explain_failure
+from wearscope.cli.workflow import Progress, explain_failure, nest_setting
+from wearscope.errors import InputError
 
 SNAKEFILE = """
 rule all:
@@ -93,3 +94,22 @@ def test_a_defect_is_told_as_one_with_its_log(tmp_path):
 def test_what_the_snakefile_refuses_is_its_own_sentence():
     progress = read("Using workflow specific profile x", "config: robots: there is no 'y'; correct it.")
     assert explain_failure(progress, (), Path()) == "config: robots: there is no 'y'; correct it."
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("seed=2", "seed=2"),
+        ("snr.runs=100", "snr={runs: 100}"),
+        ("surrogates.filling.points=20", "surrogates={filling: {points: 20}}"),
+        ("dataset=a.b=c", "dataset=a.b=c"),
+    ],
+)
+def test_a_setting_of_a_section_leaves_its_rest(setting, told):
+    assert nest_setting(setting) == told
+
+
+@pytest.mark.parametrize("setting", ["seed", "=2", "snr.=2", ".runs=2", "3=2"])
+def test_what_is_no_setting_gets_one_sentence(setting):
+    with pytest.raises(InputError, match="is no setting; write --set name=value"):
+        nest_setting(setting)

@@ -9,8 +9,9 @@ from wearscope.closed_loop.model.blocks import Block, make_folds
 from wearscope.closed_loop.selection import assembly as assembly_module
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import weigh
+from wearscope.closed_loop.selection.offers import find_reach
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search, find_reach
+from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
 
 STRIBECK = [(0, "stribeck", {"level": 6.0, "speed": 0.3})]

@@ -98,14 +98,6 @@ def test_what_the_runs_leave_undetermined_is_said(angles):
     assert "temperature" in missing[0]["motion"]
 
 
-def test_an_effect_that_must_repeat_is_undetermined_on_one_run(record):
-    problem, model = pose(record(runs=2))
-    said = find_undetermined(problem, measure_isolability(problem, model))
-    ripple = [one for one in said if one["effect"] == "torque_ripple"]
-    assert [one["joint"] for one in ripple] == ["a", "b"]
-    assert "2 training runs" in ripple[0]["reason"]
-
-
 def test_an_effect_of_the_user_takes_part_without_being_listed_anywhere(record):
     """Absorbed by viscous friction, without an excitation of its own: it is advised on all the same."""
     own = Effect(

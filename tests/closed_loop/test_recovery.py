@@ -107,3 +107,13 @@ def test_drifting_bias_is_not_called_unknown(record, tmp_path):
         verdict = close_loop(folder, tmp_path / f"out{seed}", light=True)["verdict"]
         assert "unknown" not in [e["effect"] for e in verdict]
         folder.rename(tmp_path / f"done{seed}")
+
+
+def test_a_ripple_is_named_from_one_run(record, tmp_path):
+    planted = [(0, "torque_ripple", {"cosine": 3.0, "sine": 2.0, "wavenumber": 30.0})]
+    verdict = close_loop(record(planted, seed=5, runs=2), tmp_path / "out", light=True)
+    (entry,) = verdict["verdict"]
+    assert (entry["joint"], entry["effect"], entry["status"]) == ("a", "torque_ripple", "confirmed")
+    for name, value in planted[0][2].items():
+        low, high = entry["parameters"][name]["ci95"]
+        assert low <= value <= high or entry["parameters"][name]["value"] == pytest.approx(value, rel=0.1)

@@ -35,7 +35,7 @@ def curved(record_at, pose, tmp_path_factory):
     return pose(record_at(folder, noise=0.05, extra_torque=soften("tanh", curved=2.0), seed=3))
 
 
-@pytest.mark.parametrize("wrong", [0.6, 1.6])
+@pytest.mark.parametrize("wrong", [0.0, 0.6, 1.6])
 def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, wrong):
     search = Search(curved.reverse_over(wrong * WIDTHS), Policy())
     widths = refine_widths(search.problem.prepared, search.assemble(()))
@@ -49,6 +49,12 @@ def test_the_width_is_recovered_once_what_was_missing_is_named(curved):
     found = search.run()
     assert [(f.effect.name, f.joint) for f in found] == [("quadratic_viscous", 0)]
     assert search.problem.prepared.reversal_width == pytest.approx(WIDTHS, rel=0.03)
+
+
+def test_a_reversal_at_once_stays_one(record, pose):
+    problem = pose(record(noise=0.05, seed=11)).reverse_over(np.zeros(2))
+    search = Search(problem, Policy())
+    assert refine_widths(search.problem.prepared, search.assemble(())).max() < 0.01 * WIDTHS.min()
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -8,8 +8,10 @@ import pytest
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
+from wearscope.closed_loop.selection.naming import opposes_gravity
+from wearscope.closed_loop.selection.offers import list_subsets
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search, list_subsets
+from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
 
 POLICY = Policy(flips=199)
@@ -108,7 +110,7 @@ def test_a_counterbalance_takes_gravity_off_a_joint_that_has_any(record, pose):
         candidate = problem.candidate(load_effect(name), 0)
         e = weigh(assembly, candidate, (0, 1), search.flips)
         object.__setattr__(e, "beta", np.array([0.0, size]))
-        return search.opposes_gravity(e)
+        return opposes_gravity(problem, e)
 
     assert opposes("gravity_counterbalance", -0.5 * lift)
     assert not opposes("gravity_counterbalance", 0.5 * lift)

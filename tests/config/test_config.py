@@ -101,7 +101,8 @@ def test_detector_shorthand(paper):
         ({"robots": []}, ["robots"]),
         ({"robots": ["medium", "medium"]}, ["robots: medium is named twice"]),
         ({"robots": ["medium", "other/medium"]}, ["both be called medium"]),
-        ({"axes": [4]}, ["axes.0", "3"]),
+        ({"axes": [0]}, ["axes.0", "1"]),
+        ({"axes": [1, 2, 3, 4]}, ["axes: axis 4 has no wear factor"]),
         ({"axes": [1, 1]}, ["axes: 1 is named twice"]),
         ({"study": "my study"}, ["study"]),
         ({"study": "archive"}, ["study: results/archive/ holds something else"]),
@@ -217,6 +218,9 @@ def test_both_sides_of_a_reevaluation_are_given_or_none(paper):
 def test_the_wear_of_a_tested_axis_is_a_fault(paper):
     assert load_config(paper).tested_factors() == ["f", "w1", "w2"]
     assert load_config({**paper, "axes": [2]}).tested_factors() == ["w1"]
+    assert load_config({**paper, "axes": [2]}).worn_axes() == [1, 2, 3]
+    wrist = load_config({**paper, "axes": [5, 2]})
+    assert wrist.worn_axes() == [1, 2, 5] and wrist.tested_factors() == ["w2", "w1"]
 
 
 @pytest.mark.parametrize(
@@ -229,3 +233,16 @@ def test_the_wear_of_a_tested_axis_is_a_fault(paper):
 )
 def test_a_job_s_seconds_replace_its_points(settings, points):
     assert SimulationSettings(**settings).points_per_job() == points
+
+
+def test_a_factor_may_be_a_number_by_its_path(paper):
+    noise = {"description": "noise", "kind": "sensors.torque_noise", "range": [-50, 50], "unit": "%"}
+    study = load_config({**paper, "factors": {**paper["factors"], "w3": noise}})
+    assert study.factor_kinds()["w3"] == "sensors.torque_noise %"
+    assert study.factor_ranges()["w3"] == ["sensors.torque_noise %", -50.0, 50.0]
+    for kind, words in (
+        ("sound", "'sound' is none of wear, temperature, dwell, payload_mass_error, nor the path"),
+        ("wear.axis_1", "nor the path of a number"),
+        ("detectors.Z.bins", "there is no detector Z; choose among A, B, C, D, E"),
+    ):
+        refuse({**paper, "factors": {**paper["factors"], "w3": {**noise, "kind": kind}}}, words)

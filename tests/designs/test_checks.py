@@ -136,5 +136,5 @@ def test_a_view_puts_its_own_axis_first(design):
         assert [second[f"{n}{suffix}"].tolist() for n in ("f", "w1", "w2")] == [own[1], own[0], own[2]]
         assert [third[f"{n}{suffix}"].tolist() for n in ("f", "w1", "w2")] == [own[2], own[0], own[1]]
     assert view_for_axis(design, 1).equals(design)
-    with pytest.raises(InputError, match="axis 4: the factors declare the wear of 3 axes"):
+    with pytest.raises(InputError, match="axis 4: the factors declare the wear of axes 1, 2, 3"):
         view_for_axis(design, 4)

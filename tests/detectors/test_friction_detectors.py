@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
+from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
-from wearscope.detectors.wear_temperature_fit import _Misfit
+from wearscope.detectors.wear_temperature_fit import (
+    FIRST_TEMPERATURES,
+    FIRST_WEARS,
+    _find_valleys,
+    _Misfit,
+)
 from wearscope.effects.base import Signals, load_effect
-from wearscope.robots.model import make_model
+from wearscope.robots.model import load_model, make_model
+from wearscope.simulation.study import Conditions, simulate_point
 
 URDF = """<robot name="two">
 <link name="base"/>
@@ -137,6 +144,28 @@ def test_search_finds_the_lowest_of_many_minima(wear, temperature, pace):
     planted = simulate(wear=wear, temperature=temperature, pace=pace)
     detector = fitted("wear_temperature_fit", simulate(pace=pace))
     assert detector.estimate(planted) == pytest.approx((wear, temperature), abs=1.0)
+
+
+def test_search_leaves_the_lowest_place_of_the_grid_where_another_valley_is_deeper():
+    # From the lowest place of a coarser grid it ended at no wear and 49 deg C.
+    model = load_model("medium")
+    reference = load_cycle("point_to_point").build(model, 0.05, 0.004)
+    axis = model.joints.index(model.wear_joints[2])
+    batches = []
+    for seed, conditions in enumerate((Conditions(), Conditions((20.0, 15.0, 12.0), 47.0))):
+        recorded = simulate_point(model, reference, conditions, seed=seed + 1)
+        batches.append(Batch(recorded.t, recorded.q, recorded.qd, recorded.tau))
+    detector = load_detector("wear_temperature_fit", {})
+    detector.fit(batches[:1], axis, model)
+    assert detector.estimate(batches[1]) == pytest.approx((12.0, 47.0), abs=0.5)
+
+
+def test_valleys_are_places_without_a_lower_neighbour_the_lowest_first():
+    cost = np.full((len(FIRST_WEARS), FIRST_TEMPERATURES), 9.0)
+    cost[3, 5], cost[3, 6], cost[0, 0], cost[10, -1], cost[15, 20] = 2.0, 1.0, 3.0, 0.5, 4.0
+    cost += 1e-3 * np.hypot(*np.indices(cost.shape))  # no plain of equal costs
+    found = [np.unravel_index(k, cost.shape) for k in _find_valleys(cost.ravel())]
+    assert found == [(10, FIRST_TEMPERATURES - 1), (3, 6), (0, 0)]
 
 
 def test_misfit_is_the_sum_of_squares_that_a_payload_and_an_offset_leave():

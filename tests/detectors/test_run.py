@@ -14,7 +14,7 @@ from wearscope.errors import InputError
 
 DOCS = Path(__file__).parents[2] / "docs" / "detectors.md"
 # Detectors that look at the torque alone need no more of a model than its joints.
-MODEL = SimpleNamespace(joints=["j1", "j2", "j3", "j4"], wear_joints=["j1", "j3", "j4"])
+MODEL = SimpleNamespace(joints=["j1", "j2", "j3", "j4"], axes=["j1", "j3", "j4", "j2"])
 NAMES = ["f", "w1", "w2", "w3", "w4", "w5"]
 
 MEAN_TORQUE = """
@@ -208,8 +208,8 @@ def test_batches_and_designs_must_match(user_file):
 
 
 def test_axes_and_names_are_checked(user_file):
-    with pytest.raises(InputError, match="no axis 4 that wears; the robot has 1 to 3, j1, j3, j4"):
-        run(user_file(), axes=(1, 4))
+    with pytest.raises(InputError, match="no axis 5; the robot has 1 to 4, j1, j3, j4, j2"):
+        run(user_file(), axes=(1, 5))
     with pytest.raises(InputError, match="named twice"):
         run(user_file(), axes=(1, 1))
 

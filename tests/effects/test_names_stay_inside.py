@@ -12,9 +12,8 @@ SOURCES = Path(wearscope.__file__).parent
 ELSEWHERE = {"wear", "rotor_inertia", "unknown", "rigid_body"}
 #: The room that makes planted truth shares no code with the effects.
 APART = "attribution_board"
-#: Modules that may list names: those that write a data set's file for somebody else; and one that is being
-#: rewritten, for which `plain_friction` stands ready.
-TABLES = ("starters/conversion.py", "closed_loop/selection/search.py")
+#: Modules that may list names: those that write a data set's file for somebody else.
+TABLES = ("starters/conversion.py", "starters/machine.py")
 
 
 def compared_names(tree: ast.AST, names: set[str]) -> list[tuple[int, str]]:

@@ -143,6 +143,19 @@ def test_gravity_follows_the_model(motion):
     assert body.mass_matrix([0.1])[0, 0] == pytest.approx(95.1)
 
 
+@pytest.mark.parametrize("samples", [0, 1, 7])
+def test_samples_together_give_the_bytes_of_each_alone(model, motion, samples):
+    q, v, a = (x[:samples] for x in motion)
+    for body, rows in (
+        (model.rigid_body(PAYLOAD), (q, v, a)),
+        (RigidBody(SLIDE, ["slide"]), (q[:, :1], v[:, :1], a[:, :1])),
+    ):
+        torque = body.inverse_dynamics(*rows)
+        assert torque.shape == rows[0].shape
+        for k in range(samples):
+            np.testing.assert_array_equal(torque[k], body.inverse_dynamics(*(x[k] for x in rows)))
+
+
 def test_a_raw_urdf_is_refused():
     with pytest.raises(InputError, match="normalise it with these joints first"):
         RigidBody(SLIDE, ["slide", "turn"])

@@ -6,7 +6,9 @@ from scipy import special
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
-from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, fit_gaussian_process
+from wearscope.surrogates.kinds import gaussian_process
+from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, _signal, fit_gaussian_process
+from wearscope.surrogates.kinds.likelihood import Likelihood
 from wearscope.surrogates.kinds.linear import (
     fit_polynomial_chaos,
     fit_quadratic,
@@ -179,3 +181,46 @@ def test_too_few_runs_are_refused():
         choose_surrogate(Z[:8], cubic(Z[:8]), NAMES, NOMINAL)
     assert isinstance(fit_gaussian_process(Z[:12], cubic(Z[:12])), GaussianProcess)
     assert ChosenSurrogate(None, tuple(NAMES), 1.0, 2.0).sigma == 0.0
+
+
+@pytest.mark.parametrize("columns", [2, 6])
+def test_the_likelihood_and_its_gradient_are_scikit_learn_s(columns):
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import WhiteKernel
+
+    seen, y = Z[:, :columns], noisy(cubic)
+    target = (y - y.mean()) / y.std()
+    kernel = _signal(columns) + WhiteKernel(0.01)
+    other = GaussianProcessRegressor(kernel, optimizer=None).fit(seen, target)
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        theta = kernel.theta + 0.4 * rng.standard_normal(len(kernel.theta))
+        value, gradient = Likelihood(seen, target)(theta)
+        theirs, their_gradient = other.log_marginal_likelihood(theta, eval_gradient=True)
+        assert value == pytest.approx(-theirs, rel=1e-9)
+        np.testing.assert_allclose(gradient, -their_gradient, rtol=1e-8, atol=1e-8)
+
+
+def test_the_likelihood_of_no_covariance_is_infinitely_bad():
+    theta = np.log([1.0, 1.0, 1.0, 1e-6, 1.0, 1e-300])
+    with np.errstate(under="ignore"):
+        value, gradient = Likelihood(np.full((40, 2), 1e6), np.ones(40))(theta)
+    assert value == np.inf and not gradient.any()
+
+
+def test_the_search_for_lengths_begins_more_than_once(monkeypatch):
+    """A truth that waves within the region: from long lengths alone the search may end in a poor maximum."""
+    truth = lambda z: np.sin(4.0 * z[:, 0]) * (1.0 + 0.3 * z[:, 3])  # noqa: E731
+    y = truth(Z)
+    both = fit_gaussian_process(Z, y)
+    value = Likelihood(Z, (y - y.mean()) / y.std())
+    reached = value(np.array([*both.parameters["theta"], both.parameters["log_noise"]]))[0]
+    for length in gaussian_process.FIRST_LENGTHS:
+        monkeypatch.setattr(gaussian_process, "FIRST_LENGTHS", (length,))
+        one = fit_gaussian_process(Z, y)
+        assert reached <= value(np.array([*one.parameters["theta"], one.parameters["log_noise"]]))[0] + 1e-9
+
+
+def test_the_mean_is_the_same_in_parts(process):
+    many = np.tile(NEW, (20, 1))  # three parts
+    np.testing.assert_allclose(process.predict_mean(many), process.predict(many)[0], rtol=1e-9)

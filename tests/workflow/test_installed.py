@@ -119,6 +119,7 @@ def test_wheel_carries_package_workflow_types_and_metadata(wheel):
     listed = run("git", "ls-files", "workflow", "config", "profiles", "Snakefile", folder=ROOT).split()
     assert {f"wearscope/platform/{name}" for name in listed} <= names
     assert {"wearscope/py.typed", "wearscope/starters/templates/study.yaml.jinja"} <= names
+    assert {"wearscope/example_data/dataset.yaml", "wearscope/example_data/runs/sweeps.parquet"} <= names
     assert not any("/__pycache__/" in name or name.startswith(("tests/", "results/")) for name in names)
     for line in (
         "License-Expression: MIT",

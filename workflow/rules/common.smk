@@ -221,7 +221,8 @@ def effect_files():
 
 def own_effects():
     """Own effects' files that the configuration names and that are there; the loop itself says which is missing."""
-    return [path for path in STUDY.closed_loop.effects if os.path.isfile(path)]
+    files = [str(plugin_file(reference, "effects")) for reference in STUDY.closed_loop.effects]
+    return [file for file in files if os.path.isfile(file)]
 
 
 def dataset_file(path):

@@ -67,6 +67,7 @@ rule make_reevaluation:
         factors=FACTORS,
         ranges=STUDY.factor_ranges(),
         tested=STUDY.tested_factors(),
+        worn=STUDY.worn_axes(),
         screening=STUDY.screening,
         questions=STUDY.scope.factors,
         snr={key: config["snr"][key] for key in ("f0", "delta", "sigma")},
@@ -101,7 +102,8 @@ rule simulate_models:
         cycles=RE_CYCLES,
         sets=RE_SETS,
         few_sets=["filling", "nominal"],
-        kinds={name: factor.kind for name, factor in STUDY.factors.items()},
+        kinds=STUDY.factor_kinds(),
+        worn=STUDY.worn_axes(),
         seed=STUDY.seed,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
@@ -215,6 +217,8 @@ rule report_reevaluation:
     priority: -1
     conda:
         ENV
+    params:
+        factors=FACTORS,
     message:
         "Report what the correction changes"
     script:

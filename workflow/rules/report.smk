@@ -38,6 +38,7 @@ rule describe_robots:
     params:
         factors=FACTORS,
         robots=ROBOTS,
+        worn=STUDY.worn_axes(),
         cycles=CYCLES,
         allow_code=STUDY.allow_code,
     message:
@@ -70,6 +71,7 @@ rule draw_setup:
         robots=ROBOTS,
         cycle=next(iter(CYCLES)),
         axis=STUDY.axes[0],
+        worn=STUDY.worn_axes(),
         allow_code=STUDY.allow_code,
     message:
         "Draw what is simulated"

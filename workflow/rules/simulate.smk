@@ -29,6 +29,7 @@ rule carry_over:
     params:
         robot=lambda w: NAMED_ROBOTS[w.robot],
         settings=lambda w: STUDY.carry_over[w.robot].model_dump(),
+        worn=STUDY.worn_axes(),
         allow_code=STUDY.allow_code,
     message:
         "Carry wear and temperature over to {wildcards.robot}"
@@ -57,6 +58,7 @@ rule screen_robot:
         cycles=CYCLES,
         ranges=STUDY.factor_ranges(),
         tested=STUDY.tested_factors(),
+        worn=STUDY.worn_axes(),
         screening=STUDY.screening,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
@@ -93,7 +95,7 @@ rule check_cycle:
     params:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
-        axes=STUDY.axes,
+        worn=STUDY.worn_axes(),
         ranges=STUDY.factor_ranges(),
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,
@@ -121,6 +123,7 @@ rule check_detectors:
         gate=GATE,
     params:
         detectors=config["detectors"],
+        factors=FACTORS,
         time_limit=STUDY.time_limit,
     message:
         "Check that every detector can be made"
@@ -155,7 +158,8 @@ rule simulate_points:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,
-        kinds={name: factor.kind for name, factor in STUDY.factors.items()},
+        kinds=STUDY.factor_kinds(),
+        worn=STUDY.worn_axes(),
         seed=STUDY.seed,
         step=STUDY.simulation.step,
         sample_rate=STUDY.simulation.sample_rate,

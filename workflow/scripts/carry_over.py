@@ -10,7 +10,7 @@ with run_job(snakemake) as say:
         load_model(reference, allow_code=params.allow_code)
         for reference in (params.robot, params.settings["source"])
     )
-    made = carry_over(model, source, params.settings["effects"], params.settings["reference"])
+    made = carry_over(model, source, params.settings["effects"], params.settings["reference"], params.worn)
     for entry in made.effects[len(model.effects) :]:
         say(f"{entry.joint}: {entry.effect}, assumed, {entry.source}")
     save_model(made, snakemake.output.model)

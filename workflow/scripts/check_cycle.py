@@ -5,7 +5,6 @@ import json
 from job import run_job
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
-from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 from wearscope.supervision import call_supervised
@@ -13,9 +12,7 @@ from wearscope.supervision import call_supervised
 
 def check():
     """Return the longest duration of the test-cycle [s]."""
-    model = load_model(params.robot, allow_code=params.allow_code)
-    if max(params.axes) > model.n:
-        raise InputError(f"axes: robot '{w.robot}' has {model.n} axes; drop axis {max(params.axes)}.")
+    model = load_model(params.robot, allow_code=params.allow_code).wearing(params.worn)
     check_robot(model, params.ranges, params.step, params.sample_rate)
     cycle = load_cycle(params.cycle)
     seconds = check_cycle(model, cycle, w.cycle, params.ranges, params.step)

@@ -14,13 +14,15 @@ with run_job(snakemake):
     params, out = snakemake.params, snakemake.output
     factors = [Factor(**one) for one in params.factors]
     models = {
-        robot: load_model(reference, allow_code=params.allow_code)
+        robot: load_model(reference, allow_code=params.allow_code).wearing(params.worn)
         for robot, reference in params.robots.items()
     }
     warmth = [(one.low, 0.5 * (one.low + one.high), one.high) for one in factors if one.kind == "temperature"]
     wear = [(one.low, 0.5 * (one.low + one.high), one.high) for one in factors if one.kind == "wear"]
     curves = [
-        friction_curves(model, *(warmth[:1] or [(50.0,)]), wear[0], points=60).assign(robot=robot)
+        friction_curves(model, *(warmth[:1] or [(50.0,)]), *(wear[:1] or [(0.0,)]), points=60).assign(
+            robot=robot
+        )
         for robot, model in models.items()
     ]
     units = {"temperature": "degC", "wear": "1"}

@@ -21,7 +21,7 @@ with run_job(snakemake):
     factors = [Factor(**one) for one in params.factors]
     designs = {Path(file).stem: tables.read_table(file) for file in snakemake.input.designs}
     models = {
-        robot: load_model(reference, allow_code=params.allow_code)
+        robot: load_model(reference, allow_code=params.allow_code).wearing(params.worn)
         for robot, reference in params.robots.items()
     }
 
@@ -30,13 +30,16 @@ with run_job(snakemake):
     warmth = [(one.low, 0.5 * (one.low + one.high), one.high) for one in factors if one.kind == "temperature"]
     wear = [(one.low, one.high) for one in factors if one.kind == "wear"]
     curves = pd.concat(
-        [friction_curves(model, *(warmth[:1] or [(50.0,)]), wear[0]) for model in models.values()],
+        [
+            friction_curves(model, *(warmth[:1] or [(50.0,)]), *(wear[:1] or [(0.0,)]))
+            for model in models.values()
+        ],
         ignore_index=True,
     )
     save_figure(draw_friction(curves), out.friction_svg, out.friction_png)
 
     robot, model = next(iter(models.items()))
-    joint = model.joints.index(model.wear_joints[params.axis - 1])
+    joint = model.joints.index(model.wear_joints[params.worn.index(params.axis)])
     traces = Path(snakemake.input.traces[0]).parents[1]
     fingerprints, failures = read_markers(snakemake.input.traces)
     failed = [point for _, point in failures]

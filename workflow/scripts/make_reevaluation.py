@@ -23,12 +23,13 @@ def prepare(name, model):
     """Complete a model, check it, screen the factors on it, and write it."""
     if params.carry_over is not None:
         carried = params.carry_over
-        model = carry_over(model, source, carried["effects"], carried["reference"])
-    check_robot(model, params.ranges, params.step, params.sample_rate)
+        model = carry_over(model, source, carried["effects"], carried["reference"], params.worn)
+    worn = model.wearing(params.worn)
+    check_robot(worn, params.ranges, params.step, params.sample_rate)
     if name in params.sides:
         for label, cycle in cycles.items():
-            check_cycle(model, cycle, label, params.ranges, params.step)
-        table = screen_factors(model, cycles, params.ranges, params.step)
+            check_cycle(worn, cycle, label, params.ranges, params.step)
+        table = screen_factors(worn, cycles, params.ranges, params.step)
         screened.append(check_screening(table, name, params.tested, params.screening))
     save_model(model, folder / f"{name}.yaml")
     return model

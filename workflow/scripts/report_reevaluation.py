@@ -10,6 +10,5 @@ from wearscope.reporting.reevaluation_page import render_reevaluation
 with run_job(snakemake):
     given = snakemake.input
     chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
-    tables.write_text(
-        snakemake.output[0], render_reevaluation(read_reevaluation(given.reevaluation, given.after), chosen)
-    )
+    found = read_reevaluation(given.reevaluation, given.after, snakemake.params.factors)
+    tables.write_text(snakemake.output[0], render_reevaluation(found, chosen))

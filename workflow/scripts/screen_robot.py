@@ -11,7 +11,7 @@ from wearscope.supervision import call_supervised
 
 def screen():
     """Return the table of factors."""
-    model = load_model(params.robot, allow_code=params.allow_code)
+    model = load_model(params.robot, allow_code=params.allow_code).wearing(params.worn)
     check_robot(model, params.ranges, params.step, params.sample_rate)
     cycles = {name: load_cycle(reference) for name, reference in params.cycles.items()}
     return screen_factors(model, cycles, params.ranges, params.step)

@@ -19,7 +19,7 @@ def simulate(name, sets):
     common = hashlib.sha256()
     for file in [path, path.with_suffix(".urdf"), *given.code]:
         common.update(Path(file).read_bytes())
-    model = load_model(path, strict=False, allow_code=params.allow_code)
+    model = load_model(path, strict=False, allow_code=params.allow_code).wearing(params.worn)
     outcomes = {}
     for label, reference in params.cycles.items():
         # One name for all: the sensors' noise is the same, so that models differ by themselves alone.

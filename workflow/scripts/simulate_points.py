@@ -24,7 +24,7 @@ with run_job(snakemake) as say:
         Path(snakemake.output[0]).parents[1],
         w.set,
         rows,
-        load_model(params.robot, allow_code=params.allow_code),
+        load_model(params.robot, allow_code=params.allow_code).wearing(params.worn),
         load_cycle(params.cycle),
         plan,
         common.hexdigest(),

@@ -41,7 +41,9 @@ with run_job(snakemake):
         **{name: tables.read_table(given[name]) for name in TABLES},
         **audit,
         screening=read_screening(given.screening),
-        reevaluation=read_reevaluation(given.reevaluation, given.after) if given.get("after") else None,
+        reevaluation=(
+            read_reevaluation(given.reevaluation, given.after, params.factors) if given.get("after") else None
+        ),
         chosen=tables.read_table(given.chosen) if given.get("chosen") else None,
         direct=tables.read_table(given.direct) if given.get("direct") else None,
         loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},

@@ -52,7 +52,7 @@ def record_further(folder: Path, case: Case, runs: Sequence[Further]) -> list[st
     The machine, its plants and the torque noise are those of the case, and so are the data set's other runs.
     """
     recipe, machine, seed = case.recipe, case.machine, case.seed
-    recording = record(machine, seed, recipe, declare_effects(recipe, case.planted))
+    recording = record(machine, seed, recipe, declare_effects(recipe, case.planted), case.planted)
     actives, _ = plant_effects(recording, case.planted, seed)
     document = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))
     warm = any("temp_" in name for name in _column_names(folder, document))

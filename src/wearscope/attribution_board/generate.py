@@ -110,8 +110,14 @@ def warm_up(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
     return np.asarray(start + rise * (1 - np.exp(-t[:, None] / time)))
 
 
-def record(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str]) -> Recording:
-    """Motions, temperatures and noise level of a case, before anything is planted."""
+def record(
+    machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str], planted: Sequence[Planted]
+) -> Recording:
+    """Motions, temperatures and noise level of a case, before any effect of a size to be found is planted.
+
+    Noise is a share of the torque of the joint as it is, with the friction and rotor inertia that nobody
+    declared.
+    """
     setting = make_setting(machine, seed, recipe, declared)
     body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com)
     fine = recipe.rate * recipe.oversampling
@@ -124,9 +130,19 @@ def record(machine: Machine, seed: int, recipe: Recipe, declared: Sequence[str])
         temperatures.append(warm_up(plan, len(machine.joints), motion.t, rng))
     loads = [body.torque(m.q, m.v, m.a) for m in motions]
     made = Recording(setting, body, recipe, motions, temperatures, loads, np.ones(len(machine.joints)))
-    quiet = np.vstack([made.behave(number, []).tau for number in made.pick_training()])
+    plain = [
+        Active(_make_plant(plant, number, machine, seed), plant.amplitude)
+        for number, plant in enumerate(planted)
+        if plant.amplitude is not None
+    ]
+    quiet = np.vstack([made.behave(number, plain).tau for number in made.pick_training()])
     made.sigma = recipe.noise_level * np.sqrt(np.mean(quiet**2, axis=0))
     return made
+
+
+def _make_plant(plant: Planted, number: int, machine: Machine, seed: int) -> Term | Structural:
+    rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
+    return make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
 
 
 def scale_plant(
@@ -181,8 +197,7 @@ def plant_effects(
     actives: list[Active] = []
     entries: list[dict[str, Any]] = []
     for number, plant in enumerate(planted):
-        rng = make_stream(seed, machine.name, "plant", str(number), plant.effect, plant.joint)
-        made = make_plant(plant.effect, machine, machine.joints.index(plant.joint), rng)
+        made = _make_plant(plant, number, machine, seed)
         if plant.amplitude is None:
             amplitude, joint = scale_plant(recording, made, plant.size, plant.effect)
         else:
@@ -239,7 +254,7 @@ def generate_dataset(
                 f"{', '.join(machine.joints)}."
             )
     declared = declare_effects(recipe, planted)
-    recording = record(machine, seed, recipe, declared)
+    recording = record(machine, seed, recipe, declared, planted)
     actives, entries = plant_effects(recording, planted, seed)
     with_temperature = recipe.temperatures
     if with_temperature is None:

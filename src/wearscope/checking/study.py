@@ -1,7 +1,8 @@
 """A study: its settings, robots, test-cycles and detectors, and whether they go together."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import chdir
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,9 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
     for name in _texts(config.get("robots")):
         model = check_model(name, found, allow)
         carried = study.carry_over.get(label(name)) if study is not None else None
-        if model is not None and carried is not None:
-            model = found.attempt(lambda model=model, carried=carried: _complete(model, carried, allow))  # type: ignore[misc]
+        if model is not None and study is not None and carried is not None:
+            complete = partial(_complete, model, carried, allow, study.worn_axes())
+            model = found.attempt(complete)
         if model is not None:
             robots.append(model)
     cycles: dict[str, Cycle] = {}
@@ -62,8 +64,10 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
         return
     ranges = {name: (kind, low, high) for name, (kind, low, high) in study.factor_ranges().items()}
     for model in robots:
-        if max(study.axes) > model.n:
-            found.add(f"axes: robot '{model.name}' has {model.n} axes; drop axis {max(study.axes)}.")
+        worn = found.attempt(lambda model=model: model.wearing(study.worn_axes()))  # type: ignore[misc]
+        if worn is None:
+            continue
+        model = worn
         known = len(found.problems)
         may_drop = [name for name in ranges if name != "f"] if study.screening == "drop" else []
         check_factors(model, ranges, found, study.simulation.sample_rate, cycles, may_drop)
@@ -79,10 +83,12 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
     found.notes.append(f"{cells} cells; {points} design points, {runs} simulations of the paper's design.")
 
 
-def _complete(model: RobotModel, carried: CarryOverSettings, allow: Allowed) -> RobotModel:
+def _complete(
+    model: RobotModel, carried: CarryOverSettings, allow: Allowed, worn: Sequence[int]
+) -> RobotModel:
     """The robot as it is simulated, with what it borrows."""
     source = load_model(carried.source, allow_code=allow)
-    return carry_over(model, source, carried.effects, carried.reference)
+    return carry_over(model, source, carried.effects, carried.reference, worn)
 
 
 def _texts(value: Any) -> list[str]:

@@ -134,6 +134,8 @@ def effect(name, folder):  # type: ignore[no-untyped-def]
 def example(name):  # type: ignore[no-untyped-def]
     """Make a folder NAME with a robot's URDF and recordings, to try the other commands on.
 
+    NAME/machine is a data set as it is: 'wearscope diagnose NAME/machine'.
+
     \b
     Example:
       wearscope new example

@@ -8,7 +8,11 @@ import click
 _SHARED = (
     click.option("--cores", type=click.IntRange(1), help="Cores to use; all there are where left out."),
     click.option(
-        "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a setting for this once."
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Change a setting for this once: seed=2, snr.runs=1000.",
     ),
     click.option("--dry-run", "-n", is_flag=True, help="Say what would be done."),
     click.option("--verbose", "-v", is_flag=True, help="Show all that Snakemake says."),

@@ -9,7 +9,7 @@ import click
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
 from wearscope.cli.study import StudyPlace, count_cores, find_study, read_name
-from wearscope.cli.workflow import build_command, call_snakemake, explain_failure
+from wearscope.cli.workflow import build_command, call_snakemake, explain_failure, nest_setting
 from wearscope.errors import InputError
 
 
@@ -29,9 +29,7 @@ def run_targets(
     InputError
         Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
     """
-    for setting in settings:
-        if "=" not in setting or setting.startswith("="):
-            raise InputError(f"--set {setting}: is no setting; write --set name=value.")
+    settings = tuple(nest_setting(setting) for setting in settings)
     if config is not None:
         read_name(config)
     command = build_command(

@@ -109,6 +109,23 @@ def find_snakefile(folder: Path) -> Path:
     return own if own.is_file() else find_home() / "Snakefile"
 
 
+def nest_setting(setting: str) -> str:
+    """``snr.runs=100`` as Snakemake takes it: ``snr={runs: 100}``, which leaves the section's rest as it is.
+
+    Raises
+    ------
+    InputError
+        Where it is no ``name=value``.
+    """
+    path, equals, value = setting.partition("=")
+    names = path.split(".")
+    if not equals or not all(re.fullmatch(r"[A-Za-z_][\w-]*", name) for name in names):
+        raise InputError(f"--set {setting}: is no setting; write --set name=value, or section.name=value.")
+    for name in reversed(names[1:]):
+        value = f"{{{name}: {value}}}"
+    return f"{names[0]}={value}"
+
+
 def build_command(
     targets: Sequence[str],
     folder: Path,

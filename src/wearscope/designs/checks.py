@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from wearscope.designs.bases import MODELS, interaction_terms, model_matrix, model_terms
-from wearscope.designs.factors import Factor, nominal_levels, wear_names
+from wearscope.designs.factors import Factor, nominal_levels, wear_by_axis
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 
@@ -223,7 +223,7 @@ def check_design(
         See `check_estimable`.
     """
     names = [factor.name for factor in factors]
-    for axis in axes or range(1, len(wear_names(factors)) + 1):
+    for axis in axes or wear_by_axis(factors):
         view = view_for_axis(design, axis, factors)
         for model in models:
             check_estimable(view, model, names, axis)

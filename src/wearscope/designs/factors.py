@@ -25,8 +25,9 @@ class Factor:
     description : str
     role : {"fault", "nuisance"}
     kind : str
-        What the simulator does with it: ``wear``, ``temperature``, ``dwell``, ``payload_mass_error``, ...
-        The k-th factor of kind ``wear`` is, in a simulated point, the wear of axis k.
+        What the simulator does with it: ``wear``, ``temperature``, ``dwell``, ``payload_mass_error``, or the
+        path of a number of the robot or of a detector, with `` %`` at its end where levels are changes.
+        A factor of kind ``wear`` is, in a simulated point, the wear of its `axis`.
     low, high : float
         Natural levels at coded -2 and +2, in `unit`; the map between is linear.
     unit : str
@@ -37,6 +38,8 @@ class Factor:
     validation_low, validation_high : float, optional
         Natural levels that the levels -2 and +2 stand for in the validation design (Table 3); default the
         inner 80 % of the range.
+    axis : int, optional
+        Of a factor of kind wear: the axis that it wears; axis k for the k-th of them by default.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class Factor:
     nominal: float | None = None
     validation_low: float | None = None
     validation_high: float | None = None
+    axis: int | None = None
 
     def __post_init__(self) -> None:
         where = f"factor '{self.name}'"
@@ -83,6 +87,12 @@ class Factor:
         return CODED_LOW if self.kind == "wear" else 0.0
 
     @property
+    def is_costly(self) -> bool:
+        """Whether each other level is a motion to be planned, or a detector to be fitted, anew."""
+        limits = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit")
+        return self.kind == "dwell" or self.kind.startswith((*limits, "detectors."))
+
+    @property
     def validation_range(self) -> tuple[float, float]:
         """Natural levels at -2 and +2 of the validation matrix."""
         span = self.high - self.low
@@ -93,7 +103,8 @@ class Factor:
     def to_natural(self, coded: ArrayLike) -> NDArray[np.float64]:
         """Natural levels of coded ones, any shape; linear, -2 is `low`, +2 is `high`."""
         share = (np.asarray(coded, dtype=float) - CODED_LOW) / (CODED_HIGH - CODED_LOW)
-        return np.round(self.low + share * (self.high - self.low), 12)
+        digits = 12 - min(int(np.floor(np.log10(self.high - self.low))), 0)
+        return np.round(self.low + share * (self.high - self.low), digits)
 
     def to_coded(self, natural: ArrayLike) -> NDArray[np.float64]:
         """Coded levels of natural ones, any shape; the inverse of `to_natural`."""
@@ -148,8 +159,31 @@ def check_factors(factors: Sequence[Factor]) -> None:
 
 
 def wear_names(factors: Sequence[Factor]) -> list[str]:
-    """Names of the factors of kind wear; in a simulated point the k-th is the wear of axis k."""
+    """Names of the factors of kind wear, in their order."""
     return [factor.name for factor in factors if factor.kind == "wear"]
+
+
+def wear_by_axis(factors: Sequence[Factor]) -> dict[int, str]:
+    """Factor that is the wear of an axis in a simulated point, by axis, in the factors' order."""
+    wear = [factor for factor in factors if factor.kind == "wear"]
+    return {k + 1 if factor.axis is None else factor.axis: factor.name for k, factor in enumerate(wear)}
+
+
+def worn_factor(factors: Sequence[Factor], axis: int) -> str:
+    """Factor that is the wear of an axis; the fault where no factor is of kind wear.
+
+    Raises
+    ------
+    InputError
+        Where the factors give that axis no wear.
+    """
+    wear = wear_by_axis(factors)
+    if wear and axis not in wear:
+        raise InputError(
+            f"axis {axis}: the factors declare the wear of axes {', '.join(map(str, wear))}; add a wear "
+            "factor or drop the axis."
+        )
+    return wear.get(axis, FAULT)
 
 
 def nominal_levels(factors: Sequence[Factor]) -> dict[str, float]:

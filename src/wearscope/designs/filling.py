@@ -12,7 +12,7 @@ from wearscope.designs.factors import (
     Factor,
     check_factors,
     nominal_levels,
-    wear_names,
+    worn_factor,
 )
 from wearscope.designs.kinds import design_table, make_design
 from wearscope.errors import InputError
@@ -68,7 +68,7 @@ def filling_design(
     share = np.divide(np.abs(near - nominal), reach, out=np.zeros_like(near), where=reach > 0)
     near[:] = nominal + (end - nominal) * share**2
     for k, factor in enumerate(factors):
-        if factor.kind == "dwell":  # each other dwell is a motion to be planned anew
+        if factor.is_costly:
             levels = np.linspace(CODED_LOW, CODED_HIGH, factor.levels)
             cube[:, k] = levels[np.argmin(np.abs(cube[:, k, None] - levels), axis=1)]
     asked = question_lines(factors, question_points, questions, axes, "filling", seed)
@@ -141,13 +141,12 @@ def question_lines(
     unknown = [name for name in questions if name not in names or name == FAULT]
     if unknown or not questions:
         raise InputError(f"filling: questions {list(questions)}; name nuisances among {', '.join(names)}.")
-    wear = wear_names(factors) or [FAULT]
     nominal = nominal_levels(factors)
     z0 = np.array([nominal[name] for name in names])
     rows = [z0] if points else []
     for axis in axes if points else ():
         spread = _hypercube(factors, max(points, 2), f"{stream} questions {axis}", seed)
-        worn = names.index(wear[axis - 1])
+        worn = names.index(worn_factor(factors, axis))
         for k in range(points):
             if axis == axes[0] and k == 0:
                 continue  # z0 stands for it

@@ -4,23 +4,22 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from wearscope.designs.factors import PAPER_FACTORS, Factor, wear_names
-from wearscope.errors import InputError
+from wearscope.designs.factors import PAPER_FACTORS, Factor, wear_names, worn_factor
 
 
 def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = PAPER_FACTORS) -> pd.DataFrame:
     """Permute the wear columns of a design to one axis's point of view.
 
-    In a simulated point the k-th wear factor (``f``, ``w1``, ``w2``) is the wear of axis k. The detector of
-    axis j sees its own axis's wear as ``f`` and the others' as ``w1``, ``w2``, in axis order. All other
-    columns stay.
+    In a simulated point each wear factor (``f``, ``w1``, ``w2``) is the wear of an axis. The detector of an
+    axis sees its own axis's wear as ``f`` and the others' as ``w1``, ``w2``, in axis order. All other columns
+    stay.
 
     Parameters
     ----------
     design : DataFrame
         Coded columns, natural columns or both.
     axis : int
-        1, 2, 3.
+        One of `wearscope.designs.factors.wear_by_axis`.
     factors : sequence of Factor
 
     Returns
@@ -31,15 +30,13 @@ def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = P
     Raises
     ------
     InputError
-        Where the factors give that axis no wear.
+        Where the factors give wear to other axes only.
     """
     wear = wear_names(factors)
-    if not 1 <= axis <= len(wear):
-        raise InputError(
-            f"axis {axis}: the factors declare the wear of {len(wear)} axes; add a wear factor or drop the "
-            "axis."
-        )
-    seen = [wear[axis - 1], *(name for name in wear if name != wear[axis - 1])]
+    if not wear:  # the fault is the same for every axis
+        return design.copy()
+    own = worn_factor(factors, axis)
+    seen = [own, *(name for name in wear if name != own)]
     view = design.copy()
     for suffix in ("", "_natural"):
         if f"{wear[0]}{suffix}" in design.columns:

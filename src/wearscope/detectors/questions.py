@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wearscope import plugins
-from wearscope.detectors.base import Batch, Detector, make_detector
+from wearscope.detectors.base import Batch, Detector, load_detector, make_detector
 from wearscope.errors import InputError
 from wearscope.supervision import ProcessLost, run_supervised
 
@@ -59,6 +59,8 @@ class Questions:
         The design points.
     failed : set of (set, point)
         Those simulated in vain.
+    options : mapping of (detector's name, (set, point)) to mapping
+        Options of a detector that are others at this point, where they are factors.
     """
 
     batches: Iterable[tuple[str, int, Batch]]
@@ -69,6 +71,7 @@ class Questions:
     where: str
     wanted: AbstractSet[Key]
     failed: AbstractSet[Key]
+    options: Mapping[tuple[str, Key], Mapping[str, float]] = field(default_factory=dict)
 
     def name_cell(self, column: int) -> str:
         """Detector, robot, test-cycle and axis of a column."""
@@ -146,6 +149,7 @@ def collect_answers(
 def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[tuple]:
     """Say what is asked, then its answer; what is answered already is not asked again."""
     fitted = []
+    varied: dict[tuple, Detector] = {}
     for column, detector in enumerate(_make_all(questions)):
         yield "fit", column
         _fit(detector, questions, column)
@@ -157,6 +161,11 @@ def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[
         seen.add(key)
         for column, detector in enumerate(fitted):
             if (key, column) not in answered:
+                changed = _name_options(questions, column, key)
+                if changed and (column, changed) not in varied:
+                    yield "fit", column
+                    varied[column, changed] = _make_varied(questions, column, dict(changed))
+                detector = varied.get((column, changed), detector)
                 yield "ask", (key, column)
                 yield (
                     "answer",
@@ -165,6 +174,20 @@ def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[
                     ),
                 )
         yield "batch", key
+
+
+def _name_options(questions: Questions, column: int, key: Key) -> tuple[tuple[str, float], ...]:
+    """Options that a column's detector has at a point alone."""
+    name = questions.detectors[column % len(questions.detectors)].name
+    return tuple(questions.options.get((name, key), {}).items())
+
+
+def _make_varied(questions: Questions, column: int, changed: Mapping[str, float]) -> Detector:
+    """A column's detector with other options, fitted."""
+    spec = questions.detectors[column % len(questions.detectors)]
+    detector = load_detector(spec.reference, {**spec.options, **changed})
+    _fit(detector, questions, column)
+    return detector
 
 
 def _check_key(key: Key, seen: AbstractSet[Key], questions: Questions) -> None:
@@ -195,7 +218,7 @@ def _fit(detector: Detector, questions: Questions, column: int) -> None:
     model = questions.model
     axis = questions.axes[column // len(questions.detectors)]
     try:
-        detector.fit(questions.nominal, model.joints.index(model.wear_joints[axis - 1]), model)
+        detector.fit(questions.nominal, model.joints.index(model.axes[axis - 1]), model)
     except (Exception, SystemExit) as error:
         raise InputError(
             f"{questions.name_cell(column)}: cannot be fitted to the nominal batch, {tell_error(error)}; "

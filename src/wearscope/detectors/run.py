@@ -11,6 +11,7 @@ from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.views import view_for_axis
 from wearscope.detectors.base import Batch
 from wearscope.detectors.questions import OK, DetectorSpec, Questions, collect_answers
+from wearscope.detectors.varied import vary_options
 from wearscope.errors import InputError
 
 __all__ = ["NOT_SIMULATED", "OK", "DetectorSpec", "compute_test_quantities", "count_failures"]
@@ -46,7 +47,7 @@ def compute_test_quantities(
         Recordings in any order, read as they are needed; none is kept.
     detectors : sequence of DetectorSpec
     axes : sequence of int
-        Tested axes: 1 is the first of the model's `wear_joints`.
+        Tested axes, as `RobotModel.axes` counts them.
     model : RobotModel
         The nominal declared model.
     nominal : sequence of Batch
@@ -83,7 +84,8 @@ def compute_test_quantities(
     cells = [(axis, spec) for axis in axes for spec in detectors]
     wanted = {(name, int(point)) for name, design in designs.items() for point in design["point"]}
     failed = {key: reason for key, reason in (failed_simulations or {}).items() if key in wanted}
-    questions = Questions(batches, detectors, axes, model, nominal, where, wanted, frozenset(failed))
+    options = vary_options(detectors, designs, factors)
+    questions = Questions(batches, detectors, axes, model, nominal, where, wanted, frozenset(failed), options)
     shares = {name: max_failed_share * len(design) for name, design in designs.items()}
     answers, complete = collect_answers(questions, shares, time_limit, report)
     results = {key: [answers[key, column] for column in range(len(cells))] for key in complete}
@@ -140,10 +142,10 @@ def _check_specs(
     if len(set(names)) != len(names) or len(set(axes)) != len(axes):
         raise InputError(f"{where}: a detector or an axis is named twice; name each once.")
     for axis in axes:
-        if not 1 <= axis <= len(model.wear_joints):
+        if not 1 <= axis <= len(model.axes):
             raise InputError(
-                f"{where}: there is no axis {axis} that wears; the robot has 1 to {len(model.wear_joints)}, "
-                f"{', '.join(model.wear_joints)}."
+                f"{where}: there is no axis {axis}; the robot has 1 to {len(model.axes)}, "
+                f"{', '.join(model.axes)}."
             )
 
 

@@ -21,11 +21,15 @@ from wearscope.effects.base import Effect, Signals, load_effect
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64
-# Of the search for f [-] and T [deg C]: where it looks first (how many temperatures), difference steps, the
-# change at which it ends, and what counts as not told apart: the share of a slope that offset and payload
-# leave, the condition of the normal equations.
-FIRST_WEARS = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0)
-FIRST_TEMPERATURES = 16
+# Of the search for f [-] and T [deg C]: where it looks first (how many temperatures), from how many of the
+# lowest places there it starts, difference steps, the change at which it ends, and what counts as not told
+# apart: the share of a slope that offset and payload leave, the condition of the normal equations.
+FIRST_WEARS = (
+    1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 12.5, 15.0, 17.5, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 57.0,
+    65.0, 80.0, 100.0,
+)  # fmt: skip
+FIRST_TEMPERATURES = 32
+STARTS = 3
 STEPS = np.diag([0.5, 0.25])
 TOLERANCE = 1e-4
 MIN_SHARE = 1e-6
@@ -45,9 +49,9 @@ class WearTemperatureFit:
     effects of their own, :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
     payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out
     (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in
-    f and T: damped Gauss-Newton (Marquardt, 1963) starts at the best place of a grid, and its damping follows
-    how well a step's gain was foreseen (Nielsen, Damping parameter in Marquardt's method, DTU, 1999), so that
-    it does not swing across a valley where wear and temperature nearly trade their terms.
+    f and T: damped Gauss-Newton (Marquardt, 1963) starts in the lowest valleys of a grid, and its damping
+    follows how well a step's gain was foreseen (Nielsen, Damping parameter in Marquardt's method, DTU, 1999),
+    so that it does not swing across a valley where wear and temperature nearly trade their terms.
     The test quantity is f less its estimate on nominal data [-]; negative estimates extend eq. (17) oddly
     in f, so that noise around no wear is not clipped.
 
@@ -63,9 +67,9 @@ class WearTemperatureFit:
     estimate_payload : bool
         Whether :math:`\mu` is estimated.
     start_temperature : float
-        A temperature at which the law holds [deg C]. The search starts anew where wear and temperature have
-        traded the speeds of their low-speed terms, the local minimum that eq. (17) invites; the better fit is
-        taken.
+        A temperature at which the law holds [deg C]. The search starts once more where wear and temperature
+        have traded the speeds of their low-speed terms, the local minimum that eq. (17) invites; the best fit
+        is taken.
     temperature_limit : float
         Highest temperature searched [deg C]; the lowest is where the declared Stribeck speed falls to 1 % of
         its value at `start_temperature`, or `start_temperature` less 100.
@@ -160,13 +164,14 @@ class WearTemperatureFit:
         speed = batch.qd[moving, self.axis]
         grid = self._make_grid(max(self.top_speed, float(np.abs(speed).max())))
         misfit = _Misfit(speed, grid.nodes, residual[moving], basis)
-        x, cost = self._minimise(grid.places[int(np.argmin(misfit.cost(grid.values)))], misfit)
+        first, *others = grid.places[_find_valleys(misfit.cost(grid.values))]
+        x, cost = self._minimise(first, misfit)
         traded = self._trade_speeds(x)
-        if traded is not None:
-            with suppress(ValueError):  # where this search finds nothing, the first one holds
-                other, other_cost = self._minimise(traded, misfit)
+        for start in [*others, *([] if traded is None else [traded])]:
+            with suppress(ValueError):  # where this search finds nothing, the one before holds
+                other, other_cost = self._minimise(start, misfit)
                 if other_cost < cost:
-                    x = other
+                    x, cost = other, other_cost
         return float(x[0]), float(x[1])
 
     def _make_grid(self, top_speed: float) -> "_Grid":
@@ -200,19 +205,27 @@ class WearTemperatureFit:
 
         It is that of the declared effects which wear or temperature change.
         """
-        levels = np.vstack([x * (0.0, 1.0), np.column_stack([np.abs(x[:, 0]), x[:, 1]])])
+        worn = self._evaluate_worn(speed, np.abs(x[:, 0]), x[:, 1])
+        below = x[:, 0] < 0.0
+        if below.any():
+            unworn = self._evaluate_worn(speed, np.zeros(below.sum()), x[below, 1])
+            worn[below] = 2.0 * unworn - worn[below]
+        return worn
+
+    def _evaluate_worn(self, speed: Array, wears: Array, temperatures: Array) -> Array:
+        """Torque (m, K) at speeds (K,), and wears, none negative, and temperatures (m,)."""
         # These effects see nothing but the axis: one column stands for it.
-        wear, temperature = np.repeat(levels, len(speed), axis=0).T[:, :, None]
-        v = np.tile(speed, len(levels))[:, None]
+        wear, temperature = (np.repeat(level, len(speed))[:, None] for level in (wears, temperatures))
+        v = np.tile(speed, len(wears))[:, None]
         still = np.zeros_like(v)
         signals = Signals(
             np.arange(len(v), dtype=float), still, v, still, np.sign(v), still, temperature, wear
         )
+        signals.dt = 1.0  # that of these samples; to find it costs as much as their torque
         torque = np.zeros(len(v))
         for effect, values in self.varying:
             torque += effect.torque(signals, 0, values)
-        unworn, worn = torque.reshape(2, len(x), len(speed))
-        return unworn + np.sign(x[:, :1]) * (worn - unworn)
+        return torque.reshape(len(wears), len(speed))
 
     def _minimise(self, start: Array, misfit: "_Misfit") -> tuple[Array, float]:
         """Damped Gauss-Newton on f and T (2,) with difference quotients; T is kept in its range.
@@ -316,6 +329,15 @@ class _Misfit:
     def size(self, slopes: Array) -> Array:
         """Norm (p,) over the samples of slopes (K, p), nothing taken away."""
         return np.sqrt(np.einsum("kp,kl,lp->p", slopes, self.gram, slopes))
+
+
+def _find_valleys(cost: Array) -> NDArray[np.integer]:
+    """Places of the grid, at most `STARTS` and the lowest first, that have no neighbour of a lower cost."""
+    table = cost.reshape(len(FIRST_WEARS), FIRST_TEMPERATURES)
+    padded = np.pad(table, 1, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min(axis=(2, 3))
+    valleys = np.flatnonzero(table == around)
+    return valleys[np.argsort(cost[valleys], kind="stable")][:STARTS]
 
 
 def _orthonormal(columns: Array) -> Array:

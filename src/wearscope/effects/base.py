@@ -12,7 +12,7 @@ from wearscope.effects.kinds import (
     RigidBodyEffect,
     TransmissionEffect,
 )
-from wearscope.effects.own_effect import load_own_effect
+from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant, Term
 from wearscope.effects.rows import ROW, compile_row
@@ -38,7 +38,7 @@ __all__ = [
 
 
 def load_effect(reference: str, allow_code: bool = True, folder: str | Path | None = None) -> Effect:
-    """Effect by its name in the vocabulary, or by the path of an own effect's file.
+    """Effect by its name in the vocabulary or an installed package, or by the path of an own effect's file.
 
     Parameters
     ----------
@@ -61,6 +61,8 @@ def load_effect(reference: str, allow_code: bool = True, folder: str | Path | No
         Where there is no such effect, its file may not run, or it breaks a rule (`check_own_effect`).
     """
     if not reference.endswith(".py"):
+        if not plugins.is_built_in(reference, "effects"):
+            return load_installed_effect(reference)
         effect: Effect = plugins.load(reference, "effects", "EFFECT")
         return effect
     if not allow_code:

@@ -86,8 +86,6 @@ class Effect:
         Whether a joint can have several of it.
     per_robot : bool
         Whether there is one for the whole robot, which stands at the last joint.
-    runs_needed : int
-        Training runs below which it cannot be named.
     applies : callable or None
         ``applies(signals, joint)``: whether the signals hold what it needs; always where None.
     lacking : str
@@ -154,7 +152,6 @@ class Effect:
     given_by: str = ""
     repeatable: bool = False
     per_robot: bool = False
-    runs_needed: int = 1
     applies: Callable[[Signals, int], bool] | None = None
     lacking: str = "the runs do not hold the signals that it needs"
     least: Callable[[Signals], float] | None = None

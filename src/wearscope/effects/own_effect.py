@@ -2,6 +2,7 @@
 
 import importlib.util
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,24 @@ def load_own_effect(path: Path) -> Effect:
     checked: Effect = replace(effect, reference=str(path.resolve()))
     module.__dict__["EFFECT"] = checked
     return checked
+
+
+@cache
+def load_installed_effect(name: str) -> Effect:
+    """Effect of an installed package, by the name of its entry point.
+
+    Raises
+    ------
+    InputError
+        Where there is none, it cannot be imported, goes by another name, or breaks a rule.
+    """
+    effect = plugins.load(name, "effects", "EFFECT")
+    check_own_effect(effect, f"effect '{name}'")
+    if effect.name != name:
+        raise InputError(
+            f"effect '{name}': its package calls it '{effect.name}'; give the entry point that name."
+        )
+    return replace(effect, reference=name)
 
 
 def check_own_effect(effect: Any, where: str) -> None:

@@ -41,7 +41,6 @@ EFFECT = Effect(
     shape=(Parameter("wavenumber", "1/{position}", lower=0.0, default=1.0),),
     search=_search,
     repeatable=True,
-    runs_needed=2,
     search_width=_search_width,
     periodic=True,
     excitation=SESSIONS,

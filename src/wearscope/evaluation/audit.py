@@ -13,7 +13,7 @@ from wearscope.designs.factors import (
     Factor,
     check_factors,
     nominal_levels,
-    wear_names,
+    worn_factor,
 )
 from wearscope.designs.kinds import design_table
 from wearscope.errors import InputError
@@ -91,7 +91,6 @@ def choose_audit_points(
     if points < 1 or not axes:
         raise InputError(f"audit: {points} points on axes {list(axes)}; give at least one of each.")
     names = [factor.name for factor in factors]
-    wear = wear_names(factors)
     nominal = nominal_levels(factors)
     reach = float(special.ndtri(detection))
     first: list[tuple[dict[str, float], dict[str, object]]] = [
@@ -105,10 +104,8 @@ def choose_audit_points(
         for hypothesis, axis in [("H1", turn), ("H0", 0), *(("H1", a) for a in axes if a != turn)]:
             for side in (-1, 1):
                 z = dict(nominal)
-                if hypothesis == "H1" and wear:
-                    z[wear[axis - 1]] = f0 + delta
-                elif hypothesis == "H1":
-                    z[FAULT] = f0 + delta
+                if hypothesis == "H1":
+                    z[worn_factor(factors, axis)] = f0 + delta
                 z[factor] = float(np.clip(side * reach * sigma, CODED_LOW, CODED_HIGH))
                 about = ["scope boundary", hypothesis, factor, delta, sigma, axis]
                 entry = (z, dict(zip(_ABOUT, about, strict=True)))

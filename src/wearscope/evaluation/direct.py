@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor, check_factors, wear_names
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_factors, worn_factor
 from wearscope.designs.kinds import design_table
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
@@ -55,12 +55,11 @@ def direct_design(
     if runs < 2:
         raise InputError(f"direct: {runs} runs; give at least 2.")
     names = [factor.name for factor in factors]
-    wear = wear_names(factors) or [FAULT]
     drawn = sigma * generator_for(seed, "direct").standard_normal((runs, len(names)))
     rows = []
     for f in (f0, f0 + delta):
         z = np.clip(drawn, CODED_LOW, CODED_HIGH)
-        z[:, names.index(wear[axis - 1])] = f
+        z[:, names.index(worn_factor(factors, axis))] = f
         rows.append(z)
     table = design_table(np.vstack(rows), factors)
     table["hypothesis"] = np.repeat(["H0", "H1"], runs)

@@ -1,6 +1,6 @@
 """Words and symbols of tables as figures and pages say them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ def term_label(term: str) -> str:
 
 def factor_name(factor: "Factor") -> str:
     """What a factor is called where its unit or code would say too little: ``wear``, ``temperature``."""
-    return "wear" if factor.role == "fault" else factor.description
+    return "wear" if factor.role == "fault" and factor.kind in ("", "wear") else factor.description
 
 
 def factor_label(factor: "Factor") -> str:
@@ -33,7 +33,11 @@ def factor_label(factor: "Factor") -> str:
 
 def term_name(term: str, factors: Sequence["Factor"]) -> str:
     """Regression term in words: ``w3^2`` is temperature², ``f:w3`` is wear × temperature."""
-    names = {factor.name: factor_name(factor) for factor in factors}
+    return name_term(term, {factor.name: factor_name(factor) for factor in factors})
+
+
+def name_term(term: str, names: Mapping[str, str]) -> str:
+    """Regression term with the factors' names; a code that has none stays."""
     parts = [part.partition("^") for part in term.split(":")]
     return " × ".join(names.get(name, name) + ("²" if power else "") for name, _, power in parts)
 

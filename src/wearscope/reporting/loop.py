@@ -151,7 +151,7 @@ def joint_table(verdict: Mapping[str, Any]) -> pd.DataFrame:
                 "as declared": _number(one.get("rms_as_declared")),
                 "RMS before": before,
                 "RMS after": after,
-                "change [%]": 100 * (after / before - 1) if before > 0 else np.nan,
+                "change [%]": _change(before, after),
                 "simulated after": _number(forward.get("torque_rms")),
                 "noise floor": _number(one.get("noise_floor")),
             }
@@ -159,6 +159,13 @@ def joint_table(verdict: Mapping[str, Any]) -> pd.DataFrame:
     table = pd.DataFrame(records)
     absent = [name for name in ("as declared", "simulated after") if table[name].isna().all()]
     return table.drop(columns=absent)
+
+
+def _change(before: float, after: float) -> float:
+    """Change in percent, without what is rounding alone."""
+    if not before > 0:
+        return np.nan
+    return 0.0 if np.isclose(before, after, rtol=1e-9) else 100 * (after / before - 1)
 
 
 def _number(value: Any) -> float:

@@ -1,12 +1,12 @@
 """What the correction changes, in words: which detector, what SNR and rank, what scope, and what is truer."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text, join_words, term_label, unit_text
+from wearscope.reporting.labels import count_text, join_words, name_term, unit_text
 from wearscope.reporting.page import format_number
 
 #: Certainty from which a change, an order or a comparison with the truth is stated.
@@ -27,12 +27,15 @@ class Reevaluation:
         ``side``, ``drawn``, ``left_out``, ``first_reason``.
     assumed : tuple of str
         What was carried over to the model after, e.g. ``wear at axis_1``.
+    names : mapping of str to str
+        What factors are called, e.g. ``temperature`` for ``w3``; by their codes where left out.
     """
 
     table: pd.DataFrame
     ranking: pd.DataFrame
     models: pd.DataFrame
     assumed: tuple[str, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def told(self) -> pd.DataFrame:
@@ -141,7 +144,7 @@ def _relevance(one: Reevaluation) -> str:
             f"{100 * SURE:g} % certainty; {len(rows)} of {count_text(len(asked), 'coefficient')} changed."
         )
     parts = [
-        f"{term_label(str(row.about))} for {row.fda} on axis {row.axis} "
+        f"{name_term(str(row.about), one.names)} for {row.fda} on axis {row.axis} "
         f"({format_number(row.before)} to {format_number(row.after)} of wear's)"
         for row in crossed.itertuples()
     ]
@@ -157,7 +160,7 @@ def _best(one: Reevaluation) -> str:
             same.append(f"axis {axis}")
         else:
             parts.append(
-                f"on axis {axis} ({cycle}) {join_words(was, 'or') or 'none'} before, "
+                f"on axis {axis} ({cycle.replace('_', ' ')}) {join_words(was, 'or') or 'none'} before, "
                 f"{join_words(names, 'or') or 'none'} after"
             )
     text = "Which detector is best: "
@@ -195,9 +198,9 @@ def _scope(one: Reevaluation) -> str:
             f"What scope: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'tolerance')}."
         )
     parts = [
-        f"{row.fda} on axis {row.axis} bears σ of {row.about} up to {format_number(row.before)} "
-        f"{unit_text(row.unit)} before, {format_number(row.after)} {unit_text(row.unit)} after, at a change "
-        f"of wear of {format_number(row.delta)}"
+        f"{row.fda} on axis {row.axis} bears σ of {one.names.get(row.about, row.about)} up to "
+        f"{format_number(row.before)} {unit_text(row.unit)} before, {format_number(row.after)} "
+        f"{unit_text(row.unit)} after, at a change of wear of {format_number(row.delta)}"
         for row in changed.itertuples()
     ]
     return f"What scope: it changes where {'; '.join(parts)}."

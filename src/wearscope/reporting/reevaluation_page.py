@@ -6,7 +6,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.figures.reevaluation import draw_reevaluation
-from wearscope.reporting.labels import count_text, join_words, term_label, unit_text
+from wearscope.reporting.labels import count_text, join_words, name_term, with_unit
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -113,10 +113,10 @@ def _question(one: Reevaluation, question: str) -> Markup:
     for row in rows.head(40).itertuples():
         record: dict[str, object] = {"axis": row.axis, "test-cycle": row.cycle, "detector": row.fda}
         if question == "scope":
-            record["factor"] = f"{row.about} [{unit_text(row.unit)}]" if unit_text(row.unit) else row.about
+            record["factor"] = with_unit(one.names.get(row.about, row.about), row.unit)
             record["change of wear"] = row.delta
         else:
-            record["term"] = term_label(str(row.about))
+            record["term"] = name_term(str(row.about), one.names)
         record |= {side: _value(row, side) for side in sides}
         record["certainty of the change"] = row.p_changed
         if one.has_truth:

@@ -61,9 +61,10 @@ def figure_bytes(figure: Figure, kind: str = "svg", dpi: float | None = None) ->
 
 
 def save_figure(figure: Figure, *paths: str | Path) -> None:
-    """Write a figure whole or not at all, as SVG or PNG by the name's ending."""
+    """Write a figure whole or not at all, as SVG or PNG by the name's ending; laid out once for all."""
     for path in paths:
         content = figure_bytes(figure, Path(path).suffix.lstrip("."))
+        figure.set_layout_engine("none")
 
         def write(name: str, content: bytes = content) -> None:
             Path(name).write_bytes(content)

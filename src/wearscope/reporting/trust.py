@@ -142,11 +142,12 @@ def failed_points(study: Study) -> str:
     if study.failures.empty:
         return "No detector failed at any point."
     worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
+    cycle = worst["cycle"].replace("_", " ")
     total = int(study.failures["failed"].sum())
     return (
         f"{count_text(total, 'test quantity', 'test quantities')} failed in "
         f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {worst['fda']}, "
-        f"{worst['robot']}, {worst['cycle']}, axis {worst['axis']}, {worst['set']}: {worst['failed']} of "
+        f"{worst['robot']}, {cycle}, axis {worst['axis']}, {worst['set']}: {worst['failed']} of "
         f"{worst['points']} ({worst['first_reason']}). Failed points are left out, never counted as zero."
     )
 

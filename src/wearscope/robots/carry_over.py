@@ -18,14 +18,17 @@ REFERENCE = "reference"
 _SHARES = np.linspace(0.5, 1.0, 21)
 
 
-def find_lacking(model: RobotModel, dependences: Sequence[str] = tuple(SIGNALS)) -> list[tuple[str, str]]:
+def find_lacking(
+    model: RobotModel, dependences: Sequence[str] = tuple(SIGNALS), worn: Sequence[int] | None = None
+) -> list[tuple[str, str]]:
     """Joints whose torque does not depend on wear or temperature, as (dependence, joint).
 
-    Wear is asked of the joints that wear, temperature of all.
+    Wear is asked of the joints that wear, or of the axes `worn`; temperature of all.
     """
     lacking = []
+    wearing = model.wear_joints if worn is None else model.wearing(worn).wear_joints
     for dependence in dependences:
-        for joint in model.wear_joints if dependence == "wear" else model.joints:
+        for joint in wearing if dependence == "wear" else model.joints:
             if not any(SIGNALS[dependence] in e.depends_on for e, _ in _effects_at(model, joint)):
                 lacking.append((dependence, joint))
     return lacking
@@ -36,6 +39,7 @@ def carry_over(
     source: RobotModel,
     dependences: Sequence[str] = tuple(SIGNALS),
     reference: float = 50.0,
+    worn: Sequence[int] | None = None,
 ) -> RobotModel:
     """Complete model: what it lacks of wear and temperature, taken from another robot.
 
@@ -52,6 +56,8 @@ def carry_over(
     dependences : sequence of {"wear", "temperature"}
     reference : float
         Temperature at which the model's own friction holds [deg C]: what temperature changes is zero there.
+    worn : sequence of int, optional
+        Axes that wear; the model's own by default.
 
     Returns
     -------
@@ -64,7 +70,7 @@ def carry_over(
         Where the source lacks it too, or a joint has no friction to scale to.
     """
     added: list[dict[str, Any]] = []
-    for dependence, joint in find_lacking(model, dependences):
+    for dependence, joint in find_lacking(model, dependences, worn):
         place = model.joints.index(joint)
         lender = joint if joint in source.joints else source.joints[min(place, source.n - 1)]
         speed, torque = _find_scales(model, joint, source, lender, reference)

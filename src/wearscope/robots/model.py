@@ -139,6 +139,23 @@ class RobotModel(Section):
         return self.joints[:3] if self.wear_axes is None else self.wear_axes
 
     @property
+    def axes(self) -> list[str]:
+        """Joint of each axis as a study counts them: `wear_joints`, then the others in their order."""
+        return [*self.wear_joints, *(name for name in self.joints if name not in self.wear_joints)]
+
+    def wearing(self, axes: Sequence[int]) -> "RobotModel":
+        """Return a copy on which these axes wear, in this order; `axes` of the copy are others.
+
+        Raises
+        ------
+        InputError
+            Where the robot has no such axis.
+        """
+        if max(axes) > self.n:
+            raise InputError(f"axes: robot '{self.name}' has {self.n} axes; drop axis {max(axes)}.")
+        return self.model_copy(update={"wear_axes": [self.axes[axis - 1] for axis in axes]})
+
+    @property
     def declared_payload(self) -> Payload | None:
         """The payload that the controller believes in."""
         return None if self.payload is None else self.payload.to_payload()

@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from wearscope import plugins
 from wearscope.errors import InputError
 from wearscope.home import find_home
 
@@ -36,8 +37,13 @@ def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> P
                 return candidate
         except ValueError:  # a path that no system has
             break
+    module = plugins.installed_file(str(reference), "robots") if isinstance(reference, str) else None
+    if module is not None:
+        if (module.parent / "model.yaml").is_file():
+            return module.parent / "model.yaml"
+        raise InputError(f"robot '{reference}': {module.parent} holds no model.yaml; add it to the package.")
     there = {file.parent.name for folder in folders for file in folder.glob("*/model.yaml")}
-    known = ", ".join(sorted(there)) or "none"
+    known = ", ".join(sorted({*there, *plugins.list_installed("robots")})) or "none"
     raise InputError(
         f"robot {str(reference)!r}: no such model file, nor folder with a model.yaml, nor robot in "
         f"{folders[0]} (there: {known}); correct the name."

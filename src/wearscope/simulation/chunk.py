@@ -11,10 +11,11 @@ from typing import Any
 from wearscope.cycles.base import Cycle, Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
+from wearscope.robots.numbers import set_numbers
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of
-from wearscope.simulation.study import KEPT, make_conditions, simulate_points
+from wearscope.simulation.study import KEPT, Numbers, make_conditions, simulate_points
 from wearscope.simulation.traces import point_path
 from wearscope.supervision import ProcessLost, run_supervised
 
@@ -31,7 +32,7 @@ class Plan:
     robot, cycle : str
         As tables and folders call them; parts of every seed.
     kinds : mapping of str to str
-        Kind by factor, in the design's order.
+        Kind by factor, in the design's order; a robot's number by its path.
     seed : int
         The study's root seed.
     step : float
@@ -205,10 +206,12 @@ def _prepare_points(
     rows: Sequence[Mapping[str, Any]], set_name: str, model: RobotModel, cycle: Cycle, plan: Plan
 ) -> Iterator[tuple]:
     @lru_cache(maxsize=KEPT)
-    def build(dwell: float) -> Reference:
-        return cycle.build(model, dwell, plan.step)
+    def build(dwell: float, limits: Numbers) -> Reference:
+        return cycle.build(set_numbers(model, limits), dwell, plan.step)
 
     for row in rows:
         levels = natural_levels(row, plan.kinds)
         seed = seed_of(plan.seed, plan.robot, plan.cycle, set_name, int(row["point"]))
-        yield build(dwell_of(levels, plan.kinds)), make_conditions(levels, plan.kinds), seed
+        conditions = make_conditions(levels, plan.kinds)
+        limits = tuple(one for one in conditions.numbers if one[0].sets_motion)
+        yield build(dwell_of(levels, plan.kinds), limits), conditions, seed

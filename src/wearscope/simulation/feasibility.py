@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from wearscope.cycles.base import Cycle, Reference, check_reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, check_effects, check_temperature
+from wearscope.robots.numbers import Number, find_number, set_numbers
 from wearscope.simulation.chunk import DEFAULT_DWELL
 from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.sensors import find_stride
@@ -54,6 +55,17 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
             raise InputError(f"factors.{name}: {low:g} % leaves no mass; start the range above -100 %.")
         if kind == "temperature":
             _check_temperatures(model, name, (low, high))
+        number = find_number(kind)
+        if number is not None:
+            _check_number(model, name, number, (low, high))
+
+
+def _check_number(model: RobotModel, factor: str, number: Number, levels: tuple[float, float]) -> None:
+    for level in levels:
+        try:
+            check_effects(set_numbers(model, [(number, level)]))
+        except InputError as error:
+            raise InputError(f"factors.{factor}: {error}") from None
 
 
 def _check_temperatures(model: RobotModel, factor: str, levels: tuple[float, float]) -> None:
@@ -87,6 +99,19 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
     InputError
         See `wearscope.cycles.base.check_reference`.
     """
+    limits = [
+        (number, level)
+        for kind, low, high in ranges.values()
+        if (number := find_number(kind)) is not None and number.is_known
+        for level in (low, high)
+    ]
+    return max(
+        _check_motion(one, cycle, label, ranges, step)
+        for one in [model, *(set_numbers(model, [limit]) for limit in limits)]
+    )
+
+
+def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, step: float) -> float:
     of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
     dwells = sorted({value / 1000.0 for value in of_kind.get("dwell", ())} or {DEFAULT_DWELL})
     # The robot carries declared / (1 + error).

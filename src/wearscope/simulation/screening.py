@@ -9,10 +9,12 @@ import pandas as pd
 from wearscope.cycles.base import Cycle, Reference, required_torque
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
+from wearscope.robots.numbers import Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.chunk import DEFAULT_DWELL
+from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.feasibility import Ranges
-from wearscope.simulation.study import Conditions
+from wearscope.simulation.study import Conditions, simulate_point
 
 #: Change of torque, over the largest torque of the joint, below which it is rounding.
 ROUNDING = 1e-9
@@ -35,7 +37,9 @@ def screen_factors(
     """Largest change of any joint's torque between the ends of each factor's range.
 
     The torque is that of inverse dynamics along the test-cycles' reference motions, which every recording
-    follows: rigid body with the true payload, rotors and the model's effects.
+    follows: rigid body with the true payload, rotors and the model's effects. For a number of the robot both
+    ends are simulated, and all that is recorded counts. A detector's number moves no recording: its change is
+    NaN, and it counts as one that moves.
 
     Parameters
     ----------
@@ -56,7 +60,15 @@ def screen_factors(
     for label, cycle in cycles.items():
         references = {}
         for name, (kind, low, high) in ranges.items():
-            if found[name][0] > ROUNDING:
+            if is_detectors(kind):
+                found[name] = np.nan, "", ""
+            if not found[name][0] <= ROUNDING:
+                continue
+            number = find_number(kind)
+            if number is not None:
+                change, joint = _recorded_change(model, cycle, step, number, (low, high))
+                if change > found[name][0]:
+                    found[name] = change, model.joints[joint], label
                 continue
             for dwell in (low / 1000.0, high / 1000.0) if kind == "dwell" else (DEFAULT_DWELL,):
                 if dwell not in references:
@@ -72,7 +84,7 @@ def screen_factors(
                 "change": change,
                 "joint": joint,
                 "cycle": label,
-                "moves": change > ROUNDING,
+                "moves": not change <= ROUNDING,
             }
             for name, (change, joint, label) in found.items()
         ]
@@ -107,10 +119,14 @@ def check_screening(
     for row in screening.itertuples():
         if row.moves or (on_idle == "drop" and row.factor not in tested):
             continue
-        remedy = REMEDIES[str(row.kind)]
+        remedy = REMEDIES.get(
+            str(row.kind), "widen its range, name another number, drop the factor from the study"
+        )
         remedy += "." if row.factor in tested else ", or set 'screening: drop'."
+        number = find_number(str(row.kind))
+        what = str(row.kind).replace("_", " ") if number is None else number.path
         raise InputError(
-            f"factors.{row.factor}: {str(row.kind).replace('_', ' ')} moves no recorded torque of robot "
+            f"factors.{row.factor}: {what} moves no recorded torque of robot "
             f"'{robot}', so every answer about it would be about noise; {remedy}"
         )
     return screening.assign(robot=robot, dropped=~screening["moves"])
@@ -170,6 +186,38 @@ def _largest_change(
     change = np.abs(torques[1] - torques[0]).max(axis=0) / largest
     joint = int(np.argmax(change))
     return float(change[joint]), joint
+
+
+def _recorded_change(
+    model: RobotModel, cycle: Cycle, step: float, number: Number, levels: tuple[float, float]
+) -> tuple[float, int]:
+    """Change of what is recorded over its largest magnitude, and the joint where it is largest."""
+    runs = []
+    for level in levels:
+        numbers = ((number, level),)
+        planned = set_numbers(model, numbers) if number.sets_motion else model
+        reference = cycle.build(planned, DEFAULT_DWELL, step)
+        try:
+            run = simulate_point(
+                model, reference, Conditions(numbers=numbers), seed=0, sample_rate=1.0 / step
+            )
+        except SimulationError as error:
+            unit = " %" if number.relative else ""
+            raise InputError(
+                f"{number.path}: at {level:g}{unit}, robot '{model.name}' cannot be simulated, "
+                f"{str(error).rstrip('.')}; narrow the range of the factor."
+            ) from error
+        runs.append(run)
+    if len(runs[0].t) != len(runs[1].t):  # another duration: every later sample is another one
+        return 1.0, 0
+    changes = []
+    for name in ("q", "qd", "tau"):
+        first, second = (getattr(run, name) for run in runs)
+        largest = np.maximum(np.abs(first), np.abs(second)).max(axis=0)
+        changes.append(np.abs(second - first).max(axis=0) / np.maximum(largest, 1e-300))
+    by_joint = np.max(changes, axis=0)
+    joint = int(np.argmax(by_joint))
+    return float(by_joint[joint]), joint
 
 
 def _torque(

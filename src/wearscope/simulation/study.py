@@ -10,6 +10,7 @@ from wearscope.effects.base import Plant
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, check_temperature
+from wearscope.robots.numbers import Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.bullet import pybullet
@@ -29,6 +30,8 @@ KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
 #: of memory, says nothing about the point and ends the job.
 PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
+#: Numbers of a robot that are others than its model states.
+Numbers = tuple[tuple[Number, float], ...]
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,15 @@ class Conditions:
     payload_mass_error : float
         Error of the declared mass relative to the correct one [-]: the robot carries
         ``declared / (1 + error)``, the controller believes in the declared payload.
+    numbers : tuple of (Number, float)
+        Numbers of the robot that are others than its model states. The controller believes in the model, and
+        knows those of `wearscope.robots.numbers.KNOWN`.
     """
 
     wear: tuple[float, ...] = ()
     temperature: float = 50.0
     payload_mass_error: float = 0.0
+    numbers: tuple[tuple[Number, float], ...] = ()
 
 
 def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Conditions:
@@ -61,7 +68,8 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
         Natural level by factor, in the order of the factors: the k-th wear factor is the wear of the k-th
         wearing joint. Temperature in deg C, payload mass error in % of the correct mass.
     kinds : mapping of str to str
-        Kind by factor: wear, temperature, dwell (not looked at), payload_mass_error.
+        Kind by factor: wear, temperature, payload_mass_error, or the path of a number of the robot; dwell and
+        a detector's numbers are not looked at.
 
     Raises
     ------
@@ -69,19 +77,41 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
         Where a kind is not known.
     """
     wear, temperature, error = [], 50.0, 0.0
+    numbers = []
     for name, level in levels.items():
         kind = kinds[name]
-        if kind not in KINDS:
-            raise InputError(
-                f"factor '{name}': the simulation knows no kind '{kind}'; use one of {', '.join(KINDS)}."
-            )
-        if kind == "wear":
+        number = find_number(kind)
+        if number is not None:
+            numbers.append((number, float(level)))
+        elif kind == "wear":
             wear.append(float(level))
         elif kind == "temperature":
             temperature = float(level)
         elif kind == "payload_mass_error":
             error = float(level) / 100.0
-    return Conditions(tuple(wear), temperature, error)
+        elif kind != "dwell" and not is_detectors(kind):
+            raise InputError(
+                f"factor '{name}': the simulation knows no kind '{kind}'; use one of {', '.join(KINDS)}, or "
+                "the path of a number."
+            )
+    return Conditions(tuple(wear), temperature, error, tuple(numbers))
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A robot as it is, beside what its controller believes.
+
+    Attributes
+    ----------
+    model : RobotModel
+    plant : Plant
+    body : RigidBody
+        With the payload that the model declares.
+    """
+
+    model: RobotModel
+    plant: Plant
+    body: RigidBody
 
 
 class Simulator:
@@ -111,7 +141,7 @@ class Simulator:
         self.declared: RigidBody = model.rigid_body(model.declared_payload)
         self.world = World()
         self._proven: set[float] = set()
-        self._laws: dict[int, tuple[Reference, Law]] = {}
+        self._laws: dict[tuple, tuple[Reference, Law]] = {}
 
     def __enter__(self) -> "Simulator":
         return self
@@ -124,37 +154,47 @@ class Simulator:
         self.world.close()
         self.world = World()
 
-    def _law(self, reference: Reference) -> Law:
+    def _law(self, reference: Reference, numbers: Numbers = ()) -> Law:
         # Points that share a dwell share their reference, whose torque costs as much as a tenth of a run.
-        kept = self._laws.get(id(reference))
+        known = tuple(one for one in numbers if one[0].is_known)
+        kept = self._laws.get((id(reference), known))
         if kept is None:
             feedforward = make_feedforward(
                 self.model, self.declared, self.plant, reference, self.friction_feedforward
             )
+            believed = set_numbers(self.model, known)
             law = make_law(
-                self.model,
+                believed,
                 reference,
                 feedforward,
                 self.declared,
                 self.plant.armature,
-                self.model.torque_limit,
+                believed.torque_limit,
             )
-            kept = self._laws[id(reference)] = (reference, law)
+            kept = self._laws[id(reference), known] = (reference, law)
             if len(self._laws) > KEPT:
                 del self._laws[next(iter(self._laws))]
         return kept[1]
 
-    def body(self, payload_mass_error: float) -> RigidBody:
+    def machine(self, numbers: Numbers) -> Machine:
+        """The robot as it is with other numbers than its model's."""
+        if not numbers:
+            return Machine(self.model, self.plant, self.declared)
+        model = set_numbers(self.model, numbers)
+        return Machine(model, build_plant(model), model.rigid_body(model.declared_payload))
+
+    def body(self, payload_mass_error: float, machine: Machine | None = None) -> RigidBody:
         """Bodies with the true payload."""
-        payload = self.model.declared_payload
+        machine = machine or self.machine(())
+        payload = machine.model.declared_payload
         if payload_mass_error == 0.0 or payload is None:
-            return self.declared
+            return machine.body
         if not payload_mass_error > -1.0:
             raise InputError(
                 f"payload_mass_error = {payload_mass_error:g}: a mass declared {payload_mass_error:.0%} off "
                 "the correct one is none; use a level above -100 %."
             )
-        return self.declared.with_payload(payload.scaled(1.0 / (1.0 + payload_mass_error)))
+        return machine.body.with_payload(payload.scaled(1.0 / (1.0 + payload_mass_error)))
 
     def wear(self, levels: Sequence[float]) -> Array:
         """Wear (n,) of all joints from that of the wearing ones."""
@@ -193,21 +233,22 @@ class Simulator:
             Where the run fails: see `wearscope.simulation.run.run_motion`; a joint leaves its limits, or what
             is recorded is not finite.
         """
-        model = self.model
+        machine = self.machine(conditions.numbers)
+        model, plant = machine.model, machine.plant
         _check_reference(reference, model)
         dt = find_step(reference.t)
         find_stride(dt, self.sample_rate)
         check_temperature(model, conditions.temperature)
         wear = self.wear(conditions.wear)
-        body = self.body(conditions.payload_mass_error)
+        body = self.body(conditions.payload_mass_error, machine)
         if dt not in self._proven:
             prove_world(self.world, self.declared, dt)
             self._proven.add(dt)
         trace = run_motion(
             self.world,
             body,
-            self.plant,
-            self._law(reference),
+            plant,
+            self._law(reference, conditions.numbers),
             dt,
             conditions.temperature,
             wear,
@@ -228,8 +269,8 @@ class Simulator:
             self.sample_rate,
             model.encoder_resolution,
             model.torque_noise,
-            self.plant.torque_gain,
-            self.plant.torque_delay,
+            plant.torque_gain,
+            plant.torque_delay,
             seed,
         )
         for name in ("q", "qd", "tau"):

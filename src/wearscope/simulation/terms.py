@@ -3,14 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, typed, types
+from numba import njit, typed
 
-from wearscope.effects.base import ROW, Plant, Term
+from wearscope.effects.base import Plant, Term
+from wearscope.effects.rows import hold_rows
 from wearscope.simulation.arrays import INNER
 
 #: Difference of speed over which a slope is taken.
 PROBE = 1e-7
-_ROW = types.FunctionType(ROW)
 
 
 class Terms(NamedTuple):
@@ -63,17 +63,6 @@ def order_terms(plant: Plant) -> list[Term]:
     return sorted(plant.terms, key=lambda term: term.joint)
 
 
-# Compiled once and kept, where the list's own methods would be compiled in every process.
-@njit(types.ListType(_ROW)(), cache=True)
-def _start_rows():
-    return typed.List.empty_list(_ROW)
-
-
-@njit(types.void(types.ListType(_ROW), _ROW), cache=True)
-def _add_row(rows, row):
-    rows.append(row)
-
-
 def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     """Rows and numbers of a plant's terms.
 
@@ -87,9 +76,7 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     Terms
     """
     ordered = order_terms(plant)
-    rows = _start_rows()
-    for term in ordered:
-        _add_row(rows, term.row)
+    rows = hold_rows([term.row for term in ordered])
     m = len(ordered)
     widest = max([1, *(len(t.coefficients) for t in ordered)])
     deepest = max([1, *(len(t.shape) for t in ordered)])

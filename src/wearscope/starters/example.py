@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.checking.own_code import make_batch
+from wearscope.example import example_dataset
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
 from wearscope.robots.spatial import Array
@@ -26,6 +27,8 @@ _DIGITS = 4
 def write_example(target: Path) -> None:
     """Write ``arm.urdf``, the medium robot's, and one recording a day: ms, degrees, N m, separated by ';'.
 
+    Beside them the data set that ships with the package goes to ``machine/``.
+
     The torque is that of the robot's model at 50 deg C, friction by eq. (17) included, with sensor noise.
 
     Raises
@@ -35,6 +38,7 @@ def write_example(target: Path) -> None:
     """
     model = load_model("medium").replace(payload=None)
     with new_folder(target) as folder:
+        shutil.copytree(example_dataset(), folder / "machine")
         shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")
         for seed, (day, cycle) in enumerate(DAYS.items()):
             batch = make_batch(model, cycle, 0.0, seed)

@@ -144,7 +144,7 @@ def choose_surrogate(
     kinds : sequence of str
         Those of `KINDS` that are tried.
     enough : float
-        Cross-validated fit [%] above which no bent process is tried.
+        Cross-validated fit [%] above which neither polynomial chaos nor a bent process is tried.
 
     Returns
     -------
@@ -167,15 +167,14 @@ def choose_surrogate(
 
     if QUADRATIC in kinds:
         consider(fit_quadratic(z, y, names))
-    if POLYNOMIAL_CHAOS in kinds:
+    process = fit_gaussian_process(z, y, noise) if GAUSSIAN_PROCESS in kinds else None
+    consider(process)
+    if POLYNOMIAL_CHAOS in kinds and max(fits.values(), default=-np.inf) < enough:
         consider(fit_polynomial_chaos(z, y))
-    if GAUSSIAN_PROCESS in kinds:
-        process = fit_gaussian_process(z, y, noise)
-        consider(process)
-        if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
-            column = int(np.argmin(process.parameters["log_lengths"]))
-            for shape in SHAPES:
-                consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]], shape))
+    if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
+        column = int(np.argmin(process.parameters["log_lengths"]))
+        for shape in SHAPES:
+            consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]], shape, process))
     if not tried:
         raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
     _, best = max(tried, key=lambda one: one[0] + (MARGIN if isinstance(one[1], GaussianProcess) else 0.0))

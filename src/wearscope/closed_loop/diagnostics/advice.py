@@ -59,7 +59,6 @@ def find_undetermined(problem: Problem, isolability: pd.DataFrame) -> list[dict]
         `joint`, `effect`, `reason` and `motion`.
     """
     prepared = problem.prepared
-    runs = len({run.file for run in prepared.runs_for("train")})
     records = []
     sines: dict[tuple[str, str], float] = {}
     for row in isolability.itertuples(index=False):
@@ -76,9 +75,6 @@ def find_undetermined(problem: Problem, isolability: pd.DataFrame) -> list[dict]
             if not effect.is_usable(problem.joined, j):
                 if effect.lacking:
                     records.append(_record(joint, effect.name, effect.lacking, motion))
-            elif runs < effect.runs_needed:
-                reason = f"it takes {effect.runs_needed} training runs to see that it repeats"
-                records.append(_record(joint, effect.name, reason, motion))
             elif sines.get((joint, effect.name), 1.0) < ABSORBED:
                 reason = "the declared model's own parameters absorb it on these runs"
                 records.append(_record(joint, effect.name, reason, motion))

@@ -289,13 +289,14 @@ def _check_by_joint(path: Path, robot: RobotFields) -> None:
 
 def _check_effects(path: Path, fields: DatasetFields) -> None:
     """Names must be known; own effect files must lie in the folder. None of them is run here."""
+    installed = plugins.list_installed("effects")
     for reference in fields.effects:
-        if not reference.endswith(".py"):
+        if not reference.endswith(".py") and reference not in installed:
             raise InputError(
                 f"{path}: effects: '{reference}' is no path of a .py file; name the files of own effects."
             )
-    known = [name for name in plugins.list_names("effects", "EFFECT") if name != "unknown"]
-    for name in fields.effects + [name for name in fields.declared_effects if name.endswith(".py")]:
+    known = [name for name in plugins.list_names("effects", "EFFECT") if name != "unknown"] + installed
+    for name in [name for name in fields.effects + fields.declared_effects if name.endswith(".py")]:
         if not find_inside(path.parent, name, f"{path}: effects").is_file():
             raise InputError(f"{path.parent / name}: no such file; correct effects in dataset.yaml.")
     for name in fields.declared_effects:

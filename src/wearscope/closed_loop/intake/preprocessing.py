@@ -439,5 +439,5 @@ def _describe(dataset: Dataset, band: Band, rate: float, factor: int) -> list[st
         notes.append(f"recorded at {rate:g} Hz, of which {band.rate:g} Hz are kept after the filters.")
     robot = dataset.fields.robot
     if robot.inertials == "approximate" and "rigid_body" not in dataset.fields.declared_effects:
-        notes.append("inertials are approximate but rigid_body is not declared; they are not refitted.")
+        notes.append("rigid_body is not declared, but inertials are approximate: they are refitted.")
     return notes

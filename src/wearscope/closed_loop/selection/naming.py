@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from arch.bootstrap import MCS
 
+from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Found, Search, match_gain
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
@@ -78,7 +80,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         near = [search.refine(beside, e) for e in near]
         inside = find_confidence_set([own, *near], search.policy)
         able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
-        opposing = [e for e in able if search.opposes_gravity(e)]
+        opposing = [e for e in able if opposes_gravity(search.problem, e)]
         name = rule.simplest(able, opposing) if able and not f.effect.standard else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
@@ -93,3 +95,19 @@ def _is_same(a: Evidence, b: Evidence) -> bool:
     return (
         a.term.effect is b.term.effect and a.term.joint == b.term.joint and a.chosen.subset == b.chosen.subset
     )
+
+
+def opposes_gravity(problem: Problem, e: Evidence) -> bool:
+    """Whether a term that is built to take gravity's load off a joint does so."""
+    if not e.term.effect.opposes_gravity:
+        return False
+    joint, opposed, scale = e.term.joint, 0.0, 0.0
+    at = e.chosen.candidate.joints.index(joint)
+    torques = problem.layout.unpack(e.chosen.rows[at] @ e.beta)
+    for run, torque in zip(problem.train, torques, strict=True):
+        q = run.signals.q[rows(run.band, len(run.signals.t))]
+        gravity = run.signals.rigid_body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, joint]
+        opposed += float(torque @ gravity)
+        scale += float(np.linalg.norm(torque) * np.linalg.norm(run.signals.load[:, joint]))
+    # Where gravity gives nothing but round-off there is nothing to balance.
+    return opposed < -1e-6 * scale

@@ -16,7 +16,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.closed_loop.selection.reversal import make_reversal
-from wearscope.effects.base import Effect, MeasurementEffect
+from wearscope.effects.base import Effect, MeasurementEffect, load_effect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
@@ -48,7 +48,7 @@ class Problem:
         self.joined = join_signals(self.train)
         fields = prepared.dataset.fields
         self.declared, self.own = list(declared), list(own)
-        self.inertial = fields.robot.inertials == "approximate" and "rigid_body" in fields.declared_effects
+        self.inertial = fields.robot.inertials == "approximate"
         stated = {name for name, value in fields.robot if value is not None}
         self.given = given_effects(self.declared, stated)
         fixed = {effect.name for effect in self.given}
@@ -71,7 +71,7 @@ class Problem:
             rows = np.concatenate(columns)
             joints = tuple(range(self.prepared.n))
             penalty = inertial_penalty(self.prepared)
-            effect = next(e for e in self.declared if e.name == "rigid_body")
+            effect = load_effect("rigid_body")
             candidate = Candidate(
                 effect, self.prepared.n - 1, ((),), joints, tuple(rows[:, j] for j in joints), penalty
             )
@@ -114,8 +114,6 @@ class Problem:
         if not p.moving[joint] or (effect.per_robot and joint != p.n - 1):
             return None
         if not effect.is_usable(self.joined, joint):
-            return None
-        if len({run.file for run in self.train}) < effect.runs_needed:
             return None
         if ModelTerm(effect, joint, (), ()).is_deflection and not effect.shape:
             return self._bend(effect, joint)
@@ -175,7 +173,7 @@ class Problem:
         residual : ndarray (M,)
         """
         p = self.prepared
-        if not p.moving[joint] or len({run.file for run in self.train}) < effect.runs_needed:
+        if not p.moving[joint]:
             return None
         shapes = effect.shapes(self.joined, joint)
         keep = self.layout.keep[:, joint]

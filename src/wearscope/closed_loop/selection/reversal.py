@@ -24,6 +24,8 @@ _LEAST, _LARGEST = 1e-4, 0.3
 #: Widths from which the fit starts besides the rough model's, over the joint's largest speed; residual
 #: variances by which one must do better than it.
 _STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
+#: Share of the loss that a width must remove where the rough model found a reversal at once.
+_AT_ONCE = 0.2
 #: Standard errors that a change of a width must have.
 _ERRORS = 1.0
 
@@ -86,19 +88,23 @@ def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
     Returns
     -------
     ndarray
-        Unchanged where nothing in the model changes its sign with the motion, and for reversals at once.
+        Unchanged where nothing in the model changes its sign with the motion; a reversal at once stays one
+        unless a width does clearly better.
     """
     widths = prepared.reversal_width.copy()
-    frictions = {j: _list_own(assembly.chosen, j) for j in np.flatnonzero(widths > 0.0).tolist()}
+    frictions = {j: _list_own(assembly.chosen, j) for j in np.flatnonzero(prepared.moving).tolist()}
     frictions = {j: terms for j, terms in frictions.items() if terms}
     if not frictions:
         return widths
     top = np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
     best = {j: (np.inf, widths[j]) for j in frictions}
     first = _fit_joints(prepared, assembly, frictions)
-    least = {j: fit.loss - _CLEARLY * fit.noise for j, fit in first.items()}
+    least = {
+        j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
+        for j, fit in first.items()
+    }
     for share in _STARTS:
-        tried = np.where(widths > 0.0, share * top, widths)
+        tried = np.where(prepared.moving, share * top, widths)
         for j, fit in _fit_joints(prepared.reverse_over(tried), assembly, frictions).items():
             if fit.loss < least[j]:
                 least[j], widths[j] = fit.loss, tried[j]
@@ -108,7 +114,7 @@ def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
         for j, fit in fits.items():
             if not fit.loss < best[j][0]:
                 # Half way back to what was better.
-                if np.isfinite(best[j][0]) and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
+                if best[j][1] > 0.0 and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
                     widths[j] = np.sqrt(widths[j] * best[j][1])
                 else:
                     moving.discard(j)

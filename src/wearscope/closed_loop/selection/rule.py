@@ -18,7 +18,7 @@ _CANCELS = 12.0
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
-_GENERIC, _GENERIC_TORQUE = 5.0, 2.5
+_GENERIC, _GENERIC_TORQUE = 10.0, 2.5
 #: Share of the material torque that a term must add to what the model's other terms could give.
 _OWN = 1.0 / 3.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of

@@ -11,24 +11,26 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
 
-from wearscope.closed_loop.intake.preprocessing import rows
-from wearscope.closed_loop.model.candidates import Candidate, make_candidate
+from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.offers import find_reach, list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_widths
+from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import drift_p_value
-from wearscope.effects.base import Effect, MeasurementEffect
+from wearscope.effects.base import Effect
 
 #: Most passes of the revision.
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
+#: Sine of the angle to the other terms below which a standard term stays beside errors of bodies.
+_IMITATED = 0.05
 #: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
 _HOPELESS = 0.4
 #: What is said of a term that stays unless another one is better.
@@ -99,35 +101,12 @@ class Search:
     def candidates(
         self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]
     ) -> list[Candidate]:
-        """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
-        n = self.problem.prepared.n
-        present: list[list[Effect]] = [list(self.problem.given) for _ in range(n)]
-        for chosen in assembly.chosen:
-            present[chosen.candidate.joint].append(chosen.candidate.effect)
-        made = []
-        residual = assembly.residual
-        for joint in joints:
-            count = sum(f.joint == joint and not f.effect.standard for f in found)
-            if count >= self.policy.most_terms:
-                self.full.add(joint)
-                continue
-            for effect in self.problem.effects:
-                there = present[joint]
-                if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
-                    continue
-                if not effect.has_parent(there):
-                    continue
-                if isinstance(effect, MeasurementEffect):
-                    if self.problem.prepared.moving[joint]:
-                        made.append(self.problem.measurement_candidate(effect, joint, assembly))
-                    continue
-                if effect.periodic:
-                    candidate = self.problem.periodic_candidate(effect, joint, residual[:, joint])
-                else:
-                    candidate = self.problem.candidate(effect, joint)
-                if candidate is not None:
-                    made.append(candidate)
-        return made
+        """What may be asked beside a model; a joint with the most terms is left out, and remembered."""
+        own = [f.joint for f in found if not f.effect.standard]
+        asked = set(joints)
+        full = {j for j in asked if own.count(j) >= self.policy.most_terms}
+        self.full |= full
+        return list_candidates(self.problem, assembly, sorted(asked - full))
 
     def weigh_all(
         self,
@@ -340,46 +319,7 @@ class Search:
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
-        effect, candidate = e.term.effect, e.chosen.candidate
-        if effect.search is None or effect.name_driver is not None:
-            return e
-        grid = effect.shapes(self.problem.joined, candidate.joint)
-        first = effect.estimated_shapes()
-        # The estimated one again once the others have moved.
-        others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
-        order = [*first[:1], *others, *(first[:1] if others else [])]
-        shape = np.array(candidate.shapes[0])
-        for k in order:
-            shape[k] = self._refine_one(assembly, e, shape, k, grid[:, k])
-        finer = weigh(assembly, self._shaped(e, shape), e.chosen.subset, self.flips)
-        if finer.gain <= e.gain:
-            return e
-        return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
-
-    def _shaped(self, e: Evidence, shape: np.ndarray) -> Candidate:
-        return make_candidate(e.term.effect, e.term.joint, self.problem.prepared, shape[None])
-
-    def _refine_one(
-        self, assembly: Assembly, e: Evidence, shape: np.ndarray, k: int, grid: np.ndarray
-    ) -> float:
-        """Best value of one shape parameter, the others held; within its grid (S,) if not estimated."""
-        effect = e.term.effect
-        low, high = np.log(grid.min() / shape[k]), np.log(grid.max() / shape[k])
-        if k in effect.estimated_shapes():
-            width = effect.width(self.problem.joined, e.term.joint, shape.tolist())
-            low = max(-width, float(np.log(max(effect.shape[k].lower, 1e-12) / shape[k])))
-            high = min(width, float(np.log(min(effect.shape[k].upper, 1e12) / shape[k])))
-
-        def loss(x: float) -> float:
-            tried = shape.copy()
-            tried[k] *= np.exp(x)
-            sums = assembly.sum_products(self._shaped(e, tried)).select(e.chosen.subset)
-            return -float(assembly.add(sums).gain[0])
-
-        found = optimize.minimize_scalar(
-            loss, bounds=(low, high), method="bounded", options={"maxiter": 10, "xatol": 1e-3 * (high - low)},
-        )  # fmt: skip
-        return float(shape[k] * np.exp(found.x)) if found.fun < loss(0.0) else float(shape[k])
+        return refine(self.problem, assembly, e, self.flips)
 
     def revise(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, with all others in the model, whether it is needed and the best."""
@@ -388,7 +328,9 @@ class Search:
             beside = self.assemble(others)
             if f.effect.standard:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-                if not self.is_needed(beside, own):
+                # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
+                imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
+                if not imitated and not self.is_needed(beside, own):
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
@@ -438,7 +380,7 @@ class Search:
     def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
         """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot:
+            if f.joint not in joints or id(f.chosen) in new or f.effect.per_robot or f.effect.masked:
                 continue
             others = [k for k in found if k is not f]
             beside = self.assemble(others)
@@ -453,21 +395,6 @@ class Search:
                 self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
                 found = others
         return found
-
-    def opposes_gravity(self, e: Evidence) -> bool:
-        """Whether a term that is built to take gravity's load off a joint does so."""
-        if not e.term.effect.opposes_gravity:
-            return False
-        joint, opposed, scale = e.term.joint, 0.0, 0.0
-        at = e.chosen.candidate.joints.index(joint)
-        torques = self.problem.layout.unpack(e.chosen.rows[at] @ e.beta)
-        for run, torque in zip(self.problem.train, torques, strict=True):
-            q = run.signals.q[rows(run.band, len(run.signals.t))]
-            gravity = run.signals.rigid_body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, joint]
-            opposed += float(torque @ gravity)
-            scale += float(np.linalg.norm(torque) * np.linalg.norm(run.signals.load[:, joint]))
-        # Where gravity gives nothing but round-off there is nothing to balance.
-        return opposed < -1e-6 * scale
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
@@ -502,29 +429,6 @@ def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float
     sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
     least = _HOPELESS * float(assembly.add(sums).gain.max())
     return lambda _: least
-
-
-def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
-    """Joints that a model couples to those where a candidate is felt, these included."""
-    reach = set(candidate.joints)
-    grown = True
-    while grown:
-        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
-        grown = not more <= reach
-        reach |= more
-    return reach
-
-
-def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
-    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
-
-    Those of a body are held by a prior.
-    """
-    if not by_run and not effect.per_robot:
-        return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
-    names = [p.name for p in effect.coefficients]
-    richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
-    return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
 
 
 def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:

@@ -4,7 +4,7 @@ import altair as alt
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
 from wearscope.reporting.charts.encoding import cell_tips, named
-from wearscope.reporting.charts.factors import SYMLOG
+from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.charts.study import together
 from wearscope.reporting.study import Study
 
@@ -13,7 +13,7 @@ def chart_snr(study: Study) -> Chart:
     """Every cell's SNR by detector and robot, with medians and their intervals."""
     robots = sorted(study.snr["robot"].unique())
     shown = list(dict.fromkeys([*robots, together(study)]))
-    x = alt.X("snr:Q", title="signal-to-noise ratio (11)", scale=SYMLOG)
+    x = alt.X("snr:Q", title="signal-to-noise ratio (11)", scale=SYMLOG, axis=symlog_axis((1, 3)))
     offset = alt.YOffset("robot:N", scale=alt.Scale(domain=shown))
     tint = alt.Color(
         "robot:N",

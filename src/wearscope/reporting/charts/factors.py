@@ -11,17 +11,23 @@ KINDS = (("direct", "direct effects"), ("interaction", "interactions"), ("square
 SYMLOG = alt.Scale(type="symlog", constant=1)
 
 
+def symlog_axis(steps: tuple[int, ...]) -> alt.Axis:
+    """Axis of such a scale: 0 and, on both sides, these multiples of powers of ten."""
+    sizes = [step * 10**power for power in range(7) for step in steps]
+    return alt.Axis(values=[*(-size for size in reversed(sizes)), 0, *sizes], labelOverlap="greedy")
+
+
 def chart_weights(study: Study) -> Chart:
     """Every cell's coefficients over that of wear, by factor and detector."""
     names = sorted(study.snr["fda"].unique())
     base = named("weights").encode(
-        y=alt.Y("term:N", title=None, sort=None, axis=alt.Axis(labelLimit=170)),
+        y=alt.Y("term:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
         yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
         color=alt.Color("fda:N", **colour("detector", names)),
     )
     band = alt.Chart(alt.InlineData([{"low": -1, "high": 1}])).mark_rect(color="var(--line)", opacity=0.45)
     points = base.mark_circle(opacity=0.65).encode(
-        x=alt.X("weight:Q", title="coefficient over that of wear", scale=SYMLOG),
+        x=alt.X("weight:Q", title="coefficient over that of wear", scale=SYMLOG, axis=symlog_axis((1, 2, 5))),
         tooltip=[*cell_tips(), alt.Tooltip("term:N"), alt.Tooltip("weight:Q", format=".3")],
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(

@@ -51,7 +51,7 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
                 "share:Q",
                 title="share of cells that meet the requirement",
                 scale=alt.Scale(domain=[0, 1], scheme="cividis"),
-                legend=alt.Legend(format=".0%", gradientLength=180),
+                legend=alt.Legend(format=".0%", gradientLength=180, titleLimit=300),
             ),
             tooltip=[
                 alt.Tooltip("change:Q", title="change of wear", format=".3"),

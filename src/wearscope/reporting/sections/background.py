@@ -19,6 +19,16 @@ VERDICT_KINDS = {
 }  # fmt: skip
 
 
+#: Columns of tables as people read them.
+COLUMNS = {"cycle": "test-cycle", "fda": "detector", "first_reason": "first reason"}
+
+
+def name_columns(table: pd.DataFrame) -> pd.DataFrame:
+    """A table of failures in words."""
+    shown = table.assign(cycle=table["cycle"].str.replace("_", " "))
+    return shown.rename(columns=COLUMNS)
+
+
 class Trust(StudySection):
     """Fits, audit, direct simulation, failed points, the design."""
 
@@ -39,7 +49,7 @@ class Trust(StudySection):
             "audit": embed_charts([chart_audit(study)] if audited else []),
             "failed": say(failed),
             "failures": [
-                render_table(table, text)
+                render_table(name_columns(table), text)
                 for table, text in (
                     (study.failed_simulations, "Every point whose simulation failed."),
                     (study.failures, "Every cell and set at a point of which the detector failed."),

@@ -1,0 +1,58 @@
+"""What may be asked beside a model, and what an answer depends on."""
+
+from collections.abc import Iterable, Sequence
+
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.problem import Problem
+from wearscope.effects.base import Effect, MeasurementEffect
+
+
+def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int]) -> list[Candidate]:
+    """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
+    present: list[list[Effect]] = [list(problem.given) for _ in range(problem.prepared.n)]
+    for chosen in assembly.chosen:
+        present[chosen.candidate.joint].append(chosen.candidate.effect)
+    made = []
+    residual = assembly.residual
+    for joint in joints:
+        for effect in problem.effects:
+            there = present[joint]
+            if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
+                continue
+            if not effect.has_parent(there):
+                continue
+            if isinstance(effect, MeasurementEffect):
+                if problem.prepared.moving[joint]:
+                    made.append(problem.measurement_candidate(effect, joint, assembly))
+                continue
+            if effect.periodic:
+                candidate = problem.periodic_candidate(effect, joint, residual[:, joint])
+            else:
+                candidate = problem.candidate(effect, joint)
+            if candidate is not None:
+                made.append(candidate)
+    return made
+
+
+def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
+    """Joints that a model couples to those where a candidate is felt, these included."""
+    reach = set(candidate.joints)
+    grown = True
+    while grown:
+        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
+        grown = not more <= reach
+        reach |= more
+    return reach
+
+
+def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
+    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
+
+    Those of a body are held by a prior.
+    """
+    if not by_run and not effect.per_robot:
+        return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
+    names = [p.name for p in effect.coefficients]
+    richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
+    return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))

@@ -1,0 +1,78 @@
+"""Sections on what is asked of the surrogates, and how their answers are checked."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from wearscope.config.base import AskedModel, CellKey, Model, Probability, Section
+
+
+class SensitivitySettings(Section):
+    """Which factors matter (Q-1)."""
+
+    model: Model = "simplified"
+    """The surrogate whose normalised coefficients (8) are compared."""
+    group_by: list[CellKey] = Field(default=["fda"])
+    """The cells that share these keys form a group (9)."""
+
+
+class SnrSettings(Section):
+    """How the detectors compare (Q-2); defaults are (20)."""
+
+    model: AskedModel = "chosen"
+    """The surrogate that is asked: the one chosen for each cell, or a quadratic model of the paper."""
+    f0: float = -0.5
+    """Fault without change, coded."""
+    delta: float = 1.0
+    """Change of the fault, coded."""
+    sigma: Annotated[float, Field(gt=0)] = 0.25
+    """Standard deviation of every nuisance factor, coded."""
+    runs: Annotated[int, Field(ge=100)] = 100_000
+    """Monte Carlo runs a cell and hypothesis."""
+    group_by: list[CellKey] = Field(default=["fda"])
+    """The cells that share these keys form a group."""
+
+
+class ScopeSettings(Section):
+    """Where a detector works (Q-3); defaults are Sec. 6.4."""
+
+    model: AskedModel = "chosen"
+    """The surrogate that is asked: the one chosen for each cell, or a quadratic model of the paper."""
+    factors: Annotated[list[str], Field(min_length=1)] = Field(default=["w3", "w5"])
+    """Nuisance factors that vary, one at a time."""
+    f0: float = -2.0
+    """Fault without change, coded."""
+    delta: tuple[float, float] = (0.0, 4.0)
+    """First and last change of the fault, coded."""
+    sigma: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = (0.01, 1.0)
+    """First and last standard deviation of the factor that varies, coded."""
+    grid: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]] = (30, 30)
+    """Number of values of delta and of sigma."""
+    p_f: Probability = 0.01
+    """Highest probability of false alarm that passes."""
+    p_d: Probability = 0.99
+    """Lowest probability of detection that passes."""
+    runs: Annotated[int, Field(ge=100)] = 100_000
+    """Monte Carlo runs a grid cell and hypothesis, for the kernel density estimate of the paper."""
+    group_by: list[CellKey] = Field(default=["fda"])
+    """The cells that share these keys form a group scope matrix."""
+
+
+class AuditSettings(Section):
+    """Surrogates against direct simulation at z0 and at the edges of the scopes, where they extrapolate."""
+
+    enabled: bool = True
+    """Whether the audit runs."""
+    points: Annotated[int, Field(ge=1)] = 9
+    """Points simulated directly a robot and test-cycle, most telling first."""
+    cycles: Annotated[int, Field(ge=1)] = 2
+    """Number of test-cycles audited, the first ones of `cycles`."""
+
+
+class DirectSettings(Section):
+    """The SNR's question (20) asked of the simulator itself, without a surrogate (the paper's Level 2)."""
+
+    enabled: bool = True
+    """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""
+    runs: Annotated[int, Field(ge=10)] = 60
+    """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""

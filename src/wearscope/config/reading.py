@@ -1,0 +1,93 @@
+"""Reads a configuration, and says in a sentence what is wrong with it."""
+
+import difflib
+import json
+from collections.abc import Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from wearscope.config.study import StudyConfig
+from wearscope.errors import InputError
+
+#: Settings of earlier releases that are no more, by section.
+RETIRED = {"attribution_board": ("nulls", "size")}
+
+
+def drop_retired(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """An archived configuration without the settings of earlier releases that are no more."""
+    return {
+        name: {key: own for key, own in value.items() if key not in RETIRED[name]}
+        if name in RETIRED and isinstance(value, Mapping)
+        else value
+        for name, value in mapping.items()
+    }
+
+
+def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
+    """Validate a configuration and fill in its defaults.
+
+    Parameters
+    ----------
+    mapping : mapping
+        As read from YAML. Numbers may be text (YAML reads ``1e-3`` as text).
+
+    Raises
+    ------
+    InputError
+        With the path of the first field that is wrong, what is wrong with it, and what would be right.
+    """
+    try:
+        return StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        raise InputError(_explain(error)) from error
+
+
+def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
+    """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    try:
+        StudyConfig.model_validate(dict(mapping))
+    except ValidationError as error:
+        return [_explain_one(one, "") for one in _order(error)]
+    return []
+
+
+def _explain(error: ValidationError) -> str:
+    more = error.error_count() - 1
+    return _explain_one(_order(error)[0], f" ({more} more like this)" if more else "")
+
+
+def _order(error: ValidationError) -> list[Any]:
+    """Errors, unknown settings first: what is missing is often misspelt."""
+    return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+
+
+def _explain_one(breach: Any, tail: str) -> str:
+    path = ".".join(str(part) for part in breach["loc"] if part != "[key]")
+    if breach["type"] == "extra_forbidden":
+        known = _known_keys(breach["loc"][:-1])
+        close = difflib.get_close_matches(str(breach["loc"][-1]), known, n=1)
+        remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}."
+        return f"config: {path} is no known setting{tail}; {remedy}"
+    if breach["type"] == "missing":
+        return f"config: {path} is missing{tail}; add it."
+    message = breach["msg"].removeprefix("Value error, ")
+    where = f"{path}: " if path else ""
+    given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"
+    return f"config: {where}{message[0].lower() if where else message[0]}{message[1:]}{given}{tail}."
+
+
+def _known_keys(path: tuple[int | str, ...]) -> list[str]:
+    """Keys known in the section at `path`."""
+    section: Any = StudyConfig
+    for part in path:
+        if isinstance(section, type) and issubclass(section, BaseModel):
+            section = section.model_fields[str(part)].annotation
+        else:  # the name of an entry of a mapping
+            section = get_args(section)[1]
+    return sorted(section.model_fields)
+
+
+def make_schema() -> str:
+    """JSON Schema of the configuration as text; `config/schema.json` is this, for editors."""
+    return json.dumps(StudyConfig.model_json_schema(), indent=2) + "\n"

@@ -1,0 +1,208 @@
+"""Numbers of a robot's model by their path, such as ``sensors.torque_noise.axis_2``."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from wearscope.effects.base import load_effect
+from wearscope.errors import InputError
+from wearscope.robots.fields import Controller, DeclaredPayload, Drive, Section, Sensors
+from wearscope.robots.model import RobotModel
+
+#: Sections of a model whose numbers have a path.
+SECTIONS: dict[str, type[Section]] = {
+    "drive": Drive,
+    "sensors": Sensors,
+    "payload": DeclaredPayload,
+    "controller": Controller,
+}
+#: Lists by joint that stand for zeros where a model states none.
+ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
+#: Limits that a reference motion is planned within.
+MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit")
+#: What the machine itself goes by; all else differs from what its controller and its detectors believe.
+KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
+_RELATIVE = " %"
+_DETECTORS = "detectors"
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number by its path.
+
+    Attributes
+    ----------
+    path : str
+        ``<section>.<field>``, ``<section>.<field>.<joint>`` or ``effects.<effect>.<joint>.<parameter>``; a
+        joint by its name or as a study counts axes, ``all`` for all that have the effect.
+    relative : bool
+        Whether a level is a change in percent of what the model states, rather than the number itself.
+    """
+
+    path: str
+    relative: bool = False
+
+    @property
+    def sets_motion(self) -> bool:
+        """Whether reference motions are planned by it."""
+        return self._is_in(MOTION_LIMITS)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the controller goes by it."""
+        return self._is_in(KNOWN)
+
+    def _is_in(self, paths: Sequence[str]) -> bool:
+        return any(self.path == one or self.path.startswith(f"{one}.") for one in paths)
+
+
+def find_number(kind: str) -> Number | None:
+    """Number of a robot that a kind of factor names; None for every other kind.
+
+    Examples
+    --------
+    >>> find_number("sensors.torque_noise %")
+    Number(path='sensors.torque_noise', relative=True)
+    >>> find_number("temperature") is None, find_number("detectors.A.bins") is None
+    (True, True)
+    """
+    path = kind.removesuffix(_RELATIVE)
+    if "." not in path or is_detectors(kind):
+        return None
+    return Number(path, kind.endswith(_RELATIVE))
+
+
+def is_detectors(kind: str) -> bool:
+    """Whether a kind of factor names an option of a detector: ``detectors.<name>.<option>``."""
+    return kind.startswith(f"{_DETECTORS}.")
+
+
+def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> RobotModel:
+    """Model with other numbers, checked as a model file is.
+
+    Parameters
+    ----------
+    model : RobotModel
+    numbers : sequence of (Number, level)
+        A level is the number itself, in the model's unit, or a change in percent.
+
+    Raises
+    ------
+    InputError
+        Where the model has no such number, or cannot have this one.
+    """
+    fields = copy.deepcopy(model.to_mapping())
+    for number, level in numbers:
+        section, *rest = number.path.split(".")
+        try:
+            if section == "effects":
+                fields["effects"] = _set_effect(model, fields.get("effects", []), rest, number, level)
+            elif section == "gravity":
+                fields["gravity"] = _change_list(model.gravity, rest, number, level, _index)
+            elif section in SECTIONS:
+                fields[section] = _set_field(model, fields.get(section) or {}, section, rest, number, level)
+            else:
+                raise InputError(f"the sections are {', '.join([*SECTIONS, 'gravity', 'effects'])}")
+        except InputError as error:
+            raise InputError(
+                f"'{number.path}' is no number of robot '{model.name}': {str(error).rstrip('.')}; correct "
+                "the path."
+            ) from None
+    return model.replace(**fields) if numbers else model
+
+
+def _set_field(
+    model: RobotModel, given: dict[str, Any], section: str, rest: Sequence[str], number: Number, level: float
+) -> dict[str, Any]:
+    known = SECTIONS[section].model_fields
+    if not rest or rest[0] not in known:
+        raise InputError(f"{section} has {', '.join(known)}")
+    key, *place = rest
+    if number.path == "sensors.sample_rate":
+        raise InputError(
+            "detectors compare recordings of one rate only; set simulation.sample_rate in two studies and "
+            "compare them"
+        )
+    stated = getattr(model, section)
+    if stated is None and section == "controller":
+        stated = Controller()
+    old = None if stated is None else getattr(stated, key)
+    if old is None:
+        old = _assume(model, section, key, place, number)
+    if isinstance(old, list):
+        index = _index if section == "payload" else _joint
+        new: Any = _change_list(old, place, number, level, lambda one: index(one, model))
+    elif place and key == "bandwidth_hz":
+        new = _change_list([old] * model.n, place, number, level, lambda one: _joint(one, model))
+    elif place:
+        raise InputError(f"{section}.{key} is one number; end the path there")
+    else:
+        new = _change(old, number, level)
+    return {**given, key: new}
+
+
+def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], number: Number) -> Any:
+    """What stands for a field that the model does not state."""
+    if key in ZERO_WHERE_UNKNOWN and not number.relative:
+        return [0.0] * model.n
+    if section == "drive" and not place and not number.relative:
+        return [1.0] * model.n
+    raise InputError(f"its model states no {section}.{key}; add it there")
+
+
+def _set_effect(
+    model: RobotModel, entries: Sequence[dict[str, Any]], rest: Sequence[str], number: Number, level: float
+) -> list[dict[str, Any]]:
+    """Entries with a parameter of an effect set at one joint or all; an effect that is not there is added."""
+    if len(rest) != 3:
+        raise InputError("an effect's is effects.<effect>.<joint>.<parameter>")
+    name, where, parameter = rest
+    effect = load_effect(name)
+    known = {one.name: one for one in effect.parameters}
+    if parameter not in known:
+        raise InputError(f"{name} has {', '.join(known) or 'no parameters'}")
+    joint = None if where == "all" else model.joints[_joint(where, model)]
+    changed, found = [], False
+    for entry in entries:
+        if entry["effect"] == name and joint in (None, entry["joint"]):
+            found = True
+            values = dict(entry.get("parameters", {}))
+            old = values.get(parameter, known[parameter].default)
+            entry = {**entry, "parameters": {**values, parameter: _change(old, number, level)}}
+        changed.append(entry)
+    if found:
+        return changed
+    if joint is None or number.relative:
+        raise InputError(f"its model has no {name} there, which a change in percent or 'all' needs")
+    return [*changed, {"joint": joint, "effect": name, "parameters": {parameter: level}, "source": "factor"}]
+
+
+def _change_list(
+    old: Sequence[float], place: Sequence[str], number: Number, level: float, find: Any
+) -> list[float]:
+    """A list with one entry changed, or all of them."""
+    chosen = range(len(old)) if not place else [find(place[0])]
+    if len(place) > 1:
+        raise InputError("it goes on after the entry of a list")
+    return [_change(one, number, level) if k in chosen else one for k, one in enumerate(old)]
+
+
+def _change(old: float, number: Number, level: float) -> float:
+    return float(old * (1.0 + level / 100.0) if number.relative else level)
+
+
+def _joint(name: str, model: RobotModel) -> int:
+    """Place of a joint given by its name or as a study counts axes."""
+    if name in model.joints:
+        return model.joints.index(name)
+    if name.isdecimal() and 1 <= int(name) <= model.n:
+        return model.joints.index(model.axes[int(name) - 1])
+    raise InputError(f"its joints are {', '.join(model.joints)}")
+
+
+def _index(name: str, model: RobotModel | None = None) -> int:
+    """Place in a short list, from 1."""
+    if name.isdecimal() and int(name) >= 1:
+        return int(name) - 1
+    raise InputError("count the entries of the list from 1")

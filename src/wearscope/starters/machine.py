@@ -1,0 +1,124 @@
+"""The example data set that ships with the package, and the command that makes it.
+
+``python -m wearscope.starters.machine`` simulates a machine of three joints and writes its recordings to
+``src/wearscope/example_data``; a test makes them again and compares.
+"""
+
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from wearscope import tables
+from wearscope.cycles.base import load_cycle
+from wearscope.example import example_dataset
+from wearscope.home import find_home
+from wearscope.robots.model import RobotModel, load_model
+from wearscope.simulation.recording import Recording
+from wearscope.simulation.sensors import seed_of
+from wearscope.simulation.study import simulate_point
+from wearscope.starters.writing import new_folder
+
+JOINTS = 3
+#: Recorded samples per second [Hz], and the step [s].
+RATE, STEP = 125.0, 0.004
+SEED = 17
+#: Runs: file, test-cycle, use.
+RUNS = (
+    ("excitation", "periodic_excitation", "train"),
+    ("reversals", "slow_reversals", "train"),
+    ("transfer", "point_to_point", "train"),
+    ("sweeps", "axis_sweeps", "test"),
+)
+#: What the model has that is sent to the controller [N m, N m s/rad].
+COULOMB, VISCOUS = (42.0, 105.0, 42.0), (15.0, 55.0, 9.0)
+DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+
+
+@dataclass(frozen=True)
+class Planted:
+    """What the machine has and its model lacks."""
+
+    joint: str
+    effect: str
+    parameters: dict[str, float]
+
+
+#: A balancer at the arm's lower joint [N m], and friction that falls from break-away at its upper one.
+PLANTED = (
+    Planted("axis_2", "gravity_counterbalance", {"sine1": -320.0, "cosine1": 0.0}),
+    Planted("axis_3", "stribeck", {"level": 25.0, "speed": 0.15, "exponent": 1.0}),
+)
+
+
+def make_machine() -> RobotModel:
+    """The medium robot's first three joints, with friction by its two simplest laws and what is planted."""
+    whole = load_model("medium").to_mapping()
+    drive = {name: values[:JOINTS] for name, values in whole["drive"].items()}
+    sensors = whole["sensors"]
+    sensors |= {name: sensors[name][:JOINTS] for name in ("encoder_resolution", "torque_noise")}
+    joints = whole["joints"][:JOINTS]
+    effects = [
+        {"joint": joint, "effect": effect, "parameters": {name: value}}
+        for effect, name, values in (("coulomb", "level", COULOMB), ("viscous", "slope", VISCOUS))
+        for joint, value in zip(joints, values, strict=True)
+    ]
+    effects += [{"joint": p.joint, "effect": p.effect, "parameters": p.parameters} for p in PLANTED]
+    return load_model("medium").replace(
+        name="example-arm", joints=joints, drive=drive, sensors=sensors, payload=None,
+        home=whole["home"][:JOINTS], wear_axes=joints, effects=effects,
+    )  # fmt: skip
+
+
+def make_runs(model: RobotModel) -> dict[str, Recording]:
+    """Recording by run."""
+    return {
+        name: simulate_point(
+            model, load_cycle(cycle).build(model, 0.05, STEP), seed=seed_of(SEED, name), sample_rate=RATE
+        )
+        for name, cycle, _ in RUNS
+    }
+
+
+def write_machine(target: Path) -> None:
+    """Write the data set's folder.
+
+    Raises
+    ------
+    InputError
+        Where there is one already.
+    """
+    model = make_machine()
+    with new_folder(target) as folder:
+        shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "robot.urdf")
+        (folder / "runs").mkdir()
+        for name, run in make_runs(model).items():
+            columns, units = {"t": run.t}, {"t": "s"}
+            for k, joint in enumerate(model.joints):
+                columns |= {f"q_{joint}": run.q[:, k], f"tau_{joint}": run.tau[:, k].astype(np.float32)}
+                units |= {f"q_{joint}": "rad", f"tau_{joint}": "N m"}
+            tables.write_table(folder / "runs" / f"{name}.parquet", columns, units)
+        fields = {
+            "name": "example-arm",
+            "description": "An arm of three joints, simulated; two of them have what its model lacks.",
+            "source": "python -m wearscope.starters.machine",
+            "robot": {
+                "urdf": "robot.urdf",
+                "joints": model.joints,
+                "gear_ratio": model.drive.gear_ratio,
+                "rotor_inertia": model.drive.rotor_inertia,
+            },
+            "sample_rate": RATE,
+            "declared_effects": list(DECLARED),
+            "runs": [{"file": f"runs/{name}.parquet", "use": use} for name, _, use in RUNS],
+        }
+        (folder / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1]) if len(sys.argv) > 1 else example_dataset()
+    shutil.rmtree(place, ignore_errors=True)
+    write_machine(place)

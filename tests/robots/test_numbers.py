@@ -1,0 +1,100 @@
+"""Numbers of a robot by their path: set as told, in the model's own checks, refused in one sentence."""
+
+import pytest
+
+from wearscope.errors import InputError
+from wearscope.robots.model import load_model
+from wearscope.robots.numbers import Number, find_number, set_numbers
+
+
+@pytest.fixture(scope="module")
+def medium():
+    return load_model("medium")
+
+
+def put(model, path, level, relative=False):
+    return set_numbers(model, [(Number(path, relative), level)])
+
+
+def test_a_list_is_set_whole_at_a_joint_or_in_percent(medium):
+    assert set(put(medium, "sensors.torque_noise", 2.0).torque_noise) == {2.0}
+    one = put(medium, "sensors.torque_noise.axis_5", 2.0).torque_noise
+    assert one[4] == 2.0 and (one[[0, 1, 2, 3, 5]] == medium.torque_noise[[0, 1, 2, 3, 5]]).all()
+    assert (put(medium, "sensors.torque_noise.5", 2.0).torque_noise == one).all()
+    twice = put(medium, "sensors.torque_noise", 100.0, relative=True).torque_noise
+    assert twice == pytest.approx(2.0 * medium.torque_noise)
+
+
+def test_single_numbers_and_short_lists(medium):
+    assert put(medium, "controller.damping", 0.7).controller.damping == 0.7
+    assert put(medium, "payload.mass", 20.0).payload.mass == 20.0
+    assert put(medium, "payload.com.3", 0.1).payload.com == [*medium.payload.com[:2], 0.1]
+    assert put(medium, "gravity.2", 0.5).gravity == [0.0, 0.5, -9.81]
+    one = put(medium, "controller.bandwidth_hz.axis_2", 9.0).controller.bandwidth_hz
+    assert one == [6.0, 9.0, 6.0, 6.0, 6.0, 6.0]
+
+
+def test_an_effect_s_parameter_is_set_or_the_effect_added(medium):
+    changed = put(medium, "effects.friction_wear_temperature.axis_2.eta0", 10.0, relative=True)
+    for old, new in zip(medium.effects, changed.effects, strict=True):
+        factor = 1.1 if old.joint == "axis_2" else 1.0
+        assert new.parameters["eta0"] == pytest.approx(factor * old.parameters["eta0"])
+    everywhere = put(medium, "effects.friction_wear_temperature.all.eta0", 50.0)
+    assert {entry.parameters["eta0"] for entry in everywhere.effects} == {50.0}
+    soft = put(medium, "effects.joint_elasticity.axis_5.compliance", 1e-5)
+    assert soft.effects[-1].effect == "joint_elasticity" and soft.effects[-1].joint == "axis_5"
+    assert len(soft.effects) == len(medium.effects) + 1
+
+
+def test_the_model_itself_stays(medium):
+    before = medium.to_mapping()
+    put(medium, "drive.rotor_inertia", -20.0, relative=True)
+    assert medium.to_mapping() == before and set_numbers(medium, []) is medium
+
+
+@pytest.mark.parametrize(
+    ("path", "level", "relative", "told"),
+    [
+        ("sensors.noise", 1.0, False, "sensors has encoder_resolution, torque_noise, sample_rate"),
+        ("sensors.torque_noise.axis_9", 1.0, False, "its joints are axis_1"),
+        ("sensors.torque_noise.7", 1.0, False, "its joints are axis_1"),
+        ("sensors.torque_noise.1.2", 1.0, False, "goes on after the entry of a list"),
+        ("sensors.sample_rate", 100.0, False, "simulation.sample_rate in two studies"),
+        ("links.l1.mass", 1.0, False, "the sections are drive, sensors"),
+        ("controller.damping.axis_1", 1.0, False, "is one number"),
+        ("effects.backlash.axis_2", 1.0, False, "effects.<effect>.<joint>.<parameter>"),
+        ("effects.backlash.axis_2.width", 1.0, False, "backlash has lost_motion, mesh_torque"),
+        ("effects.backlash.axis_2.lost_motion", 10.0, True, "no backlash there"),
+        ("effects.nothing.axis_2.level", 1.0, False, "there is no 'nothing'"),
+        ("payload.com.x", 0.1, False, "count the entries"),
+    ],
+)
+def test_what_is_no_number_gets_one_sentence(medium, path, level, relative, told):
+    with pytest.raises(InputError, match=f"'{path}' is no number of robot 'medium'.*{told}"):
+        put(medium, path, level, relative)
+
+
+def test_what_a_model_cannot_have_is_refused(medium):
+    with pytest.raises(InputError, match=r"sensors\.torque_noise"):
+        put(medium, "sensors.torque_noise", -1.0)
+    with pytest.raises(InputError, match=r"payload\.mass"):
+        put(medium, "payload.mass", -200.0, relative=True)
+    with pytest.raises(InputError, match=r"states no payload\.mass"):
+        put(medium.replace(payload=None), "payload.mass", 1.0)
+
+
+def test_a_kind_of_factor_that_is_a_path():
+    assert find_number("payload.mass %") == Number("payload.mass", True)
+    assert find_number("wear") is None and find_number("detectors.A.bins %") is None
+    assert find_number("controller.damping").is_known and not find_number("payload.mass").is_known
+    assert find_number("drive.speed_limit.axis_1").sets_motion
+    assert not find_number("drive.torque_limit").sets_motion
+
+
+def test_axes_count_the_wearing_joints_first(medium):
+    assert medium.axes == medium.joints
+    other = medium.replace(wear_axes=["axis_4", "axis_2"])
+    assert other.axes == ["axis_4", "axis_2", "axis_1", "axis_3", "axis_5", "axis_6"]
+    assert other.wearing([3, 1]).wear_joints == ["axis_1", "axis_4"]
+    with pytest.raises(InputError, match="has 6 axes; drop axis 7"):
+        medium.wearing([1, 7])

@@ -1,0 +1,89 @@
+"""Numbers of a robot as conditions of a design point: what they move, and who believes what."""
+
+import numpy as np
+import pytest
+from simulation.arms import make_arm, rub, swing
+
+from wearscope.cycles.base import Cycle
+from wearscope.errors import InputError
+from wearscope.robots.numbers import Number
+from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.simulation.study import Conditions, make_conditions, simulate_point
+
+ARM = make_arm(
+    rub(), sensors={"torque_noise": [1.0] * 4, "sample_rate": 250.0}, controller={"bandwidth_hz": 5.0}
+)
+SWING = swing()
+
+
+def record(path=None, level=0.0, relative=False, seed=1):
+    numbers = () if path is None else ((Number(path, relative), level),)
+    return simulate_point(ARM, SWING, Conditions(numbers=numbers), seed)
+
+
+PLAIN = record()
+
+
+def test_nothing_set_or_nothing_changed_gives_the_same_bytes():
+    for same in (record("sensors.torque_noise", 1.0), record("controller.bandwidth_hz", 0.0, True)):
+        assert np.array_equal(PLAIN.tau, same.tau) and np.array_equal(PLAIN.q, same.q)
+
+
+def test_torque_noise_scales_the_noise_alone():
+    silent, loud = record(seed=None), record("sensors.torque_noise", 200.0, True)
+    assert np.array_equal(loud.q, PLAIN.q)
+    assert loud.tau - silent.tau == pytest.approx(3.0 * (PLAIN.tau - silent.tau), abs=1e-9)
+
+
+def test_what_is_set_is_as_if_the_robot_were_built_so():
+    """Friction is not fed forward, and the rotors stay: the whole robot with other friction is the same."""
+    sticky = make_arm(
+        rub(coulomb=20.0), sensors={"torque_noise": [1.0] * 4, "sample_rate": 250.0},
+        controller={"bandwidth_hz": 5.0},
+    )  # fmt: skip
+    other = simulate_point(sticky, SWING, Conditions(), 1)
+    assert np.array_equal(record("effects.coulomb.all.level", 20.0).tau, other.tau)
+
+
+def test_the_controller_does_not_know_a_heavier_rotor():
+    free = make_arm(controller={"bandwidth_hz": 5.0})
+
+    def stray(*numbers):
+        run = simulate_point(free, SWING, Conditions(numbers=numbers), None)
+        return np.abs(run.q - SWING.q[::4]).max()
+
+    assert stray((Number("drive.rotor_inertia", True), 50.0)) > 100.0 * stray()
+
+
+def test_the_controller_knows_its_gains():
+    stiff = record("controller.bandwidth_hz", 15.0)
+    error, usual = (np.abs(one.q - SWING.q[::4]).max() for one in (stiff, PLAIN))
+    assert error < 0.5 * usual
+
+
+def test_an_effect_that_the_model_lacks_is_added_at_a_joint():
+    soft = record("effects.joint_elasticity.lift.compliance", 1e-5)
+    change = np.abs(soft.tau - PLAIN.tau).max(axis=0)
+    assert change.argmax() == ARM.joints.index("lift") and change.max() > 0.1
+
+
+def test_kinds_of_factors_become_conditions():
+    kinds = {"f": "wear", "n": "sensors.torque_noise %", "d": "detectors.A.bins", "w4": "dwell"}
+    made = make_conditions({"f": 5.0, "n": 20.0, "d": 3.0, "w4": 50.0}, kinds)
+    assert made.wear == (5.0,) and made.numbers == ((Number("sensors.torque_noise", True), 20.0),)
+    with pytest.raises(InputError, match="knows no kind 'sound'"):
+        make_conditions({"f": 1.0}, {"f": "sound"})
+
+
+def test_numbers_are_screened_by_simulating_both_ends():
+    cycle = Cycle("swing", "The swing.", lambda model, dwell, step: swing(dt=step))
+    ranges = {
+        "noise": ("sensors.torque_noise %", -50.0, 50.0),
+        "gear": ("drive.gear_ratio", 50.0, 100.0),
+        "own": ("detectors.A.bins", 5.0, 9.0),
+    }
+    table = screen_factors(ARM, {"swing": cycle}, ranges, 0.002).set_index("factor")
+    assert table["moves"].to_dict() == {"noise": True, "gear": False, "own": True}
+    assert np.isnan(table.loc["own", "change"])
+    with pytest.raises(InputError, match=r"factors\.gear: drive\.gear_ratio moves no recorded torque.*drop"):
+        check_screening(table.reset_index(), "arm", [])
