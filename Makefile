@@ -19,7 +19,7 @@ export NO_MKDOCS_2_WARNING := true
 test-page: setup
 	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
 
-.PHONY: run test test-fast test-page test-kills test-cluster cluster setup docs lint format lock clean
+.PHONY: run test test-fast test-page test-kills test-cluster cluster mutants setup docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -43,6 +43,11 @@ test-cluster: cluster
 # Snakemake's executors and storage for clusters, beside the locked packages.
 cluster: setup
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/cluster.lock
+
+# Whether the tests notice a changed operator: docs/reliability.md. ARGS: rooms, --mutants, --seed.
+mutants: setup
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/mutants.lock
+	$(BIN)/python -u benchmarks/mutants.py $(ARGS)
 
 setup: $(VENV)/installed
 
@@ -87,6 +92,9 @@ lock:
 	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
 		--no-annotate --no-header --constraints envs/requirements.lock envs/cluster.in \
 		--output-file envs/cluster.lock
+	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
+		--no-annotate --no-header --constraints envs/requirements.lock envs/mutants.in \
+		--output-file envs/mutants.lock
 	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
 
 clean:

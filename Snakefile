@@ -25,6 +25,7 @@ report: "workflow/report/workflow.rst"
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/design.smk"
+include: "workflow/rules/partitions.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/test_quantities.smk"
 include: "workflow/rules/surrogates.smk"

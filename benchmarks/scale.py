@@ -1,15 +1,17 @@
-"""A study of many robots, planned dry: jobs, files, bytes, core-hours, and how far a plan of Snakemake gets.
+"""Large studies, planned dry: jobs, files, bytes, core-hours, and how far a plan of Snakemake gets.
 
-    .venv/bin/python benchmarks/scale.py                                     dry runs of 10, 30, 100 robots
-    .venv/bin/python benchmarks/scale.py --robots --results results/quick    the table of large studies alone
+    .venv/bin/python benchmarks/scale.py                                     dry runs of some studies
+    .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
 
-Dry runs are `snakemake -n` with jobs as long as in the cluster profiles; one that takes longer than two
-minutes or more than 2 GiB is ended, and said so. Seconds and bytes of the table come from the benchmark files
-and recordings of the finished study that `--results` names.
+Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
+than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
+test-cycles of each robot with so many points. Seconds and bytes of the table come from benchmark files and
+recordings of the finished study that `--results` names.
 """
 
 import argparse
 import csv
+import os
 import re
 import shutil
 import subprocess
@@ -21,10 +23,15 @@ from pathlib import Path
 
 import yaml
 
+from wearscope.config import PartitionSettings
+
 ROOT = Path(__file__).parents[1]
 SECONDS, GIBIBYTES = 120, 2
 GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
 DIRECT = {"cells": 120, "runs": 100_000}
+#: Robots and points of what is planned dry: up to the study of the goal, and the direct Monte Carlo, whose
+#: 120 cells are those of 12 pairs of a robot and a test-cycle.
+PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
 
 
 def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
@@ -51,20 +58,20 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> P
     return file
 
 
-def dry_run(folder: Path, study: Path) -> tuple[float, float, dict[str, int], str]:
-    """Seconds, peak MiB and jobs by rule of a dry run; and why it was ended, if it was."""
+def dry_run(folder: Path, study: Path) -> tuple[float, float, float, dict[str, int], str]:
+    """Seconds, processor seconds, peak MiB and jobs by rule of a dry run; and why it was ended, if it was."""
     command = [sys.executable, "-m", "snakemake", "-n", "--quiet", "rules", "--cores", "1"]
     command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(study)]
     out = folder / "dry.txt"
-    start, peak, why = time.perf_counter(), 0.0, ""
+    start, peak, processor, why = time.perf_counter(), 0.0, 0.0, ""
     with open(out, "wb") as text:
         process = subprocess.Popen(command, cwd=folder, stdout=text, stderr=subprocess.STDOUT)
         while process.poll() is None:
-            peak = max(peak, read_memory(process.pid))
-            elapsed = time.perf_counter() - start
-            if elapsed > SECONDS or peak > GIBIBYTES * 1024:
-                why = f"ended: over {SECONDS} s" if elapsed > SECONDS else f"ended: over {GIBIBYTES} GiB"
+            peak, spent = max(peak, read_memory(process.pid)), read_processor_time(process.pid)
+            if spent > SECONDS or peak > GIBIBYTES * 1024:
+                why = f"ended: over {SECONDS} s" if spent > SECONDS else f"ended: over {GIBIBYTES} GiB"
                 process.kill()
+            processor = max(processor, spent)
             time.sleep(0.1)
     elapsed = time.perf_counter() - start
     told = out.read_text(encoding="utf-8", errors="replace")
@@ -72,7 +79,16 @@ def dry_run(folder: Path, study: Path) -> tuple[float, float, dict[str, int], st
         sys.exit(f"the dry run failed:\n{told[-3000:]}")
     jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", told, re.MULTILINE)}
     jobs.pop("total", None)
-    return elapsed, peak, jobs, why
+    return elapsed, processor, peak, jobs, why
+
+
+def read_processor_time(pid: int) -> float:
+    """Processor time of a process so far [s], which a busy machine hardly lengthens; 0 where it ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def read_memory(pid: int) -> float:
@@ -123,9 +139,14 @@ def read_costs(results: Path) -> dict[str, float]:
 
 
 def count_jobs(robots: int, cycles: int, points: int, chunk: int) -> int:
-    """Jobs of `write_study`'s study: what is once a robot, once a robot and test-cycle, and once."""
+    """Jobs of `write_study`'s study: what is once a robot, once a robot and test-cycle, and once.
+
+    Of a divided study those that a scheduler sees: one a partition, of one robot, and what draws and joins.
+    """
+    if robots > PartitionSettings().above:
+        return robots + 17
     chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
-    return robots * (2 + cycles * (2 + chunks)) + 11
+    return robots * (2 + cycles * (2 + chunks)) + 15
 
 
 def plan(
@@ -135,38 +156,39 @@ def plan(
     chunk = max(1, round(job_seconds / costs["point_seconds"]))
     cells, runs = robots * cycles, robots * cycles * (points + 1)
     jobs = count_jobs(robots, cycles, points, chunk)
+    # Those within partitions write too: about an output, a log, a benchmark and two digests each.
+    writing = jobs + robots * (3 + cycles * (2 + 2 * -(-(points // 2) // chunk) + 1))
     seconds = runs * (costs["point_seconds"] + costs["cell_seconds"])
     seconds += cells * costs["check_seconds"] + robots * costs["screen_seconds"]
-    # A recording a point; a job writes about an output, a log, a benchmark and two digests.
-    return [runs, jobs, runs + 5 * jobs, runs * costs["point_bytes"] / 1e9, seconds / 3600]
+    return [runs, jobs, runs + 5 * writing, runs * costs["point_bytes"] / 1e9, seconds / 3600]
 
 
 def main() -> None:
     """Dry-run studies of some robots, then print the plan of the large ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--robots", type=int, nargs="*", default=[10, 30, 100])
+    parser.add_argument("--dry", nargs="*", default=PLANNED, metavar="ROBOTSxPOINTS")
     parser.add_argument("--job-seconds", type=float, default=600.0)
     parser.add_argument("--results", type=Path, help="folder of a finished study")
     given = parser.parse_args()
-    if given.robots:
-        print(f"| robots | jobs | dry run [s] | peak [MiB] | limits: {SECONDS} s, {GIBIBYTES} GiB |")
-        print("|---|---|---|---|---|")
-    for robots in given.robots:
+    if given.dry:
+        print("| robots | points | jobs | dry run [s] | processor [s] | peak [MiB] | 120 s, 2 GiB |")
+        print("|---|---|---|---|---|---|---|")
+    for asked in given.dry:
+        robots, points = map(int, asked.split("x"))
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
-            study = write_study(folder, robots, GOAL["points"], given.job_seconds)
-            elapsed, peak, jobs, why = dry_run(folder, study)
-        print(
-            f"| {robots} | {sum(jobs.values()) or '-'} | {elapsed:.0f} | {peak:.0f} | {why or 'held'} |",
-            flush=True,
-        )
+            study = write_study(folder, robots, points, given.job_seconds)
+            elapsed, processor, peak, jobs, why = dry_run(folder, study)
+        told = f"{sum(jobs.values()) or '-'} | {elapsed:.0f} | {processor:.0f} | {peak:.0f} | {why or 'held'}"
+        print(f"| {robots} | {points} | {told} |", flush=True)
     if given.results:
         costs = read_costs(given.results)
         print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))
         runs = DIRECT["cells"] * DIRECT["runs"]
         studies = {
             f"{GOAL['robots']} robots x {GOAL['cycles']} x {GOAL['points']}": list(GOAL.values()),
-            "one partition: 20 robots": [20, GOAL["cycles"], GOAL["points"]],
+            "a tenth": [GOAL["robots"] // 10, GOAL["cycles"], GOAL["points"]],
+            "one partition: 1 robot": [1, GOAL["cycles"], GOAL["points"]],
             f"direct Monte Carlo, {runs:,} runs": [2, 6, runs // 12],
         }
         print("\n| study | simulations | jobs | files | GB | core-hours | hours on 1,000 cores |")

@@ -34,8 +34,9 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
             check_file(folder, folder / file.relative_to(kept).with_suffix(""))
         except DamagedFile as error:
             yield error
-    for marker in sorted(folder.glob("traces/*/*/*/_chunk-*.json")):
-        yield from _check_recordings(marker)
+    for traces in ("traces", "partitions/*/traces"):
+        for marker in sorted(folder.glob(f"{traces}/*/*/*/_chunk-*.json")):
+            yield from _check_recordings(marker)
 
 
 def _check_recordings(marker: Path) -> Iterator[DamagedFile]:

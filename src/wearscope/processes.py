@@ -8,6 +8,8 @@ from pathlib import Path
 
 #: Environment variable with the process that a job works for, see `identify_process`.
 MAIN = "WEARSCOPE_MAIN"
+#: Environment variable with the job that started a Snakemake of its own, on the same machine.
+STARTER = "WEARSCOPE_STARTER"
 
 
 def identify_process(pid: int) -> str:

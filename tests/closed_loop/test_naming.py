@@ -1,6 +1,7 @@
 """The set of names keeps what is as good and drops what is clearly worse, with the stated coverage."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,10 @@ from scipy import stats
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Chosen
-from wearscope.closed_loop.selection.evidence import Evidence
-from wearscope.closed_loop.selection.naming import find_confidence_set, name_terms
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.search import Found, Search
 from wearscope.effects.base import load_effect
 
 POLICY = Policy()
@@ -120,3 +121,87 @@ def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
     (entry,) = verdict["verdict"]
     assert "torque_offset" in {entry["effect"], *entry["equivalent"]}
     assert entry["effect"] not in entry["equivalent"]
+
+
+class Scripted:
+    """A search whose answers are given: which candidates are offered for a term, and the evidence on each."""
+
+    def __init__(self, own, offered):
+        self.own, self.offered, self.policy = own, offered, POLICY
+        self.problem = SimpleNamespace(prepared=SimpleNamespace(n=2))
+
+    def assemble(self, terms):
+        gain = SimpleNamespace(gain=np.ones(1))
+        sums = SimpleNamespace(select=lambda subset: None)
+        return SimpleNamespace(sum_products=lambda candidate: sums, add=lambda sums: gain)
+
+    def candidates(self, beside, others, joints):
+        return [e.chosen.candidate for e in self.offered]
+
+    def weigh_again(self, beside, found):
+        return self.own
+
+    def weigh_all(self, beside, candidates, least):
+        return [e for e in self.offered if any(e.chosen.candidate is one for one in candidates)]
+
+    def refine(self, beside, e):
+        return e
+
+    def opposes_gravity(self, e):
+        return False
+
+
+def losses(mean, noise):
+    return mean + 0.1 * np.random.default_rng(noise).standard_normal(BLOCKS)
+
+
+def named(own, *offered):
+    (found,), (beside,) = name_terms(Scripted(own, offered), [Found(own.chosen, own)])
+    return found.effect.name, beside
+
+
+def test_the_simplest_able_name_of_the_set_is_given_and_the_others_stand_beside_it():
+    complex_, simple = evidence("stribeck", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
+    assert complex_.complexity > simple.complexity
+    assert named(complex_, simple) == ("joint_spring", ["stribeck"])
+    # What was refused may stand beside a name, and does not give it, whatever its gain.
+    refused = replace(simple, refusal=Refusal.CHANCE)
+    assert named(complex_, refused) == ("stribeck", ["joint_spring"])
+    assert named(complex_, replace(simple, refusal=Refusal.ABSORBED)) == ("stribeck", [])
+    # A term keeps its own name although it would itself be refused anew.
+    assert named(replace(complex_, refusal=Refusal.CHANCE)) == ("stribeck", [])
+    weak = evidence("joint_spring", losses(-0.2, 1))
+    assert named(complex_, weak) == ("stribeck", [])
+
+
+def test_what_is_compared_is_near_the_best_that_may_be_named():
+    own, other = evidence("quadratic_viscous", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
+    # One that may not be named gains far more; beside it the other would not be near.
+    absorbed = replace(evidence("torque_offset", losses(-1.0, 2)), gain=500.0, refusal=Refusal.ABSORBED)
+    name, beside = named(own, other, absorbed)
+    assert {name, *beside} == {"quadratic_viscous", "joint_spring"}
+    # One that may be named gains far more, and the other is left out beside it.
+    able = evidence("torque_offset", losses(-3.0, 2))
+    assert "joint_spring" not in {named(own, other, able)[0], *named(own, other, able)[1]}
+
+
+def test_a_term_is_not_compared_with_itself():
+    own = evidence("quadratic_viscous", losses(-1.0, 0))
+    again = evidence("quadratic_viscous", losses(-1.0, 0))
+    elsewhere = replace(
+        again, chosen=replace(again.chosen, candidate=replace(again.chosen.candidate, joint=1))
+    )
+    assert _is_same(own, again)
+    assert not _is_same(own, elsewhere)
+    assert not _is_same(own, evidence("joint_spring", losses(-1.0, 0)))
+    assert not _is_same(own, replace(again, chosen=replace(again.chosen, subset=(1,))))
+
+
+def test_an_effect_of_several_joints_is_compared_with_any_but_a_plain_joint_s_own():
+    spread = evidence("payload_error", losses(-1.0, 1))
+    assert spread.term.effect.spread
+    for name, standard in (("quadratic_viscous", False), ("viscous", True)):
+        own = evidence(name, losses(-1.0, 0))
+        assert own.term.effect.standard is standard
+        given, beside = named(own, spread)
+        assert ("payload_error" in {given, *beside}) is not standard

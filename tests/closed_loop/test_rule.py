@@ -50,6 +50,7 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         ({"cancellation": 13.0}, Refusal.CANCELS),
         ({"beta": np.array([-0.1])}, Refusal.BOUNDS),
         ({"beta": np.array([2.1])}, Refusal.BOUNDS),
+        ({"beta": np.array([2.0])}, Refusal.NONE),
         ({"beta": np.array([0.04])}, Refusal.SMALL),
         ({"p_value": 1.001 * POLICY.family_level}, Refusal.CHANCE),
         ({"p_value": 1.0, "share": 0.5}, Refusal.NONE),
@@ -180,3 +181,7 @@ def test_what_is_built_against_gravity_is_preferred_only_where_it_works_against_
     assert spring.complexity == balance.complexity
     assert rule.simplest([spring, balance]) is spring
     assert rule.simplest([spring, balance], [balance]) is balance
+
+
+def test_a_coefficient_at_its_bound_is_believed():
+    assert rule.judge(evidence(beta=np.zeros(1)), POLICY, [(0.0, 2.0)], 0.0, by_run=True) is Refusal.NONE

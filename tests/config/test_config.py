@@ -235,6 +235,28 @@ def test_a_job_s_seconds_replace_its_points(settings, points):
     assert SimulationSettings(**settings).points_per_job() == points
 
 
+def test_a_study_is_divided_only_above_its_number_of_robots():
+    study = load_config(
+        yaml.safe_load((CONFIG / "quick.yaml").read_text())
+        | {
+            "robots": ["a/r1", "a/r2", "a/r3", "a/r4", "a/r5"],
+            "carry_over": {"r2": "medium"},
+            "partitions": {"above": 4, "robots": 2},
+        }
+    )
+    parts = study.divide()
+    assert [part.robots for part in parts] == [["a/r1", "a/r2"], ["a/r3", "a/r4"], ["a/r5"]]
+    assert [list(part.carry_over) for part in parts] == [["r2"], [], []]
+    assert [part.partitions.number for part in parts] == [0, 1, 2]
+    # A job reads a partition's configuration as any other, and divides it no further.
+    for part in parts:
+        assert load_config(part.model_dump(mode="json")) == part
+        assert part.divide() == []
+        assert not part.closed_loop.demonstration and part.dataset is None
+    assert study.closed_loop.demonstration
+    assert study.model_copy(update={"robots": study.robots[:4]}).divide() == []
+
+
 def test_a_factor_may_be_a_number_by_its_path(paper):
     noise = {"description": "noise", "kind": "sensors.torque_noise", "range": [-50, 50], "unit": "%"}
     study = load_config({**paper, "factors": {**paper["factors"], "w3": noise}})

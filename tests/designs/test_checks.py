@@ -1,7 +1,8 @@
 import numpy as np
+import pandas as pd
 import pytest
 
-from wearscope.designs.bases import interaction_terms, model_matrix, model_terms
+from wearscope.designs.bases import interaction_terms, linear_names, model_matrix, model_terms
 from wearscope.designs.checks import (
     alias_table,
     check_design,
@@ -138,3 +139,29 @@ def test_a_view_puts_its_own_axis_first(design):
     assert view_for_axis(design, 1).equals(design)
     with pytest.raises(InputError, match="axis 4: the factors declare the wear of axes 1, 2, 3"):
         view_for_axis(design, 4)
+
+
+def test_factor_names_of_a_model_are_its_terms_of_one_factor():
+    assert linear_names(("1", "f", "w1", "f:w1", "f^2")) == ("f", "w1")
+    assert linear_names(("w2", "1", "w1^2", "f:w2")) == ("w2",)
+
+
+def test_every_axis_with_a_wear_factor_is_checked_where_none_is_named():
+    # Wear of the first axis at two levels alone: its square is a constant. The simplified model has no square
+    # of the tested axis' wear, so that the first axis bears it and the others do not.
+    design = make_design("latin_hypercube", PAPER_FACTORS, {"points": 80}, 1)
+    design = design.assign(f=np.where(np.arange(80) % 2, 1.0, -1.0))
+    check_design(design, PAPER_FACTORS, ["simplified"], axes=[1])
+    with pytest.raises(InputError, match="axis 3"):
+        check_design(design, PAPER_FACTORS, ["simplified"], axes=[1, 3])
+    with pytest.raises(InputError, match="axis 2"):
+        check_design(design, PAPER_FACTORS, ["simplified"])
+
+
+def test_largest_leverage_is_that_of_the_hat_matrix_of_every_point():
+    # One far point at the head of a line: leverage 1/n + (x - mean)^2 / sum of squares, by hand.
+    x = np.array([1.0, -0.2, -0.1, 0.0, 0.1, 0.2])
+    table = describe_design(pd.DataFrame({"f": x}), PAPER_FACTORS[:1], ["main"]).set_index("model")
+    leverage = 1 / 6 + (x - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum()
+    assert table.loc["main", "leverage_max"] == pytest.approx(leverage.max())
+    assert leverage.argmax() == 0

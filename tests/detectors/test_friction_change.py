@@ -1,6 +1,7 @@
 """Detector E against friction that is planted, and beside C on the same recordings."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,3 +67,32 @@ def test_axis_at_rest_is_refused(fitted):
 def test_options_are_checked():
     with pytest.raises(Exception, match="payload_error must be positive"):
         load_detector("friction_change", {"payload_error": 0.0})
+
+
+def test_what_moves_slower_than_its_share_of_the_top_speed_is_at_rest(fitted):
+    batch = simulate(plain, noise=0.3, seed=1)
+    limit = fitted.rest_share * fitted.top_speed
+    creeping, moving = (
+        replace(batch, qd=np.full_like(batch.qd, factor * limit) * [[1.0, 1.0]]) for factor in (0.99, 1.01)
+    )
+    with pytest.raises(ValueError, match="moves for 0 s only"):
+        fitted.make_rows(creeping)
+    rows = len(fitted.make_rows(moving).columns)
+    assert rows == len(batch.t) // round(fitted.row * batch.sample_rate)
+
+
+def test_blocks_are_of_the_recording_s_time_and_start_at_the_first_row_in_motion_of_each(fitted):
+    batch = simulate(plain, noise=0.3, seed=1)
+    step = round(fitted.row * batch.sample_rate)
+    length = round(fitted.block * batch.sample_rate / step)
+    rows = len(batch.t) // step
+    speed = np.full_like(batch.qd, fitted.top_speed)
+    assert list(fitted.make_rows(replace(batch, qd=speed)).starts) == list(range(0, rows, length))
+    # At rest for the first half of the first block, and from the middle of the recording on.
+    still = speed.copy()
+    still[: length // 2 * step] = 0.0
+    still[rows // 2 * step :] = 0.0
+    made = fitted.make_rows(replace(batch, qd=still))
+    begun = [max(start - length // 2, 0) for start in range(0, rows // 2, length)]
+    assert list(made.starts) == begun
+    assert len(made.columns) == rows // 2 - length // 2

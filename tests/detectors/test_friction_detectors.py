@@ -11,6 +11,7 @@ from wearscope.detectors.wear_temperature_fit import (
     FIRST_WEARS,
     _find_valleys,
     _Misfit,
+    _orthonormal,
 )
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import load_model, make_model
@@ -272,3 +273,28 @@ def test_wear_fit_needs_a_dependence_on_temperature_too():
 def test_wear_fit_needs_the_friction_law():
     with pytest.raises(ValueError, match="no effect at j2 that depends on wear"):
         load_detector("wear_temperature_fit").fit([simulate()], 1, MODEL)
+
+
+def test_the_friction_fit_reads_a_bump_that_dies_out_over_its_share_of_the_top_speed():
+    """Planted on a motion whose speeds are listed, as no simulation of the platform makes them."""
+    detector = load_detector("friction_fit", {"low_speed_share": 0.2})
+    detector.top_speed = 3.0
+    speed = np.array([-3.0, -0.6, 0.3, 0.6, 1.2])
+    bump = [-np.exp(-5.0), -np.exp(-1.0), np.exp(-0.5), np.exp(-1.0), np.exp(-2.0)]
+    expected = np.column_stack([[-1.0, -1.0, 1.0, 1.0, 1.0], bump, speed, np.ones(5)])
+    np.testing.assert_allclose(detector.evaluate_regressors(speed), expected, rtol=1e-12)
+
+
+def test_the_friction_fit_weighs_by_the_mean_over_all_speeds_up_to_the_top_one():
+    detector = fitted("friction_fit", simulate(lambda v: 20.0 * np.sign(v) + 4.0 * v), low_speed_share=0.2)
+    speed = (np.arange(20000) + 0.5) / 20000 * detector.top_speed
+    mean = detector.evaluate_regressors(speed)[:, :3].mean(axis=0)
+    np.testing.assert_allclose(detector.mean_regressors, mean, rtol=1e-6)
+
+
+def test_a_column_that_is_the_sum_of_others_adds_nothing_to_a_basis():
+    a, b = np.array([1.0, 0.0, 0.0, 1.0]), np.array([0.0, 3.0, 4.0, 0.0])
+    basis = _orthonormal(np.column_stack([a, b, a + b]))
+    assert basis.shape == (4, 2)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(basis @ basis.T, np.outer(a, a) / 2 + np.outer(b, b) / 25, atol=1e-12)

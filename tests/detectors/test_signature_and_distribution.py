@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import gaussian_kde, norm
 
 from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.distribution_distance import _silverman
 
 THREE = ["residual_energy", "distribution_distance", "wasserstein"]
 
@@ -194,3 +195,26 @@ def test_batch_refuses_shapes_that_do_not_fit():
     with pytest.raises(ValueError, match="tau has shape"):
         Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 3)))
     assert Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2))).sample_rate == pytest.approx(10)
+
+
+def test_the_path_of_a_steady_motion_is_at_the_middle_of_each_sample():
+    """Five equal steps cover a fifth of the path each, and a sample stands for the middle of its step."""
+    t = np.arange(5) / 250.0
+    qd = np.column_stack([np.zeros(5), np.full(5, 0.8)])
+    batch = Batch(t, np.cumsum(qd, axis=0) / 250.0, qd, np.column_stack([np.zeros(5), np.arange(1.0, 6.0)]))
+    detector = fitted("residual_energy", batch, align="path")
+    np.testing.assert_allclose(detector.path, [0.1, 0.3, 0.5, 0.7, 0.9], rtol=1e-12)
+    np.testing.assert_array_equal(detector.signature, np.arange(1.0, 6.0))
+
+
+def test_bandwidth_is_silvermans_and_without_a_spread_of_the_middle_half_that_of_all():
+    normal = norm.ppf((np.arange(1000) + 0.5) / 1000) * 3.0
+    assert _silverman(normal) == pytest.approx(0.9 * 3.0 * 1000**-0.2, rel=0.01)
+    spikes = np.array([0.0] * 8 + [-4.0, 4.0])  # quartiles 0 and 0; variance 32 / 9
+    assert _silverman(spikes) == pytest.approx(0.9 * np.sqrt(32.0 / 9.0) * 10**-0.2, rel=1e-12)
+
+
+def test_the_grid_reaches_a_tenth_of_the_range_and_three_bandwidths_beyond_the_nominal_torque():
+    torque = np.linspace(-40.0, 60.0, 2001)
+    detector = fitted("distribution_distance", make_batch(torque), margin=0.1, bandwidth=2.5)
+    assert detector.grid[[0, -1]] == pytest.approx([-40.0 - 10.0 - 7.5, 60.0 + 10.0 + 7.5])

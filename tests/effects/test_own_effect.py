@@ -186,6 +186,8 @@ def test_regressors_of_a_wrong_shape_are_refused(write, signals):
         ("default=2.0", "default=2.0, upper=1.0", r"default 2.0 of parameter 'k' lies outside"),
         ("row=_row,", 'row=_row, variants=(("levle",),),', r"variants holds \('levle',\)"),
         ("row=_row,", 'row=_row, variants=("level",),', r"variants holds 'level'"),
+        ("row=_row,", "row=_row, variants=((),),", r"variants holds \(\)"),
+        ("row=_row,", 'row=_row, extensions=("k",),', r"extensions holds 'k'"),
         ("row=_row,", 'row=_row, parents="coulomb",', r"parents is no tuple of text"),
         ('("q_{joint}", "sign_qd_{joint}")', "()", r"depends_on is empty"),
         ('"sign_qd_{joint}"', '"qd_{axis}"', r"other braces than {joint}"),

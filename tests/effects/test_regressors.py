@@ -89,6 +89,21 @@ def test_regressors_are_the_formula(name, signals):
     np.testing.assert_allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize(
+    "name",
+    sorted(
+        set(FORMULAS) - {"viscous_asymmetry", "quadratic_viscous", "concave_viscous", "coulomb_asymmetry"}
+    ),
+)
+def test_regressors_are_the_formula_while_the_direction_changes(name, signals):
+    """Between one direction and the other, where a product and a quotient by the direction differ."""
+    signals.sign[:] = np.tanh(signals.v / 0.4)
+    shape, formula = FORMULAS[name]
+    columns = load_effect(name).columns(signals, J, np.array(shape, dtype=float))
+    expected = formula(signals)
+    np.testing.assert_allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("name", sorted(set(FORMULAS) - {"torque_constant_error"}))
 def test_regressors_belong_to_their_joint(name, signals):
     """Moving another joint's signals changes a joint's regressors only where a coupling says so."""

@@ -51,3 +51,57 @@ def test_only_the_joint_s_own_position_and_speed_and_time_are_tried_finely():
     assert set(pairs[:, 9]) == {PRODUCT}
     # A signal that does not vary is no signal: the load and the temperature are constant here.
     assert not {3, 4} & {int(code) for code in shapes[:, [0, 5]].ravel()}
+
+
+def ask_row(shape: np.ndarray, q: float, v: float = 0.5, other: float = 0.0) -> np.ndarray:
+    """A row over 33 places of joint 0 of two, with three more behind it that are not the effect's."""
+    row, still = load_effect("unknown").row, np.zeros(2)
+    out = np.full(36, 7.0)
+    position, speed = np.array([q, other]), np.array([v, 0.0])
+    row(
+        0,
+        0.0,
+        0.01,
+        np.sign(speed),
+        position,
+        speed,
+        still,
+        still,
+        still,
+        still,
+        shape,
+        still,
+        still,
+        out[:33],
+    )
+    assert (out[33:] == 7.0).all(), "what is not the effect's was written"
+    return out[:33]
+
+
+@pytest.mark.parametrize("knots", LEVELS)
+def test_at_a_knot_its_own_hat_is_one_and_all_others_are_zero(knots):
+    for k, x in enumerate(np.linspace(-0.6, 1.4, knots)):
+        expected = np.zeros(33)
+        expected[k] = 1.0
+        np.testing.assert_allclose(ask_row(spline(-0.6, 1.4, knots), x), expected, atol=1e-9)
+
+
+def test_hats_are_multiplied_with_the_direction_or_the_speed():
+    for modulator, factor in ((0, 1.0), (1, -1.0), (2, -0.5)):
+        shape = spline(-1.0, 1.0, 5)
+        shape[2] = modulator
+        expected = np.zeros(33)
+        expected[2:4] = factor * np.array([0.75, 0.25])
+        np.testing.assert_allclose(ask_row(shape, 0.125, v=-0.5), expected, atol=1e-12)
+
+
+def test_a_product_is_bilinear_between_its_knots_and_fades_on_each_side():
+    # Knots at -1, -0.5, ... 1 of the joint's own position and at 0, 1, ... 4 of the other one's.
+    shape = np.array([0, 0, 0, -1.0, 1.0, 0, 1, 0.0, 4.0, PRODUCT])
+    heights = np.add.outer(2.0 * np.arange(5), 3.0 * np.arange(5)) + np.outer(np.arange(5), np.arange(5))
+    for x, y in ((-0.9, 0.3), (0.1, 2.6), (0.8, 3.9), (1.0, 4.0), (-1.0, 0.0)):
+        i, k = (x + 1.0) / 0.5, y
+        got = ask_row(shape, x, other=y)[:PRODUCT] @ heights.ravel()
+        assert got == pytest.approx(2.0 * i + 3.0 * k + i * k, abs=1e-12)
+    # Half a knot beyond one end, a whole one beyond the other: three quarters and a half are left.
+    assert ask_row(shape, 1.25, other=5.0)[:PRODUCT] @ heights.ravel() == pytest.approx(36.0 * 0.75 * 0.5)

@@ -4,11 +4,14 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
+from wearscope.designs.kinds import make_design
 from wearscope.evaluation.detection import detection_table, pick_levels, weighted_threshold
 from wearscope.evaluation.responses import response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
 from wearscope.surrogates.fitting import CELL, fit_surrogates, surrogates_of
+from wearscope.surrogates.kinds.linear import fit_quadratic
 from wearscope.surrogates.planted import planted_test_quantities
+from wearscope.surrogates.selection import ChosenSurrogate
 
 LEVELS = nominal_levels(PAPER_FACTORS)
 
@@ -88,3 +91,21 @@ def test_levels_are_picked_over_the_whole_grid():
         pick_levels(np.linspace(0, 4, 30), 8)[-1] == 4.0 and len(pick_levels(np.linspace(0, 4, 30), 8)) == 8
     )
     assert pick_levels(np.array([0.0, 4.0]), 8)[-1] == 4.0
+
+
+def test_detection_of_a_chosen_surrogate_is_that_of_two_normals_where_it_is_linear():
+    """y = 2 + 0.8 f + 0.5 w3: normal of standard deviation 0.5 sigma about either mean, 0.8 delta apart."""
+    names = [factor.name for factor in PAPER_FACTORS]
+    z = make_design("latin_hypercube", PAPER_FACTORS, {"points": 120}, 3)[names].to_numpy()
+    y = 2.0 + 0.8 * z[:, names.index("f")] + 0.5 * z[:, names.index("w3")]
+    chosen = ChosenSurrogate(fit_quadratic(z, y, names), tuple(names))
+    deltas, sigmas, alarms = np.array([0.0, 0.4, 1.5]), np.array([0.3, 0.8]), [0.01, 0.2]
+    cells = [(("r", "c", 1, "A"), chosen)]
+    table = detection_table(cells, LEVELS, ["w3"], deltas, sigmas, -2.0, alarms)
+    width = 0.5 * table["sigma"].to_numpy()
+    quantile = ndtri(1.0 - table["p_f"].to_numpy())
+    healthy = 2.0 - 0.8 * 2.0 + 0.5 * LEVELS["w3"]
+    np.testing.assert_allclose(table["threshold"], healthy + width * quantile, atol=0.02 * width.max())
+    detected = ndtr(0.8 * table["delta"].to_numpy() / width - quantile)
+    np.testing.assert_allclose(table["p_d"], detected, atol=0.02)
+    assert table["p_d"].min() < 0.011 and table["p_d"].max() > 0.95

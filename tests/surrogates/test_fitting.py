@@ -17,6 +17,7 @@ from wearscope.surrogates.fitting import (
     surrogates_of,
 )
 from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
+from wearscope.surrogates.surrogate import Surrogate
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
 Z = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)[NAMES].to_numpy()
@@ -192,3 +193,20 @@ def test_bad_tables_get_one_sentence(planted, table):
 def test_factor_columns_leave_out_what_is_no_coded_factor(planted):
     quantities = planted[0].assign(f_natural=1.0, status="ok")
     assert factor_columns(quantities) == NAMES
+
+
+def test_coefficients_are_drawn_from_the_t_distribution_of_their_estimate():
+    """Mean theta, covariance C dof / (dof - 2): Kotz and Nadarajah 2004, Multivariate t Distributions."""
+    theta, covariance = np.array([2.0, -1.0]), np.array([[4.0, 1.2], [1.2, 0.81]])
+    surrogate = Surrogate(("1", "f"), theta, covariance, 1.0, 12)
+    drawn = surrogate.draw_coefficients(np.random.default_rng(0), 200_000)
+    np.testing.assert_allclose(drawn.mean(axis=0), theta, atol=0.02)
+    np.testing.assert_allclose(np.cov(drawn.T), covariance * 12 / 10, rtol=0.03)
+    # Their kurtosis is that of a t distribution, 6 / (dof - 4) above a normal one's.
+    standard = (drawn[:, 0] - 2.0) / drawn[:, 0].std()
+    assert (standard**4).mean() - 3 == pytest.approx(6 / 8, abs=0.15)
+    certain = Surrogate(("1", "f"), theta, np.zeros((2, 2)), 0.0, 3)
+    assert (certain.draw_coefficients(np.random.default_rng(0), 4) == theta).all()
+    assert np.isnan(
+        Surrogate(("1", "f"), theta, covariance, np.nan, 0).draw_coefficients(np.random.default_rng(0), 2)
+    ).all()

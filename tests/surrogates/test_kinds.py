@@ -183,6 +183,16 @@ def test_too_few_runs_are_refused():
     assert ChosenSurrogate(None, tuple(NAMES), 1.0, 2.0).sigma == 0.0
 
 
+def test_drawn_responses_lie_about_the_mean_with_the_stated_error():
+    fitted = fit_quadratic(Z, noisy(quadratic, noise=0.3), NAMES)
+    chosen = ChosenSurrogate(fitted, tuple(NAMES), spread=2.0)
+    drawn = chosen.draw(NEW[:5], np.random.default_rng(0), 20_000)
+    np.testing.assert_allclose(drawn.mean(axis=0), fitted.predict(NEW[:5])[0], atol=0.02)
+    # A t distribution's scatter is wider than its scale by sqrt(dof / (dof - 2)); here dof is 92.
+    np.testing.assert_allclose(drawn.std(axis=0), chosen.standard_error(NEW[:5]), rtol=0.04)
+    np.testing.assert_allclose(chosen.standard_error(NEW[:5]), 2.0 * fitted.predict(NEW[:5])[1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("columns", [2, 6])
 def test_the_likelihood_and_its_gradient_are_scikit_learn_s(columns):
     from sklearn.gaussian_process import GaussianProcessRegressor

@@ -1,7 +1,6 @@
 """The smallest study through the cluster profiles: same bytes as on this machine alone."""
 
 import importlib.util
-import os
 import re
 import subprocess
 import sys
@@ -75,32 +74,37 @@ def test_kubernetes_plans_the_study_on_its_volume():
 
 @pytest.mark.long
 def test_one_node_slurm_writes_the_same_bytes(tmp_path):
+    """By the jobs of the rules, and planned and run by one job, as a short study should be."""
     if obstacle := find_obstacle():
         pytest.skip(obstacle)
     pytest.importorskip("snakemake_executor_plugin_slurm", reason="make cluster installs it")
-    target = os.environ.get("WEARSCOPE_SLURM_TARGET", "all")
-    here, there = clones.copy_tree(tmp_path / "here"), clones.copy_tree(tmp_path / "there")
+    trees = {name: clones.copy_tree(tmp_path / name) for name in ("local", "in_one_job", "by_rules")}
     start = time.monotonic()
-    clones.run_well(here, target)
-    local = time.monotonic() - start
-    # The tree's own code, not an installed one; and a one-node SLURM answers at once, without accounting.
+    clones.run_well(trees["local"])
+    seconds = {"local": time.monotonic() - start}
+    # A one-node SLURM answers at once, without accounting.
     options = ["--slurm-status-command=squeue", "--slurm-init-seconds-before-status-checks=1"]
     options += ["--seconds-between-status-checks=1", "--jobs=10", "--slurm-keep-successful-logs"]
-    command = [sys.executable, "-m", "snakemake", target, "--configfile", f"{clones.TINY}/config.yaml"]
-    command += ["--profile", "profiles/slurm", *options]
+    jobs = {}
     try:
         with start_slurm(tmp_path / "slurm") as environment:
-            start = time.monotonic()
-            done = subprocess.run(
-                command, cwd=there, env=environment, capture_output=True, text=True, check=False
-            )
-            cluster = time.monotonic() - start
+            for name, target in (("in_one_job", "in_one_job"), ("by_rules", "all")):
+                command = [sys.executable, "-m", "snakemake", target, "--profile", "profiles/slurm", *options]
+                command += ["--configfile", f"{clones.TINY}/config.yaml"]
+                start = time.monotonic()
+                done = subprocess.run(
+                    command, cwd=trees[name], env=environment, capture_output=True, text=True, check=False
+                )
+                seconds[name] = time.monotonic() - start
+                assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+                logs = trees[name] / ".snakemake" / "slurm_logs"
+                jobs[name] = len(list(logs.rglob("*.log")))
     except NoSlurm as reason:
         pytest.skip(str(reason))
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
-    jobs = len(list((there / ".snakemake" / "slurm_logs").rglob("*.log")))
-    print(f"local {local:.0f} s, SLURM {cluster:.0f} s, {jobs} SLURM jobs")
-    assert jobs > 5, "the jobs did not go through SLURM"
-    assert clones.digests(there) == clones.digests(here) != {}
-    markers = [len(list(Path(folder).rglob("_chunk-*.json"))) for folder in (here, there)]
+    for name, spent in seconds.items():
+        print(f"{name}: {spent:.0f} s, {jobs.get(name, 0)} jobs of SLURM")
+    assert jobs["in_one_job"] == 1 and jobs["by_rules"] > 5
+    here = clones.digests(trees["local"])
+    assert here and all(clones.digests(trees[name]) == here for name in jobs)
+    markers = [len(list(trees[name].rglob("_chunk-*.json"))) for name in ("local", "by_rules")]
     assert markers[1] < markers[0], "the cluster's jobs are no longer than the local ones"

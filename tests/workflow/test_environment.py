@@ -5,10 +5,13 @@ import tomllib
 from itertools import chain
 from pathlib import Path
 
+import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
 ENVS = ROOT / "envs"
+#: Locked by themselves, beside what every study needs.
+BESIDE = ("cluster", "mutants")
 
 
 def read_lock(name: str) -> dict[str, tuple[str, int]]:
@@ -49,12 +52,13 @@ def test_build_lock_is_part_of_the_lock():
     assert build["setuptools"] == packages["setuptools"]
 
 
-def test_cluster_lock_adds_to_the_lock_and_changes_nothing():
-    packages, cluster = read_lock("requirements.lock"), read_lock("cluster.lock")
-    text = re.sub(r"#.*", "", (ENVS / "cluster.in").read_text())
-    assert set(re.findall(r"^[a-z0-9-]+", text, re.MULTILINE)) <= cluster.keys() - packages.keys()
-    assert all(hashes > 0 for _, hashes in cluster.values())
-    assert all(cluster[name][0] == packages[name][0] for name in cluster.keys() & packages.keys())
+@pytest.mark.parametrize("name", BESIDE)
+def test_lock_beside_it_adds_to_the_lock_and_changes_nothing(name):
+    packages, beside = read_lock("requirements.lock"), read_lock(f"{name}.lock")
+    text = re.sub(r"#.*", "", (ENVS / f"{name}.in").read_text())
+    assert set(re.findall(r"^[a-z0-9-]+", text, re.MULTILINE)) <= beside.keys() - packages.keys()
+    assert all(hashes > 0 for _, hashes in beside.values())
+    assert all(beside[one][0] == packages[one][0] for one in beside.keys() & packages.keys())
 
 
 def test_conda_environment_is_the_lock():
@@ -91,13 +95,15 @@ def test_ci_runs_make_test():
     script = ROOT / ".ci" / "run-long"
     assert script.stat().st_mode & 0o111
     assert "make --no-print-directory test-kills" in script.read_text()
+    assert "make --no-print-directory mutants" in script.read_text()
 
 
 def test_package_declares_what_the_lock_is_made_from():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    cluster = re.sub(r"#.*", "", (ENVS / "cluster.in").read_text())
-    assert sorted(extras.pop("cluster")) == sorted(cluster.split())
+    for name in BESIDE:
+        listed = re.sub(r"#.*", "", (ENVS / f"{name}.in").read_text())
+        assert sorted(extras.pop(name)) == sorted(listed.split())
     declared = [*project["dependencies"], *chain(*extras.values())]
     text = re.sub(r"#.*", "", (ENVS / "requirements.in").read_text())
     assert sorted(declared) == sorted(text.split())

@@ -30,7 +30,7 @@ from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, 
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
-from wearscope.processes import MAIN, identify_process
+from wearscope.processes import MAIN, STARTER, end_with, identify_process
 from wearscope.robots.model_file import (
     check_code,
     find_model,
@@ -43,16 +43,30 @@ from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
-# A job ends with this process, also where it alone is killed.
-os.environ[MAIN] = identify_process(os.getpid())
-
 try:
     STUDY = load_config(config)
 except InputError as error:
     raise SystemExit(str(error)) from None
 
-config = STUDY.model_dump(mode="json")
+# Started by a job (partitions.smk), it ends with that job.
+end_with(os.environ.pop(STARTER, ""))
+# A job ends with this process, also where it alone is killed.
+os.environ[MAIN] = identify_process(os.getpid())
+
+# A study of many robots is run by partitions, each a study of its own robots in its own folder.
+PARTITIONS = {f"{part.partitions.number:05d}": part for part in STUDY.divide()}
 R = f"results/{STUDY.study}"
+if STUDY.partitions.number is not None:
+    R = f"{R}/partitions/{STUDY.partitions.number:05d}"
+if PARTITIONS:
+    # They simulate more points of the robots: asked of a partition by itself, by its own study.yaml.
+    STUDY = STUDY.model_copy(
+        update={
+            name: getattr(STUDY, name).model_copy(update={"enabled": False}) for name in ("audit", "direct")
+        }
+    )
+
+config = STUDY.model_dump(mode="json")
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -85,7 +99,6 @@ RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED 
 STUDY_SETS = [*RUN_SETS, "nominal"]
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
-SCREENINGS = [f"{R}/screening/{robot}.parquet" for robot in ROBOTS]
 # What a correction changes is asked where a loop is closed, or models of both sides are given.
 REEVALUATED = STUDY.reevaluate.enabled and bool(
     STUDY.closed_loop.demonstration or STUDY.dataset is not None or STUDY.reevaluate.before
@@ -124,15 +137,32 @@ wildcard_constraints:
     side="before|after|truth",
 
 
+def parts(table, *each):
+    """Tables that make a table of the study: one a robot, or a robot and test-cycle; or one a partition."""
+    if PARTITIONS:
+        return expand("{R}/partitions/{part}/{table}.parquet", R=R, part=PARTITIONS, table=table)
+    return expand(f"{R}/{'/'.join(each)}.parquet", robot=ROBOTS, cycle=CYCLES)
+
+
+SCREENINGS = parts("screening", "screening", "{robot}")
+
+
 def needs(mib, minutes):
     """Memory [MiB] and time [min] that a job asks a cluster for, as much again each time that it is tried anew.
 
-    Each is about twice what was measured (docs/cluster.md); what is not said on a rule is in profiles/default.
+    Memory is 1.6 to 2.4 times the largest that was measured (docs/cluster.md); times are guesses, generous ones.
+    What is not said on a rule is in profiles/default.
     """
     return dict(
         mem_mb=lambda wildcards, attempt: attempt * mib,
         runtime=lambda wildcards, attempt: attempt * minutes,
     )
+
+
+def partition_minutes():
+    """Time [min] that a partition asks for: three times what its simulations are said to take."""
+    points = sum(POINTS[set] for set in STUDY_SETS) * len(CYCLES) * STUDY.partitions.robots
+    return max(60, round(3 * points * STUDY.simulation.point_seconds / STUDY.partitions.threads / 60))
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change

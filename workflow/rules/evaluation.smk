@@ -87,7 +87,7 @@ rule compute_scope:
 
 rule join_scope:
     input:
-        parts=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
+        parts=parts("scope", "parts/scope", "{robot}"),
         screening=SCREENINGS,
         code=code("join_scope"),
     output:

@@ -1,14 +1,24 @@
+# A partition is checked and simulated by the job that runs it.
 rule check:
     input:
         SCREENINGS,
         f"{R}/design/checks.parquet",
         f"{R}/check/detectors.json",
-        expand("{R}/check/{robot}/{cycle}.json", R=R, robot=ROBOTS, cycle=CYCLES),
+        [] if PARTITIONS else expand("{R}/check/{robot}/{cycle}.json", R=R, robot=ROBOTS, cycle=CYCLES),
 
 
 rule simulate:
     input:
-        [marker for robot in ROBOTS for cycle in CYCLES for marker in traces(robot, cycle, *STUDY_SETS)],
+        (
+            SCREENINGS
+            if PARTITIONS
+            else [
+                marker
+                for robot in ROBOTS
+                for cycle in CYCLES
+                for marker in traces(robot, cycle, *STUDY_SETS)
+            ]
+        ),
 
 
 rule carry_over:

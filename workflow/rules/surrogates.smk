@@ -82,7 +82,7 @@ rule choose_surrogates:
 
 rule join_chosen:
     input:
-        parts=expand("{R}/parts/chosen_surrogates/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
+        parts=parts("chosen_surrogates", "parts/chosen_surrogates", "{robot}", "{cycle}"),
         code=code("join_chosen"),
     output:
         f"{R}/chosen_surrogates.parquet",

@@ -39,8 +39,8 @@ rule compute_test_quantities:
 
 rule join_test_quantities:
     input:
-        parts=expand("{R}/parts/test_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
-        failed=expand("{R}/parts/failed_simulations/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=CYCLES),
+        parts=parts("test_quantities", "parts/test_quantities", "{robot}", "{cycle}"),
+        failed=parts("failed_simulations", "parts/failed_simulations", "{robot}", "{cycle}"),
         code=code("join_test_quantities"),
     output:
         table=f"{R}/test_quantities.parquet",

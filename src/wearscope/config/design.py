@@ -148,6 +148,19 @@ class SimulationSettings(Section):
         return self
 
 
+class PartitionSettings(Section):
+    """How a study of many robots is divided: one job plans and runs each part, in a folder of its own."""
+
+    above: Annotated[int, Field(ge=0)] = 100
+    """Robots above which a study is divided; 0 divides any."""
+    robots: Annotated[int, Field(ge=1)] = 1
+    """Robots in a partition."""
+    threads: Annotated[int, Field(ge=1)] = 1
+    """Cores of the job that runs a partition."""
+    number: Annotated[int, Field(ge=0)] | None = None
+    """The partition to run alone; the job that runs it says so."""
+
+
 class DetectorSettings(Section):
     """One detector under its configured name."""
 

@@ -12,6 +12,7 @@ from wearscope.config.design import (
     DesignSettings,
     DetectorSettings,
     FactorSettings,
+    PartitionSettings,
     SimulationSettings,
     SurrogateSettings,
 )
@@ -77,6 +78,8 @@ class StudyConfig(Section):
     """The design matrix."""
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
+    partitions: PartitionSettings = PartitionSettings()
+    """How a study of many robots is divided."""
     max_failed_share: Share = 0.05
     """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
     study is refused."""
@@ -254,6 +257,31 @@ class StudyConfig(Section):
                 if labels.count(one) > 1:
                     raise ValueError(f"{field}: two of them would both be called {one}; rename one")
         return self
+
+    def divide(self) -> list["StudyConfig"]:
+        """Partitions, each a study of some of the robots; none where the study is not divided.
+
+        What a closed loop or a correction asks is asked of the whole study, not of a partition.
+        """
+        size = self.partitions.robots
+        if self.partitions.number is not None or len(self.robots) <= self.partitions.above:
+            return []
+        rest = {
+            "closed_loop": self.closed_loop.model_copy(update={"demonstration": False}),
+            "reevaluate": self.reevaluate.model_copy(update={"enabled": False}),
+            "dataset": None,
+        }
+        parts = []
+        for number, start in enumerate(range(0, len(self.robots), size)):
+            robots = self.robots[start : start + size]
+            labels = {label(robot) for robot in robots}
+            own = {
+                "robots": robots,
+                "carry_over": {name: one for name, one in self.carry_over.items() if name in labels},
+                "partitions": self.partitions.model_copy(update={"number": number}),
+            }
+            parts.append(self.model_copy(update=rest | own))
+        return parts
 
 
 def label(reference: str) -> str:

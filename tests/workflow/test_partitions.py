@@ -1,0 +1,121 @@
+"""A study of many robots, run by partitions: the same tables, planned in a moment."""
+
+import importlib.util
+import re
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from wearscope.integrity import find_damage
+
+_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
+clones = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(clones)
+
+TABLES = ("test_quantities", "failed_simulations", "surrogates", "snr", "ranking", "sensitivity")
+SCOPES = ("scope", "group_scope", "scope_disagreement")
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A tree with one study of two robots, whole and divided."""
+    tree = clones.copy_tree(tmp_path_factory.mktemp("partitions"))
+    study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
+    study |= {
+        "robots": ["medium", "large"],
+        "factors": {name: study["factors"][name] for name in ("f", "w3")},
+        "surrogates": {"filling": {"enabled": False}},
+        "snr": {"runs": 1000, "model": "full"},
+        "scope": study["scope"] | {"model": "full", "factors": ["w3"]},
+        "audit": {"enabled": False},
+        "direct": {"enabled": False},
+        "reevaluate": {"enabled": False},
+    }
+    for name, above in (("whole", 2), ("divided", 1)):
+        text = yaml.safe_dump(study | {"study": name, "partitions": {"above": above}})
+        (tree / f"{name}.yaml").write_text(text)
+    return tree
+
+
+def count_jobs(clone, study, *arguments) -> dict[str, int]:
+    text = clones.run_well(clone, "-n", *arguments, study=study)
+    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
+
+
+def test_a_job_a_partition_takes_the_place_of_all_that_is_done_for_its_robots(clone):
+    whole, divided = (count_jobs(clone, f"{name}.yaml", "scope") for name in ("whole", "divided"))
+    assert divided["run_partition"] == 2
+    assert {"simulate_points", "check_cycle", "compute_test_quantities"} <= whole.keys() - divided.keys()
+    assert "run_partition" not in whole
+
+
+@pytest.mark.slow
+def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
+    for name in ("whole", "divided"):
+        clones.run_well(clone, "scope", "snr", "sensitivity", study=f"{name}.yaml")
+    for table in (*TABLES, *SCOPES):
+        one, other = (clone / f"results/{name}/{table}.parquet" for name in ("whole", "divided"))
+        assert one.read_bytes() == other.read_bytes(), table
+    assert not clones.stale(clone, "scope", study="divided.yaml")
+    traces = list((clone / "results/divided").glob("partitions/*/traces/*"))
+    assert sorted(path.name for path in traces) == ["large", "medium"]
+    assert not list(find_damage(clone / "results/divided"))
+    recording = next(traces[0].glob("*/validation/point=1/recording.parquet"))
+    recording.unlink()
+    assert [error.path for error in find_damage(clone / "results/divided")] == [recording]
+
+
+@pytest.mark.slow
+def test_a_study_as_one_job_is_the_study(clone):
+    """Planned anew by its job, which does what is missing and no more."""
+    study = yaml.safe_load((clone / "whole.yaml").read_text()) | {"robots": ["medium"]}
+    for name in ("here", "as_one"):
+        (clone / f"{name}.yaml").write_text(yaml.safe_dump(study | {"study": name}))
+    clones.run_well(clone, "conclusion", study="here.yaml")
+    clones.run_well(clone, "in_one_job", study="as_one.yaml")
+    for table in ("test_quantities", "scope", "snr", "thresholds"):
+        one, other = (clone / f"results/{name}/{table}.parquet" for name in ("here", "as_one"))
+        assert one.read_bytes() == other.read_bytes(), table
+    assert clones.stale(clone, "all", study="as_one.yaml") <= {"all"}
+    report = clone / "results/as_one/report.html"
+    written = report.stat().st_mtime_ns
+    clones.run_well(clone, "in_one_job", study="as_one.yaml")
+    assert report.stat().st_mtime_ns == written
+
+
+@pytest.mark.slow
+def test_the_snakemake_of_a_job_ends_with_it(clone):
+    process = subprocess.Popen(
+        [*clones.command("scope", study="divided.yaml"), "--config", "study=killed"], cwd=clone,
+        start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+    def count() -> int:
+        asked = ["pgrep", "--full", "--count", f"{clone}/results/killed|results/killed/partitions"]
+        return int(subprocess.run(asked, capture_output=True, text=True, check=False).stdout)
+
+    deadline = time.monotonic() + 120
+    while not count() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert count(), "no partition began"
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 30
+    while count() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert not count()
+
+
+@pytest.mark.slow
+def test_a_partition_that_fails_is_named_with_where_it_says_why(clone):
+    study = yaml.safe_load((clone / "divided.yaml").read_text())
+    study |= {"study": "broken", "cycles": ["broken.py"]}
+    (clone / "broken.py").write_text("raise ValueError('no motion')\n")
+    (clone / "broken.yaml").write_text(yaml.safe_dump(study))
+    done = clones.run(clone, "test_quantities", study="broken.yaml")
+    assert done.returncode != 0
+    told = re.search(r"(results/broken/logs/partitions/0000\d\.log): it failed", done.stderr)
+    assert told and "no motion" in (clone / told[1]).read_text()

@@ -1,0 +1,8 @@
+"""One table of what was screened on all robots."""
+
+from job import run_job
+from screening import read_screening
+from wearscope import tables
+
+with run_job(snakemake):
+    tables.write_table(snakemake.output[0], read_screening(snakemake.input.screening))

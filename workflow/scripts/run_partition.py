@@ -1,0 +1,27 @@
+"""A partition of a study of many robots, or a whole study, planned and run here by a Snakemake of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+from job import run_job
+from wearscope.errors import InputError
+from wearscope.files import write_text
+from wearscope.processes import STARTER, identify_process
+
+with run_job(snakemake) as say:
+    params, log = snakemake.params, Path(snakemake.log[0])
+    write_text(params.file, yaml.safe_dump(params.study, sort_keys=False))
+    command = [sys.executable, "-m", "snakemake", *params.targets, "--cores", str(snakemake.threads)]
+    command += ["--snakefile", params.snakefile, "--configfile", params.file, "--nocolor"]
+    # What the whole study was started with is not for its parts.
+    environment = {name: value for name, value in os.environ.items() if name != "SNAKEMAKE_PROFILE"}
+    environment[STARTER] = identify_process(os.getpid())
+    say(f"robots {', '.join(params.study['robots'])}")
+    with open(log, "a", encoding="utf-8") as text:
+        done = subprocess.run(command, env=environment, stdout=text, stderr=text, check=False)
+    if done.returncode:
+        raise InputError(f"{log}: it failed; correct what is said there and run the same command again.")
