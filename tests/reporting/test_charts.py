@@ -100,3 +100,8 @@ def test_terms_and_quantities_are_words(study):
     assert term_name("f:w3", study.factors) == "wear × temperature"
     assert quantity_text(4.04, "degC") == "4 °C" and quantity_text(-1234.5, "1") == "−1,234"
     assert quantity_text(0.0123, "N m") == "0.012 N m"
+
+
+def test_numbers_next_to_nothing_are_shown_as_zero():
+    frame = pd.DataFrame({"x": [5e-324, -3e-310, 1e-200, 1.5e300, np.inf]})
+    assert unpack_table(pack_table(frame))["x"] == [0.0, 0.0, 1e-200, 1.5e300, None]

@@ -163,7 +163,8 @@ def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]
     """
     known = np.isfinite(values)
     size = np.where(known & (values != 0), np.abs(values), 1.0)
-    shift = digits - 1 - np.floor(np.log10(size)).astype(int)
+    # What is smaller than a power of ten can be is none of a page's digits.
+    shift = np.clip(digits - 1 - np.floor(np.log10(size)).astype(int), -300, 300)
     # A division or product of whole numbers is the double nearest to the decimal, which prints short.
     up, down = 10.0 ** np.maximum(shift, 0), 10.0 ** np.maximum(-shift, 0)
     short = np.round(np.where(known, values, 0.0) * up / down) / up * down
