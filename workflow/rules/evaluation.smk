@@ -41,7 +41,8 @@ rule compute_sensitivity:
 rule compute_snr:
     input:
         unpack(asked_of(STUDY.snr.model)),
-        noise=f"{R}/chosen_surrogates.parquet",
+        # Replicates, which tell whether a robot's model has noise, belong to the filling design.
+        noise=f"{R}/chosen_surrogates.parquet" if FILLED else [],
         code=code("compute_snr"),
     output:
         snr=f"{R}/snr.parquet",

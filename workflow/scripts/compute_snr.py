@@ -15,7 +15,8 @@ with run_job(snakemake):
         chosen = read_chosen(table, tables.read_table(snakemake.input.test_quantities))
         snr = sampled_snr_table(chosen, read_noise(table), **settings, seed=snakemake.params.seed)
     else:
-        noise = read_noise(tables.read_table(snakemake.input.noise))
+        replicates = snakemake.input.get("noise")
+        noise = read_noise(tables.read_table(replicates)) if replicates else None
         quadratic = tables.read_table(snakemake.input.surrogates)
         snr = snr_table(quadratic, **settings, seed=snakemake.params.seed, noise=noise)
     tables.write_table(snakemake.output.snr, snr)

@@ -51,6 +51,14 @@ class Layout:
         """Rows that count by joint, (M, n)."""
         return np.concatenate([run.keep for run in self.prepared.runs_for("train")])
 
+    def restrict(self, joint: int, rows: np.ndarray) -> "Layout":
+        """The same with only some of a joint's rows (M,) counting."""
+        other = Layout(self.prepared, self.blocks, self.folds)
+        keep = self.keep.copy()
+        keep[:, joint] &= rows
+        other.__dict__["keep"] = keep
+        return other
+
     def pack(self, x: np.ndarray) -> np.ndarray:
         """Rows (M, ...) as (B, L, ...), zero beyond a block's end."""
         padded = np.concatenate([x, np.zeros((1, *x.shape[1:]))])

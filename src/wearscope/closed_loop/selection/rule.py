@@ -21,6 +21,9 @@ _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
 _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
 #: Share of the material torque that a term must add to what the model's other terms could give.
 _OWN = 1.0 / 3.0
+#: Share of a joint's largest speed above which it is away from its reversals, and of its rows that must be;
+#: factor within which a delay must be the same there: else it is the form of a reversal, or of a loop.
+FAST, _ALIKE = 0.2, 1.6
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -91,6 +94,12 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
         and e.agreement >= (policy.agreeing if by_run else 1.0)
         and gain > _ERRORS * error
     )
+
+
+def is_alike(e: Evidence, other: Evidence) -> bool:
+    """Whether a term's first coefficient is the same on other rows, within a factor."""
+    ratio = float(other.beta[0]) / float(e.beta[0])
+    return 1.0 / _ALIKE <= ratio <= _ALIKE
 
 
 def summed(values: np.ndarray) -> tuple[float, float]:

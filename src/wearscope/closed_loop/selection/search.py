@@ -23,7 +23,7 @@ from wearscope.closed_loop.selection.reversal import refine_widths
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import drift_p_value
-from wearscope.effects.base import Effect
+from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Most passes of the revision.
 _PASSES = 3
@@ -294,7 +294,7 @@ class Search:
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
         able = sorted(able, key=lambda e: -e.gain)
-        while able and self.drifts(assembly, able[0]):
+        while able and (self.drifts(assembly, able[0]) or self.is_of_reversals(assembly, able[0])):
             able = able[1:]
         if not able:
             return None
@@ -316,6 +316,20 @@ class Search:
             return False
         tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
         return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
+
+    def is_of_reversals(self, assembly: Assembly, e: Evidence) -> bool:
+        """Whether what delays a joint's whole torque is another thing where the joint does not reverse."""
+        effect, joint = e.term.effect, e.joint
+        if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
+            return False
+        speed = np.abs(self.problem.at_rows("v")[:, joint])
+        fast = speed > rule.FAST * speed.max()
+        kept = assembly.layout.keep[:, joint]
+        if np.mean(fast[kept]) < rule.FAST:
+            return False
+        layout = assembly.layout.restrict(joint, fast)
+        away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
+        return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.flips))
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
