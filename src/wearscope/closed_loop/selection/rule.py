@@ -23,7 +23,7 @@ _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
 _OWN = 1.0 / 3.0
 #: Share of a joint's largest speed above which it is away from its reversals, and of its rows that must be;
 #: factor within which a delay must be the same there: else it is the form of a reversal, or of a loop.
-FAST, _ALIKE = 0.2, 1.6
+_FAST, _ALIKE = 0.2, 1.6
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02

@@ -323,9 +323,9 @@ class Search:
         if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
             return False
         speed = np.abs(self.problem.at_rows("v")[:, joint])
-        fast = speed > rule.FAST * speed.max()
+        fast = speed > rule._FAST * speed.max()
         kept = assembly.layout.keep[:, joint]
-        if np.mean(fast[kept]) < rule.FAST:
+        if np.mean(fast[kept]) < rule._FAST:
             return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
