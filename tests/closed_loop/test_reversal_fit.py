@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.intake.reversals import soften_direction, vary_direction
+from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.reversal import refine_widths
+from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
 
 WIDTHS = np.array([0.12, 0.05])
 FORMS = {
     "tanh": np.tanh,
     "algebraic": lambda x: x / np.sqrt(1.0 + x**2),
-    "arctangent": lambda x: 2.0 / np.pi * np.arctan(x),
+    "arctangent": lambda x: 2.0 / np.pi * np.arctan(0.5 * np.pi * x),
 }
 
 
@@ -37,8 +37,8 @@ def curved(record_at, pose, tmp_path_factory):
 
 @pytest.mark.parametrize("wrong", [0.0, 0.6, 1.6])
 def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, wrong):
-    search = Search(curved.reverse_over(wrong * WIDTHS), Policy())
-    widths = refine_widths(search.problem.prepared, search.assemble(()))
+    search = Search(curved.reverse_over(Reversals.over(wrong * WIDTHS)), Policy())
+    widths = refine_reversals(search.problem.prepared, search.assemble(())).width
     # The second joint lacks nothing; the first lacks a drag that has no part in its reversal.
     assert widths[1] == pytest.approx(WIDTHS[1], rel=0.05)
     assert widths[0] == pytest.approx(WIDTHS[0], rel=0.25)
@@ -48,13 +48,42 @@ def test_the_width_is_recovered_once_what_was_missing_is_named(curved):
     search = Search(curved, Policy())
     found = search.run()
     assert [(f.effect.name, f.joint) for f in found] == [("quadratic_viscous", 0)]
-    assert search.problem.prepared.reversal_width == pytest.approx(WIDTHS, rel=0.03)
+    assert search.problem.prepared.reversals.width == pytest.approx(WIDTHS, rel=0.03)
 
 
 def test_a_reversal_at_once_stays_one(record, pose):
-    problem = pose(record(noise=0.05, seed=11)).reverse_over(np.zeros(2))
+    problem = pose(record(noise=0.05, seed=11)).reverse_over(Reversals.over(np.zeros(2)))
     search = Search(problem, Policy())
-    assert refine_widths(search.problem.prepared, search.assemble(())).max() < 0.01 * WIDTHS.min()
+    fitted = refine_reversals(search.problem.prepared, search.assemble(()))
+    assert fitted.width.max() < 0.01 * WIDTHS.min()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, pose, form):
+    folder = record(noise=0.05, extra_torque=soften(form), seed=5, declared=("rigid_body", "rotor_inertia"))
+    search = Search(pose(folder), Policy())
+    search.run()
+    assert search.problem.prepared.reversals.form.tolist() == [list(FORMS).index(form)] * 2
+    stated = {(e["joint"], e["effect"]): e["parameters"] for e in diagnose(folder).verdict["verdict"]}
+    for joint, level in (("a", 6.0), ("b", 3.0)):
+        low, high = stated[joint, "coulomb"]["level"]["ci95"]
+        assert low <= level <= high
+        assert high - low < 0.2 * level
+
+
+def test_where_the_forms_cannot_be_told_apart_the_interval_is_wide(record_at, tmp_path):
+    """In noise the form stays the first one, and what another one would make of friction is said."""
+    widths = []
+    for noise in (0.05, 3.0):
+        folder = record_at(
+            tmp_path / f"noise{noise:g}", noise=noise, extra_torque=soften("arctangent"), seed=6,
+            declared=("rigid_body", "rotor_inertia"),
+        )  # fmt: skip
+        stated = {(e["joint"], e["effect"]): e["parameters"] for e in diagnose(folder).verdict["verdict"]}
+        low, high = stated["a", "coulomb"]["level"]["ci95"]
+        assert low <= 6.0 <= high
+        widths.append(high - low)
+    assert widths[1] > 3.0 * widths[0]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -90,6 +119,23 @@ def test_a_thinned_run_reverses_as_one_that_was_made_so(record, pose):
     prepared = pose(record(rate=1000.0, runs=2, duration=8.0)).prepared
     run = prepared.runs[0]
     assert run.factor > 1
-    again = prepared.reverse_over(WIDTHS).reverse_over(prepared.reversal_width).runs[0]
+    again = prepared.reverse_over(Reversals.over(WIDTHS)).reverse_over(prepared.reversals).runs[0]
     moving = run.reduce(run.signals.sign)
     assert np.abs(run.reduce(again.signals.sign) - moving).max() < 0.02
+
+
+@pytest.mark.parametrize("form", range(len(FORMS)))
+def test_forms_stand_in_the_same_order_everywhere(form):
+    v = np.linspace(-1.0, 1.0, 400)
+    one = Reversals(np.array([0.1]), np.array([form]))
+    direction = one.soften(v[:, None], np.sign(v)[:, None])[:, 0]
+    assert direction == pytest.approx(list(FORMS.values())[form](v / 0.1), abs=1e-12)
+    for step in (1, 2):
+        other = one.change_form(step)
+        at_half = (
+            np.interp(0.5, direction, v),
+            np.interp(0.5, other.soften(v[:, None], np.sign(v)[:, None])[:, 0], v),
+        )
+        assert at_half[0] == pytest.approx(at_half[1], rel=1e-2)
+        assert one.differ(other).all()
+    assert not one.differ(one.change_form(3)).any() or one.change_form(3).width == pytest.approx(one.width)

@@ -88,7 +88,7 @@ def plan_session(
     if not np.isfinite(structure.temperature[joint]):
         return None
     prepared = Prepared(
-        dataset, frame.urdf, runs, frame.band, frame.moving, [], frame.reversal_width, frame.top_speed
+        dataset, frame.urdf, runs, frame.band, frame.moving, [], frame.reversals, frame.top_speed
     )
     model = planning_model(prepared, healthy.robot)
     step = 1.0 / frame.band.rate

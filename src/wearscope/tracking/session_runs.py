@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, choose_factor
 from wearscope.closed_loop.intake.preprocessing import (
     Prepared,
@@ -29,7 +30,8 @@ class Frame:
         Normalised URDF.
     band : Band
     moving : ndarray (n,) of bool
-    top_speed, reversal_width : ndarray (n,)
+    top_speed : ndarray (n,)
+    reversals : Reversals
     reach : ndarray (n,)
         Largest span of each joint's position in the reference's runs.
     """
@@ -38,7 +40,7 @@ class Frame:
     band: Band
     moving: np.ndarray
     top_speed: np.ndarray
-    reversal_width: np.ndarray
+    reversals: Reversals
     reach: np.ndarray
 
     @classmethod
@@ -46,7 +48,7 @@ class Frame:
         """Frame of a prepared data set."""
         reach = np.max([record.reach for record in prepared.dataset.runs], axis=0)
         return cls(
-            prepared.urdf, prepared.band, prepared.moving, prepared.top_speed, prepared.reversal_width, reach
+            prepared.urdf, prepared.band, prepared.moving, prepared.top_speed, prepared.reversals, reach
         )
 
 
@@ -81,5 +83,5 @@ def prepare_runs(dataset: Dataset, frame: Frame) -> tuple[list[PreparedRun], lis
     rough = [make_rough(s, rate, frame.band.motion, coarse, inertia, motion) for s in moves]
     moves, _ = bridge_gaps(dataset, moves, rough, coarse, notes)
     factor = round(rate / frame.band.rate)
-    runs = [finish_run(s, rate, frame.band, factor, inertia, frame.reversal_width, motion) for s in moves]
+    runs = [finish_run(s, rate, frame.band, factor, inertia, frame.reversals, motion) for s in moves]
     return leave_out_short(dataset, runs, frame.band, notes), notes

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
@@ -22,7 +23,7 @@ from wearscope.tracking.scatter import Scatter
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.structure import Scales, Structure
 
-_FRAME = ("moving", "top_speed", "reversal_width", "reach")
+_FRAME = ("moving", "top_speed", "reach")
 _ESTIMATE = ("value", "noise", "shares", "prior")
 
 
@@ -31,6 +32,7 @@ def save_reference(path: str | Path, reference: Reference) -> None:
     structure, scatter = reference.structure, reference.scatter
     frame = structure.frame
     arrays: dict[str, np.ndarray] = {name: getattr(frame, name) for name in _FRAME}
+    arrays |= {"reversal_width": frame.reversals.width, "reversal_form": frame.reversals.form}
     arrays |= {f"scales_{name}": value for name, value in asdict(structure.scales).items()}
     arrays |= {
         "theta": structure.theta,
@@ -105,7 +107,9 @@ def _restore(
         )
         for label, joint, shape, subset in words["entries"]
     )
-    frame = Frame(words["urdf"], Band(**words["band"]), **{name: arrays[name] for name in _FRAME})
+    reversals = Reversals(arrays["reversal_width"], arrays["reversal_form"])
+    own_frame = {name: arrays[name] for name in _FRAME}
+    frame = Frame(words["urdf"], Band(**words["band"]), reversals=reversals, **own_frame)
     names = ("friction", "torque", "speed", "noise")
     structure = Structure(
         tuple(words["joints"]),

@@ -7,7 +7,6 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.reversals import soften_direction
 from wearscope.closed_loop.intake.saturation import keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import is_carried
 from wearscope.cycles.base import Reference
@@ -46,12 +45,7 @@ def make_planned_run(
     width = int(0.5 * band.rate / band.torque)
     rest = keep_lasting(slow, width)
     sharp = np.where(rest, 0.0, np.sign(reference.v))
-    sign = np.column_stack(
-        [
-            soften_direction(v, w, s)
-            for v, w, s in zip(reference.v.T, prepared.reversal_width, sharp.T, strict=True)
-        ]
-    )
+    sign = prepared.reversals.soften(reference.v, sharp)
     load = body.inverse_dynamics(reference.q, reference.v, reference.a)
     known = load + known_inertia(dataset) * reference.a
     signals = Signals(

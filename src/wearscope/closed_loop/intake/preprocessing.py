@@ -14,6 +14,7 @@ from scipy import interpolate
 
 from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE
 from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import (
     Band,
     Motion,
@@ -25,11 +26,7 @@ from wearscope.closed_loop.intake.filtering import (
     rows,
     thin,
 )
-from wearscope.closed_loop.intake.reversals import (
-    choose_reversal_widths,
-    soften_direction,
-    vary_direction,
-)
+from wearscope.closed_loop.intake.reversals import choose_reversal_widths
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
@@ -115,8 +112,8 @@ class Prepared:
     moving : ndarray (n,) of bool
         Joints that move in at least one training run.
     notes : list of str
-    reversal_width : ndarray (n,)
-        Speed over which each joint's direction of motion changes [rad/s or m/s].
+    reversals : Reversals
+        How each joint's direction of motion changes.
     top_speed : ndarray (n,)
         Largest speed of each joint in the training runs [rad/s or m/s].
     """
@@ -127,7 +124,7 @@ class Prepared:
     band: Band
     moving: np.ndarray
     notes: list[str]
-    reversal_width: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    reversals: Reversals = field(default_factory=lambda: Reversals.over(np.zeros(0)))
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -139,17 +136,9 @@ class Prepared:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
 
-    def reverse_over(self, widths: np.ndarray) -> "Prepared":
-        """The same data set with directions of motion that change over other speeds.
-
-        Parameters
-        ----------
-        widths : ndarray (n,)
-            As `reversal_width`.
-        """
-        return replace(
-            self, runs=[_reverse_over(run, widths) for run in self.runs], reversal_width=np.array(widths)
-        )
+    def reverse_over(self, reversals: Reversals) -> "Prepared":
+        """The same data set with directions of motion that change in another way."""
+        return replace(self, runs=[_reverse_over(run, reversals) for run in self.runs], reversals=reversals)
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
@@ -184,16 +173,16 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     rough = [make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
     sources, rough = bridge_gaps(dataset, sources, rough, factor, notes)
     band = _choose_band(rough, motion.moving, rate, edge, factor)
-    widths = _choose_widths(rough, motion.moving, band, factor)
+    reversals = Reversals.over(_choose_widths(rough, motion.moving, band, factor))
     del rough
     factor = choose_factor(rate, band.motion, band.torque)
     band = replace(band, rate=rate / factor)
     runs = []
     while sources:
-        runs.append(finish_run(sources.pop(0), rate, band, factor, inertia, widths, motion))
+        runs.append(finish_run(sources.pop(0), rate, band, factor, inertia, reversals, motion))
     runs = leave_out_short(dataset, runs, band, notes)
     notes += _describe(dataset, band, rate, factor)
-    return Prepared(dataset, urdf, runs, band, motion.moving, notes, widths, motion.top_speed)
+    return Prepared(dataset, urdf, runs, band, motion.moving, notes, reversals, motion.top_speed)
 
 
 def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
@@ -305,13 +294,13 @@ def finish_run(
     band: Band,
     factor: int,
     inertia: np.ndarray,
-    widths: np.ndarray,
+    reversals: Reversals,
     motion: MovingJoints,
 ) -> PreparedRun:
     """Signals of one run and the rows of it that count."""
     run = source.run
     made = differentiate_run(run, rate, band.motion, motion.top_speed)
-    signals, known, resting = _make_signals(source, made, rate, band, factor, inertia, widths)
+    signals, known, resting = _make_signals(source, made, rate, band, factor, inertia, reversals)
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
@@ -340,14 +329,14 @@ def _make_signals(
     band: Band,
     factor: int,
     inertia: np.ndarray,
-    widths: np.ndarray,
+    reversals: Reversals,
 ) -> tuple[Signals, np.ndarray, np.ndarray]:
     """Signals of one run at `band.rate`, the known torque (N, n) along them, and which samples rest.
 
     The direction of motion is taken at the recording's rate.
     """
     rest = _find_rest(np.abs(made.v) < made.sure_speed, replace(band, rate=rate))
-    sign, reversal = _take_direction(made.v, rest, widths)
+    sign, reversal = _take_direction(made.v, rest, reversals)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     load = source.body.inverse_dynamics(q, v, a)
     known = load + inertia * a
@@ -370,18 +359,14 @@ def _make_signals(
     return signals, known, rest[::factor]
 
 
-def _take_direction(v: np.ndarray, rest: np.ndarray, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tuple[np.ndarray, np.ndarray]:
     """Direction of motion (N, n) that changes over a speed, and what other reversals change in it."""
     sharp = np.where(rest, 0.0, np.sign(v))
-    each = list(zip(v.T, widths.tolist(), sharp.T, strict=True))
-    return (
-        np.column_stack([soften_direction(*one) for one in each]),
-        np.stack([vary_direction(*one) for one in each], axis=1),
-    )
+    return reversals.soften(v, sharp), reversals.vary(v, sharp)
 
 
-def _reverse_over(run: PreparedRun, widths: np.ndarray) -> PreparedRun:
-    """A run with directions of motion that change over other speeds.
+def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
+    """A run with directions of motion that change in another way.
 
     They are taken at the recording's rate, as at first: speeds are smooth between the samples kept.
     """
@@ -391,7 +376,7 @@ def _reverse_over(run: PreparedRun, widths: np.ndarray) -> PreparedRun:
         every = np.arange(at[-1] + 1)
         v = interpolate.CubicSpline(at, v)(every)
         rest = rest[every // run.factor]
-    sign, reversal = _take_direction(v, rest, widths)
+    sign, reversal = _take_direction(v, rest, reversals)
     signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
     return replace(run, signals=signals)
 

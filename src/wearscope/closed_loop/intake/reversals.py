@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import optimize
 
+from wearscope.closed_loop.intake.direction import average_direction, soften_direction
 from wearscope.closed_loop.intake.filtering import Band, low_pass, rows
 from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded
 from wearscope.closed_loop.intake.saturation import spread_out
@@ -28,49 +29,6 @@ _PRESLIDING = (0.002, 0.01, 0.05)
 _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
 #: Share of what is left by which friction towards rest must lower the loss to be fitted beside the width.
 _CLEAR = 0.1
-
-
-def soften_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
-    """Direction of motion (N,) that changes over a speed of `width`; 0 stays 0."""
-    return np.where(sign == 0.0, 0.0, np.tanh(v / width)) if width > 0 else sign
-
-
-def vary_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
-    """What a reversal of another width or form would change in `soften_direction`, (N, 3).
-
-    Its derivative by the logarithm of the width, and the differences to x / sqrt(1 + x^2) and to
-    2/pi arctan(pi x / 2), x = v / width, which approach full friction ever more slowly; zero at rest.
-    """
-    if not width > 0:
-        return np.zeros((len(v), 3))
-    x = np.clip(v / width, -1e4, 1e4)
-    now = np.tanh(x)
-    changes = np.column_stack(
-        [
-            -x / np.cosh(np.clip(x, -300.0, 300.0)) ** 2,
-            x / np.sqrt(1.0 + x**2) - now,
-            2.0 / np.pi * np.arctan(0.5 * np.pi * x) - now,
-        ]
-    )
-    return np.where(sign[:, None] == 0.0, 0.0, changes)
-
-
-def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
-    """`soften_direction` (N,) averaged over each sample's interval, with the speed linear between samples.
-
-    For speeds that were thinned from a higher rate: the reversal stays where it is between samples.
-    """
-    middle = 0.5 * (v[1:] + v[:-1])
-    low, high = np.append(v[:1], middle), np.append(middle, v[-1:])
-    change = high - low
-    flat = np.abs(change) < 1e-9 * max(float(np.abs(v).max()), 1e-300)
-    if width > 0:
-        # ln cosh without overflow; a constant cancels.
-        risen = width * (np.logaddexp(high / width, -high / width) - np.logaddexp(low / width, -low / width))
-    else:
-        risen = np.abs(high) - np.abs(low)
-    average = risen / np.where(flat, 1.0, change)
-    return np.where(sign == 0.0, 0.0, np.where(flat, soften_direction(v, width, sign), average))
 
 
 def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:

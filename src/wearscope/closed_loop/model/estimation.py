@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.regression import Regression
@@ -62,32 +63,47 @@ class Estimate:
     p_value: float
 
 
-#: Step of the logarithm of a reversal's width for its derivative.
-_STEP = 0.02
+#: Step of the logarithm of a reversal's width for its derivative; standard deviation a priori of the share of
+#: another form in it.
+_STEP, _FORM = 0.02, 0.5
 
 
-def _reversal_gradients(model: Regression, theta: np.ndarray) -> list[np.ndarray]:
-    """Derivative of the prediction with respect to the logarithm of each reversal's width, (M, n, K) by run.
+def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """What reversals of another width or form would change in the prediction, and how unsure each is.
 
-    The widths were fitted to the same runs, so that what is not known of them is not known of friction.
+    Widths and forms were chosen on the same runs, so that what is not known of them is not known of friction.
+
+    Returns
+    -------
+    list of ndarray (M, n, 3 K)
+        By run, for each of K joints whose reversal has a width: the derivative by the logarithm of its width,
+        and the differences to the other forms.
+    ndarray (3 K,)
+        Precision a priori of their coefficients, which are zero where width and form are right.
     """
     prepared, train = model.prepared, model.prepared.runs_for("train")
-    widths = prepared.reversal_width
-    wide = np.flatnonzero(widths > 0.0) if len(widths) else np.zeros(0, dtype=int)
-    moved = prepared.reverse_over(widths * np.exp(_STEP)).runs_for("train") if len(wide) else train
-    gradients = []
-    for r, (run, other) in enumerate(zip(train, moved, strict=True)):
-        slopes = np.zeros((len(run.t), prepared.n, len(wide)))
-        at = {int(j): k for k, j in enumerate(wide)}
-        for term, span in zip(model.entries, model.spans, strict=True):
-            if term.joint not in at or term.effect.spread or term.is_measurement_error or term.is_deflection:
-                continue
-            shape, pick = np.array([term.shape]), list(term.subset)
-            x = reduce_columns(term.effect, term.joint, shape, other)[:, pick]
-            change = (x - model.columns[r][:, term.joint, span]) @ theta[span] / _STEP
-            slopes[:, term.joint, at[term.joint]] += change
-        gradients.append(slopes)
-    return gradients
+    today = prepared.reversals
+    wide = np.flatnonzero(today.width > 0.0)
+    gradients = [np.zeros((len(run.t), prepared.n, len(wide), len(FORMS))) for run in train]
+    at = {int(j): k for k, j in enumerate(wide)}
+    wider = Reversals(today.width * np.exp(_STEP), today.form)
+    ways = [(wider, 1.0 / _STEP)] + [(today.change_form(k), 1.0) for k in range(1, len(FORMS))]
+    for way, (reversals, factor) in enumerate(ways if at else ()):
+        for r, run in enumerate(prepared.reverse_over(reversals).runs_for("train")):
+            for term, span in zip(model.entries, model.spans, strict=True):
+                if (
+                    term.joint not in at
+                    or term.effect.spread
+                    or term.is_measurement_error
+                    or term.is_deflection
+                ):
+                    continue
+                shape, pick = np.array([term.shape]), list(term.subset)
+                x = reduce_columns(term.effect, term.joint, shape, run)[:, pick]
+                change = (x - model.columns[r][:, term.joint, span]) @ theta[span] * factor
+                gradients[r][:, term.joint, at[term.joint], way] += change
+    precision = np.tile([0.0] + [1.0 / _FORM**2] * (len(FORMS) - 1), len(wide))
+    return [g.reshape(*g.shape[:2], -1) for g in gradients], precision
 
 
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
@@ -128,7 +144,7 @@ def estimate_jointly(model: Regression) -> JointFit:
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
-    reversals = _reversal_gradients(model, theta)
+    reversals, precision = _reversal_gradients(model, theta)
     extra = [np.concatenate(both, axis=2) for both in zip(extra, reversals, strict=True)]
     instruments = make_instruments(model, model.held)
     residuals = model.residuals(theta)
@@ -136,6 +152,9 @@ def estimate_jointly(model: Regression) -> JointFit:
     blocks = len(model.blocks)
     hessian = np.zeros((p, p))
     hessian[: model.p, : model.p] = model.weak_prior
+    prior = np.zeros(p)
+    prior[p - len(precision) :] = precision
+    hessian += np.diag(prior)
     scores = np.zeros((blocks, p))
     information = np.zeros((blocks, p))
     for b, block in enumerate(model.blocks):
@@ -151,12 +170,14 @@ def estimate_jointly(model: Regression) -> JointFit:
         scores[b] = z.T @ e
     scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
-    meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1)
+    meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1) + np.diag(prior)
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # A mixture of forms would move the estimates by so much.
+    moved = np.abs(inverse @ np.where(prior > 0.0, scores.sum(axis=0), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
-    width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
+    width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error + moved
     return JointFit(theta, covariance, width, owners, told, carried)
 
 

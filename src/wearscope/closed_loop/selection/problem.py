@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft, interpolate
 
+from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
 from wearscope.closed_loop.model.candidates import Candidate, join_signals, make_candidate
@@ -79,15 +80,15 @@ class Problem:
         for term in self.declared_terms:
             candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
             chosen.append(Chosen(candidate, term.subset))
-        for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversal_width > 0.0)).tolist():
+        for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversals.width > 0.0)).tolist():
             chosen.append(make_reversal(self.prepared, joint))
         return tuple(chosen)
 
-    def reverse_over(self, widths: np.ndarray) -> "Problem":
-        """The same problem with frictions that reverse over other speeds (n,)."""
-        old = self.prepared.reversal_width
-        other = Problem(self.prepared.reverse_over(widths), self.declared, self.own)
-        same = {j for j in range(self.prepared.n) if widths[j] == old[j]}
+    def reverse_over(self, reversals: Reversals) -> "Problem":
+        """The same problem with frictions that reverse in another way."""
+        old = self.prepared.reversals
+        other = Problem(self.prepared.reverse_over(reversals), self.declared, self.own)
+        same = set(np.flatnonzero(~reversals.differ(old)).tolist())
         for (name, joint), made in self._made.items():
             alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
             if joint in same and alone:

@@ -1,14 +1,17 @@
 """Friction's reversal beside a model: over which speed each joint's direction of motion changes.
 
 The width that the rough model gave is one of a poorer model. Beside the terms that the search has found it is
-fitted again, and what is left of its error is a column of its own in every model that candidates are weighed
-beside, so that no name is given for a reversal that is a little sharper or smoother than assumed.
+fitted again and its form is chosen. What is left of its error is a column of its own in every model that
+candidates are weighed beside, so that no name is given for a reversal that is a little sharper or smoother
+than assumed.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
 from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
@@ -38,7 +41,7 @@ def _take_reversal(signals: Signals, joint: int, shape: np.ndarray) -> np.ndarra
 REVERSAL = Effect(
     name="reversal",
     form="what a reversal of another width or form changes in Coulomb friction",
-    coefficients=tuple(Parameter(name, "{torque}") for name in ("wider", "algebraic", "arctangent")),
+    coefficients=tuple(Parameter(name, "{torque}") for name in ("wider", "one_form", "other_form")),
     source="first-order error of the width; smooth approximations of sign(v) in common use",
     depends_on=("qd_{joint}",),
     regressors=_take_reversal,
@@ -76,8 +79,10 @@ class _JointFit:
     error: float
 
 
-def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
-    """Widths (n,) of the reversals with which a model fits the training runs best (Gauss-Newton).
+def refine_reversals(prepared: Prepared, assembly: Assembly) -> Reversals:
+    """How each joint's friction reverses where a model fits the training runs best.
+
+    Its width in the present form first, then in the others.
 
     Parameters
     ----------
@@ -87,49 +92,96 @@ def refine_widths(prepared: Prepared, assembly: Assembly) -> np.ndarray:
 
     Returns
     -------
-    ndarray
+    Reversals
         Unchanged where nothing in the model changes its sign with the motion; a reversal at once stays one
-        unless a width does clearly better.
+        unless a width does clearly better, and a form stays unless another one does.
     """
-    widths = prepared.reversal_width.copy()
     frictions = {j: _list_own(assembly.chosen, j) for j in np.flatnonzero(prepared.moving).tolist()}
     frictions = {j: terms for j, terms in frictions.items() if terms}
     if not frictions:
-        return widths
-    top = np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
-    best = {j: (np.inf, widths[j]) for j in frictions}
-    first = _fit_joints(prepared, assembly, frictions)
-    least = {
-        j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
-        for j, fit in first.items()
-    }
-    for share in _STARTS:
-        tried = np.where(prepared.moving, share * top, widths)
-        for j, fit in _fit_joints(prepared.reverse_over(tried), assembly, frictions).items():
-            if fit.loss < least[j]:
-                least[j], widths[j] = fit.loss, tried[j]
-    moving = set(frictions)
-    for _ in range(_STEPS + 1):
-        fits = _fit_joints(prepared.reverse_over(widths), assembly, {j: frictions[j] for j in moving})
-        for j, fit in fits.items():
-            if not fit.loss < best[j][0]:
-                # Half way back to what was better.
-                if best[j][1] > 0.0 and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
-                    widths[j] = np.sqrt(widths[j] * best[j][1])
-                else:
+        return prepared.reversals
+    fitter = _Fitter(prepared, assembly, frictions)
+    losses, best = fitter.descend(fitter.start())
+    wide = [j for j in frictions if best.width[j] > 0.0]
+    first = best
+    for step in range(1, len(FORMS) if wide else 1):
+        found, fitted = fitter.descend(first.change_form(step), wide)
+        better = np.zeros(prepared.n, dtype=bool)
+        for j, fit in found.items():
+            if fit.loss < losses[j].loss - _CLEARLY * losses[j].noise:
+                losses[j], better[j] = fit, True
+        best = fitted.where(better, best)
+    return best
+
+
+@dataclass(frozen=True)
+class _Fitter:
+    """Fits the reversals of the joints that have terms of their own.
+
+    Attributes
+    ----------
+    prepared : Prepared
+    assembly : Assembly
+        The model.
+    frictions : dict of int to list of int
+        Indices of the model's own terms by joint.
+    """
+
+    prepared: Prepared
+    assembly: Assembly
+    frictions: dict[int, list[int]]
+
+    def start(self) -> Reversals:
+        """The reversals of today, or those at one of some widths that do better."""
+        prepared, today = self.prepared, self.prepared.reversals
+        widths = today.width.copy()
+        top = self._find_top()
+        first = _fit_joints(prepared, self.assembly, self.frictions)
+        least = {
+            j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
+            for j, fit in first.items()
+        }
+        for share in _STARTS:
+            tried = np.where(prepared.moving, share * top, widths)
+            moved = prepared.reverse_over(Reversals(tried, today.form))
+            for j, fit in _fit_joints(moved, self.assembly, self.frictions).items():
+                if fit.loss < least[j]:
+                    least[j], widths[j] = fit.loss, tried[j]
+        return Reversals(widths, today.form)
+
+    def descend(
+        self, start: Reversals, joints: Iterable[int] | None = None
+    ) -> tuple[dict[int, "_JointFit"], Reversals]:
+        """Widths that fit best in the forms given, by Gauss and Newton's steps, and the fits at them."""
+        moving = set(self.frictions if joints is None else joints)
+        widths, top = start.width.copy(), self._find_top()
+        best: dict[int, tuple[_JointFit, float]] = {}
+        for _ in range(_STEPS + 1):
+            if not moving:
+                break
+            moved = self.prepared.reverse_over(Reversals(widths, start.form))
+            fits = _fit_joints(moved, self.assembly, {j: self.frictions[j] for j in moving})
+            for j, fit in fits.items():
+                if j in best and not fit.loss < best[j][0].loss:
+                    # Half way back to what was better.
+                    if best[j][1] > 0.0 and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
+                        widths[j] = np.sqrt(widths[j] * best[j][1])
+                    else:
+                        moving.discard(j)
+                    continue
+                best[j] = (fit, widths[j])
+                if abs(fit.step) < max(_NEAREST, _ERRORS * fit.error):
                     moving.discard(j)
-                continue
-            best[j] = (fit.loss, widths[j])
-            if abs(fit.step) < max(_NEAREST, _ERRORS * fit.error):
-                moving.discard(j)
-                continue
-            changed = widths[j] * np.exp(np.clip(fit.step, -_FURTHEST, _FURTHEST))
-            widths[j] = float(np.clip(changed, _LEAST * top[j], _LARGEST * top[j]))
-        if not moving:
-            break
-    for j, (_, width) in best.items():
-        widths[j] = width
-    return widths
+                    continue
+                changed = widths[j] * np.exp(np.clip(fit.step, -_FURTHEST, _FURTHEST))
+                widths[j] = float(np.clip(changed, _LEAST * top[j], _LARGEST * top[j]))
+        for j, (_, width) in best.items():
+            widths[j] = width
+        return {j: fit for j, (fit, _) in best.items()}, Reversals(widths, start.form)
+
+    def _find_top(self) -> np.ndarray:
+        runs = self.prepared.runs_for("train")
+        return np.max([np.abs(run.signals.v).max(axis=0) for run in runs], axis=0)
 
 
 def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
@@ -148,7 +200,8 @@ def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
 def _fit_joints(prepared: Prepared, assembly: Assembly, own: dict[int, list[int]]) -> dict[int, _JointFit]:
     """Fit each joint's own terms along signals, and the change of its width, the terms of others held."""
     train = prepared.runs_for("train")
-    moved = prepared.reverse_over(prepared.reversal_width * np.exp(_DIFFERENCE)).runs_for("train")
+    today = prepared.reversals
+    moved = prepared.reverse_over(Reversals(today.width * np.exp(_DIFFERENCE), today.form)).runs_for("train")
     fits = {}
     for j, terms in own.items():
         x = np.concatenate([_reduce(assembly.chosen[k], train) for k in terms], axis=1)

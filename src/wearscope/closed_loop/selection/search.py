@@ -19,7 +19,7 @@ from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p
 from wearscope.closed_loop.selection.offers import find_reach, list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.reversal import refine_widths
+from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import drift_p_value
@@ -181,13 +181,13 @@ class Search:
         return found
 
     def settle_reversals(self, found: list[Found]) -> list[Found]:
-        """Fit the widths of the frictions' reversals beside the terms found, and make all anew along them."""
-        old = self.problem.prepared.reversal_width
-        widths = refine_widths(self.problem.prepared, self.assemble(found))
-        moved = np.abs(widths - old) > _SETTLED * old
+        """Fit how the frictions reverse beside the terms found, and make all anew along them."""
+        old = self.problem.prepared.reversals
+        fitted = refine_reversals(self.problem.prepared, self.assemble(found))
+        moved = fitted.differ(old, _SETTLED)
         if not moved.any():
             return found
-        self.problem = self.problem.reverse_over(np.where(moved, widths, old))
+        self.problem = self.problem.reverse_over(fitted.where(moved, old))
         self._weighed = {}
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
