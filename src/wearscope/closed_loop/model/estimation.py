@@ -1,5 +1,6 @@
 """Parameters of a fitted model with intervals that autocorrelated residuals do not make too narrow."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,13 +25,15 @@ class JointFit:
     theta : ndarray (p,)
         Coefficients, those of the inertial parameters first.
     covariance : ndarray (p + s, p + s)
-        Of the coefficients, then of the free shapes.
+        Of the coefficients, then of the free shapes and of the reversals' widths and forms.
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
     owners : list of (int, int)
         Entry and shape parameter of each free shape.
     told, carried : ndarray (p + s,)
         Information on each value; the number of clusters that carry it.
+    hessian, meat : ndarray (p + s, p + s)
+        Of the normal equations, and the covariance of their scores.
     """
 
     theta: np.ndarray
@@ -39,6 +42,22 @@ class JointFit:
     owners: list[tuple[int, int]]
     told: np.ndarray
     carried: np.ndarray
+    hessian: np.ndarray
+    meat: np.ndarray
+
+    def test_zero(self, span: slice, fixed: Sequence[int]) -> float:
+        """p-value that coefficients are all zero (Wald's F), with some shapes held where they are.
+
+        A term's shape means nothing where its coefficients are zero: it is no part of that hypothesis.
+        """
+        free = np.setdiff1d(np.arange(len(self.hessian)), fixed)
+        inverse = _invert(self.hessian[np.ix_(free, free)])
+        covariance = inverse @ self.meat[np.ix_(free, free)] @ inverse.T
+        at = np.searchsorted(free, np.arange(span.start, span.stop))
+        theta, own = self.theta[span], covariance[np.ix_(at, at)]
+        wald = float(theta @ np.linalg.pinv(own, hermitian=True) @ theta) / len(theta)
+        clusters = max(float(self.carried[span].max()) - 1.0, 1.0)
+        return float(stats.f.sf(wald, len(theta), clusters))
 
 
 @dataclass
@@ -138,9 +157,9 @@ def estimate_jointly(model: Regression) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks; intervals take Student's t with the number of clusters that
-    carry the parameter's information, less one, as degrees of freedom. Where a regressor was made from the
-    measured torque, its noise-free instrument takes its place in the scores.
+    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint; intervals take
+    Student's t with the number of clusters that carry the information, less one, for freedom. Where a
+    regressor was made from the measured torque, its noise-free instrument takes its place in the scores.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
@@ -168,9 +187,12 @@ def estimate_jointly(model: Regression) -> JointFit:
         hessian += z.T @ x
         information[b] = (z**2).sum(axis=0)
         scores[b] = z.T @ e
-    scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
-    meat = scores.T @ scores * blocks / max(blocks - min(p, blocks - 1), 1) + np.diag(prior)
+    inverse = _invert(hessian)
+    held = np.diag(prior)
+    held[: model.p, : model.p] += model.weak_prior
+    # Each joint's torque is an observation of its own, and what a prior holds is not taken from them.
+    taken = float(np.trace(inverse @ (hessian - held))) / max(int(model.prepared.moving.sum()), 1)
+    meat = scores.T @ scores * blocks / max(blocks - taken, 1.0) + np.diag(prior)
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     # A mixture of forms would move the estimates by so much.
@@ -178,7 +200,12 @@ def estimate_jointly(model: Regression) -> JointFit:
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error + moved
-    return JointFit(theta, covariance, width, owners, told, carried)
+    return JointFit(theta, covariance, width, owners, told, carried, hessian, meat)
+
+
+def _invert(matrix: np.ndarray) -> np.ndarray:
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+    return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
 def estimate(model: Regression) -> list[Estimate]:
@@ -204,11 +231,8 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        own = joint.covariance[span, span]
-        wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
-        clusters = max(float(joint.carried[span].max()) - 1.0, 1.0)
-        p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
-        estimates.append(Estimate(entry, values, intervals, p_value))
+        own = [model.p + k for k, (owner, _) in enumerate(owners) if owner == i]
+        estimates.append(Estimate(entry, values, intervals, joint.test_zero(span, own)))
     return estimates
 
 
