@@ -60,7 +60,22 @@ def test_undeclared_friction_is_truth_with_its_own_parameter(tmp_path):
     assert coulomb["standard"] and viscous["standard"]
     assert coulomb["parameters"]["level"]["value"] == 20.0
     assert coulomb["separable"] and coulomb["times_findable"] > 2
-    assert viscous["parameters"]["slope"]["nearest"] == pytest.approx(100.0, rel=0.4)
+    # Any form of either has the same level and slope: they are compared as planted.
+    assert viscous["parameters"]["slope"] == {"value": 100.0, "unit": "N s/m"}
+
+
+def test_the_nearest_parameter_is_sought_beside_friction_that_is_not_declared(tmp_path):
+    nearest = []
+    for folder, declared in (("a", ("coulomb", "viscous")), ("b", ())):
+        recipe = Recipe(duration=6.0, plans=PLANS, declared=("rigid_body", "rotor_inertia", *declared))
+        plants = [Planted("quadratic_viscous", "slide", 4.0)]
+        if not declared:
+            plants += [Planted("coulomb", "slide", np.nan, 20.0), Planted("viscous", "slide", np.nan, 100.0)]
+        truth = generate_dataset(tmp_path / folder / "d1", "stage", plants, 1, recipe)
+        (entry,) = [p for p in truth["planted"] if p["effect"] == "quadratic_viscous"]
+        main = entry["parameters"]["slope"]
+        nearest.append(main["nearest"] / main["value"])
+    assert nearest[0] == pytest.approx(nearest[1], rel=0.02)
 
 
 RATE = 500.0
