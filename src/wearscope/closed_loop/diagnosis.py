@@ -14,7 +14,8 @@ from wearscope import tables
 from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate

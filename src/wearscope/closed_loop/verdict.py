@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wearscope.closed_loop.diagnostics.structure import JointState
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,

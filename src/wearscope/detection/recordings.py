@@ -6,7 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.detection.motion import cut_rests, tell_difference
 from wearscope.detectors.base import Array, Batch
 from wearscope.errors import InputError

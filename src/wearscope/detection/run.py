@@ -10,7 +10,8 @@ import numpy as np
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.preprocessing import Prepared, prepare
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.detection.panel import Cell, fit_panel, read_units
 from wearscope.detection.recordings import MotionGroup, Refused, sort_recordings

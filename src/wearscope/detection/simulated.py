@@ -8,7 +8,7 @@ from scipy.stats import qmc
 
 from wearscope.closed_loop.diagnostics.forward import with_payload
 from wearscope.closed_loop.intake.filtering import decimate, differentiate_run
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.cycles.base import Reference
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor

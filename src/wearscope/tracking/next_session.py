@@ -18,7 +18,7 @@ from wearscope.closed_loop.diagnostics.next_measurement import hold_still, list_
 from wearscope.closed_loop.diagnostics.plan import DWELL
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.intake.dataset import Dataset
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError

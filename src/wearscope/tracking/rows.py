@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows as band_rows
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.effects.base import Signals
 from wearscope.tracking.changes import Change
 from wearscope.tracking.inference import SessionRows

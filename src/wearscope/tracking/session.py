@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample

@@ -7,15 +7,8 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, choose_factor
-from wearscope.closed_loop.intake.preprocessing import (
-    Prepared,
-    PreparedRun,
-    bridge_gaps,
-    finish_run,
-    known_inertia,
-    leave_out_short,
-    make_rough,
-)
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.preprocessing import bridge_gaps, finish_run, leave_out_short, make_rough
 from wearscope.closed_loop.intake.sources import RESTS, MovingJoints, clean_runs
 from wearscope.errors import InputError
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.joint_flexibility import solve_gears
 from wearscope.closed_loop.model.prediction import find_lags, predict_motor
 from wearscope.closed_loop.model.terms import ModelTerm

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.closed_loop.diagnostics.isolability import ABSORBED, CLOSE
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
 from wearscope.effects.vocabulary import separating_motions

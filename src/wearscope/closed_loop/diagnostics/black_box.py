@@ -5,7 +5,7 @@ import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import thin_signals
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 
 #: Most rows that trees are grown on, and most trees.

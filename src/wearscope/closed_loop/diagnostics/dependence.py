@@ -7,7 +7,8 @@ import pandas as pd
 from scipy import signal, stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
 from wearscope.closed_loop.model.regression import (

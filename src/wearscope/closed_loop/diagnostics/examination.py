@@ -22,7 +22,7 @@ from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import residual_table
 from wearscope.closed_loop.selection.significance import make_flips
 

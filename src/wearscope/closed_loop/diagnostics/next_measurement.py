@@ -23,7 +23,7 @@ from wearscope.closed_loop.diagnostics.plan import (
 from wearscope.closed_loop.diagnostics.planned_rests import plan_rests
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.cycles.base import Reference, check_reference, list_cycles, load_cycle
 from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 

@@ -16,7 +16,7 @@ from wearscope.closed_loop.diagnostics.plan import (
 )
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.candidates import join_signals
 from wearscope.closed_loop.model.declared import fit_declared
 from wearscope.closed_loop.model.regression import Regression

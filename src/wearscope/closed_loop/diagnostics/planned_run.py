@@ -6,7 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.filtering import rows
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.saturation import keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import is_carried
 from wearscope.cycles.base import Reference

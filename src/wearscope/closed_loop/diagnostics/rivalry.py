@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope.closed_loop.diagnostics.planned_run import with_runs
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.candidates import join_signals, reduce_columns
 from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression

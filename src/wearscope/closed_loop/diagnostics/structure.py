@@ -9,7 +9,7 @@ from scipy import ndimage, signal, stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import thin_signals
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks

@@ -13,7 +13,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_bounded, rough_columns
 from wearscope.robots.dynamics import RigidBody
 

@@ -22,7 +22,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
 )
 from wearscope.closed_loop.intake.channel_lag import find_lag
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 
 #: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets.
 _BLOCK_PERIODS = 4.0

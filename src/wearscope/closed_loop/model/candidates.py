@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import low_pass
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.inertials import find_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, Signals

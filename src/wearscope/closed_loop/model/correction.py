@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset
-from wearscope.closed_loop.intake.preprocessing import Prepared, known_inertia
+from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
 from wearscope.closed_loop.model.consistency import nearest_consistent
 from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.model.regression import Regression

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.regression import Regression

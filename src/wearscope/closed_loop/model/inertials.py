@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.effects.base import Effect, InertialEffect, PayloadEffect
 
 

@@ -15,7 +15,7 @@ from scipy import fft
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Signals
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds
 from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
 from wearscope.closed_loop.model.terms import ModelTerm

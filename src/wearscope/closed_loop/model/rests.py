@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.intake.filtering import rows
-from wearscope.closed_loop.intake.preprocessing import PreparedRun
+from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm

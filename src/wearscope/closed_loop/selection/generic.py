@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.selection import rule

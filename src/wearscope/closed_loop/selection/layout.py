@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.blocks import Block, Folds, make_blocks, make_folds
 
 

@@ -9,7 +9,8 @@ from scipy import fft, interpolate
 
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import low_pass
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun, rows
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.model.candidates import Candidate, join_signals, make_candidate
 from wearscope.closed_loop.model.declared import declared_terms
 from wearscope.closed_loop.model.inertials import inertial_penalty

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
 from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen

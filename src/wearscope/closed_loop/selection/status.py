@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from wearscope.closed_loop.intake.preprocessing import Prepared, PreparedRun
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.joint_flexibility import find_jump_shares
 from wearscope.closed_loop.model.prediction import find_signals, predict_reduced
 from wearscope.closed_loop.model.regression import Regression

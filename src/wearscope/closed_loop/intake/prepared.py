@@ -1,0 +1,141 @@
+"""What a prepared data set is: runs as signals of one bandwidth, the known torque, rows that count."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import interpolate
+
+from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.direction import Reversals
+from wearscope.closed_loop.intake.filtering import Band, decimate, thin
+from wearscope.effects.base import Signals
+
+
+@dataclass
+class PreparedRun:
+    """One run, or piece of one, ready for regression.
+
+    Attributes
+    ----------
+    file, use : str
+    signals : Signals
+        At `Band.rate`; time since the recording's first row.
+    tau : ndarray (N, n)
+        Measured torque; samples that are no measurements are bridged and do not count.
+    known : ndarray (N, n)
+        Torque of the rigid body and of declared rotor inertias as the data set states them.
+    band : Band
+    keep : ndarray (M, n) of bool
+        Rows that count for each joint: the joint moves and the torque is not saturated.
+    measured : ndarray (M, n)
+        Torque after the common filter.
+    t : ndarray (M,)
+        Time of the rows since the recording's first row [s].
+    start : float
+        Time of the recording's first row on its own clock [s].
+    piece : int
+        Number of the piece of the recording from 1; 0 where it is whole.
+    session : str or None
+    resting : ndarray (N, n) of bool
+        Samples of a rest, at which there is no direction of motion.
+    factor : int
+        Every how many samples of the recording are kept.
+    """
+
+    file: str
+    use: str
+    signals: Signals
+    tau: np.ndarray
+    known: np.ndarray
+    band: Band
+    keep: np.ndarray
+    measured: np.ndarray
+    t: np.ndarray
+    start: float = 0.0
+    piece: int = 0
+    session: str | None = None
+    resting: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    factor: int = 1
+
+    @property
+    def label(self) -> str:
+        """Name that no other run has: the file, and the number of the piece where there are several."""
+        return f"{self.file}#{self.piece}" if self.piece else self.file
+
+    def reduce(self, x: np.ndarray) -> np.ndarray:
+        """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
+        return thin(x.reshape(len(x), -1), self.band).reshape(-1, *x.shape[1:])
+
+
+@dataclass
+class Prepared:
+    """A data set ready for regression.
+
+    Attributes
+    ----------
+    dataset : Dataset
+    urdf : str
+        Normalised URDF.
+    runs : list of PreparedRun
+    band : Band
+        Of the runs; its rate is that of the recordings or a whole part of it.
+    moving : ndarray (n,) of bool
+        Joints that move in at least one training run.
+    notes : list of str
+    reversals : Reversals
+        How each joint's direction of motion changes.
+    top_speed : ndarray (n,)
+        Largest speed of each joint in the training runs [rad/s or m/s].
+    """
+
+    dataset: Dataset
+    urdf: str
+    runs: list[PreparedRun]
+    band: Band
+    moving: np.ndarray
+    notes: list[str]
+    reversals: Reversals = field(default_factory=lambda: Reversals.over(np.zeros(0)))
+    top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.dataset.joints)
+
+    def runs_for(self, use: str) -> list[PreparedRun]:
+        """Runs of one use."""
+        return [run for run in self.runs if run.use == use]
+
+    def reverse_over(self, reversals: Reversals) -> "Prepared":
+        """The same data set with directions of motion that change in another way."""
+        return replace(self, runs=[_reverse_over(run, reversals) for run in self.runs], reversals=reversals)
+
+
+def known_inertia(dataset: Dataset) -> np.ndarray:
+    """Rotor inertias (n,) that the data set declares and gives; zero where it does not."""
+    stated = dataset.fields.robot.rotor_inertia
+    if stated is None or "rotor_inertia" not in dataset.fields.declared_effects:
+        return np.zeros(len(dataset.joints))
+    return np.array(stated, dtype=float)
+
+
+def take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tuple[np.ndarray, np.ndarray]:
+    """Direction of motion (N, n) that changes over a speed, and what other reversals change in it."""
+    sharp = np.where(rest, 0.0, np.sign(v))
+    return reversals.soften(v, sharp), reversals.vary(v, sharp)
+
+
+def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
+    """A run with directions of motion that change in another way.
+
+    They are taken at the recording's rate, as at first: speeds are smooth between the samples kept.
+    """
+    v, rest = run.signals.v, run.resting
+    if run.factor > 1:
+        at = np.arange(len(v)) * run.factor
+        every = np.arange(at[-1] + 1)
+        v = interpolate.CubicSpline(at, v)(every)
+        rest = rest[every // run.factor]
+    sign, reversal = take_direction(v, rest, reversals)
+    signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
+    return replace(run, signals=signals)
