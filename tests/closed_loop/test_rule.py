@@ -25,7 +25,7 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
     change = -gain / len(SPREAD) + noise * SPREAD
     made = Evidence(
         chosen=chosen, joint=joints[0],
-        change=change, gain=gain, share=0.3, gains=dict.fromkeys(joints, gain),
+        change=change, gain=gain, share=0.3, fitted=0.3, gains=dict.fromkeys(joints, gain),
         left=60.0, torque=0.1, statistic=8.0, chance=np.zeros(9), agreement=1.0, informing=4, sine=0.9,
         blocks=30.0, cancellation=1.0, beta=np.ones(len(subset)), tried=1.0, whole=0.3, p_value=0.001,
     )  # fmt: skip

@@ -27,7 +27,7 @@ from wearscope.closed_loop.intake.filtering import (
 )
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia, take_direction
 from wearscope.closed_loop.intake.reversals import choose_reversal_widths
-from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
+from wearscope.closed_loop.intake.rough_model import RoughRun, bridge_rest, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
 from wearscope.effects.base import Signals
@@ -192,10 +192,12 @@ def finish_run(
     """Signals of one run and the rows of it that count."""
     run = source.run
     made = differentiate_run(run, rate, band.motion, motion.top_speed)
-    signals, known, resting = _make_signals(source, made, rate, band, factor, inertia, reversals)
+    signals, known, rest = _make_signals(source, made, rate, band, factor, inertia, reversals)
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
+    moving = bridge_rest(tau, known, signals.a, signals.v, _thin_marks(rest, factor))
+    resting = rest[::factor]
     return PreparedRun(
         run.file,
         run.use,
@@ -204,7 +206,7 @@ def finish_run(
         known,
         band,
         keep=~bad[at],
-        measured=thin(tau, band),
+        measured=np.where(resting[at], thin(tau, band), thin(moving, band)),
         t=signals.t[at],
         start=run.start,
         piece=run.piece,
@@ -248,7 +250,7 @@ def _make_signals(
         carries=source.carries,
         channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
-    return signals, known, rest[::factor]
+    return signals, known, rest
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from wearscope.closed_loop.intake.saturation import bridge_torque
+
 #: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
 #: of a torque, the middle holds reversals and rest only.
 _MIDDLE = 0.5
@@ -119,3 +121,25 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
         for out, run in zip(predicted, runs, strict=True):
             out[:, j] = run.columns(j) @ theta
     return predicted
+
+
+def bridge_rest(
+    tau: np.ndarray, known: np.ndarray, a: np.ndarray, v: np.ndarray, rest: np.ndarray
+) -> np.ndarray:
+    """Torque (N, n) with the rough model's in place of what holds a joint at rest.
+
+    Static friction may have any value there, which no regressor follows; a filter carries it into the motion
+    before and after.
+
+    Parameters
+    ----------
+    tau, known, a, v : ndarray (N, n)
+        Measured torque, torque of the rigid body, acceleration and speed.
+    rest : ndarray (N, n) of bool
+    """
+    sign = np.where(rest, 0.0, np.sign(v))
+    predicted = np.zeros_like(tau)
+    for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
+        x, moves = rough_columns(known[:, j], a[:, j], sign[:, j], v[:, j]), ~rest[:, j]
+        predicted[:, j] = x @ fit_rough([x[moves]], [tau[moves, j]])
+    return bridge_torque(tau, predicted, rest)

@@ -1,6 +1,5 @@
 """Parameters of a fitted model with intervals that autocorrelated residuals do not make too narrow."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +31,6 @@ class JointFit:
         Entry and shape parameter of each free shape.
     told, carried : ndarray (p + s,)
         Information on each value; the number of clusters that carry it.
-    hessian, meat : ndarray (p + s, p + s)
-        Of the normal equations, and the covariance of their scores.
     """
 
     theta: np.ndarray
@@ -42,22 +39,6 @@ class JointFit:
     owners: list[tuple[int, int]]
     told: np.ndarray
     carried: np.ndarray
-    hessian: np.ndarray
-    meat: np.ndarray
-
-    def test_zero(self, span: slice, fixed: Sequence[int]) -> float:
-        """p-value that coefficients are all zero (Wald's F), with some shapes held where they are.
-
-        A term's shape means nothing where its coefficients are zero: it is no part of that hypothesis.
-        """
-        free = np.setdiff1d(np.arange(len(self.hessian)), fixed)
-        inverse = _invert(self.hessian[np.ix_(free, free)])
-        covariance = inverse @ self.meat[np.ix_(free, free)] @ inverse.T
-        at = np.searchsorted(free, np.arange(span.start, span.stop))
-        theta, own = self.theta[span], covariance[np.ix_(at, at)]
-        wald = float(theta @ np.linalg.pinv(own, hermitian=True) @ theta) / len(theta)
-        clusters = max(float(self.carried[span].max()) - 1.0, 1.0)
-        return float(stats.f.sf(wald, len(theta), clusters))
 
 
 @dataclass
@@ -200,7 +181,7 @@ def estimate_jointly(model: Regression) -> JointFit:
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error + moved
-    return JointFit(theta, covariance, width, owners, told, carried, hessian, meat)
+    return JointFit(theta, covariance, width, owners, told, carried)
 
 
 def _invert(matrix: np.ndarray) -> np.ndarray:
@@ -231,8 +212,11 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        own = [model.p + k for k, (owner, _) in enumerate(owners) if owner == i]
-        estimates.append(Estimate(entry, values, intervals, joint.test_zero(span, own)))
+        own = joint.covariance[span, span]
+        wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
+        clusters = max(float(joint.carried[span].max()) - 1.0, 1.0)
+        p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
+        estimates.append(Estimate(entry, values, intervals, p_value))
     return estimates
 
 

@@ -3,7 +3,7 @@
 Nothing here changes once it is made: evaluating a candidate twice, or in another order, gives the same bits.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -265,3 +265,14 @@ class Assembly:
         inverse, theta = self.whole
         onto = np.einsum("smq,pq->smp", sums.cross.sum(axis=0), inverse[:, k])
         return sums.score - sums.cross @ theta[k] - np.einsum("bp,smp->bsm", self.left, onto)
+
+
+def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
+    """Joints that a model couples to those where a candidate is felt, these included."""
+    reach = set(candidate.joints)
+    grown = True
+    while grown:
+        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
+        grown = not more <= reach
+        reach |= more
+    return reach

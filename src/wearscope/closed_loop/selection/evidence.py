@@ -7,7 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
 from wearscope.closed_loop.selection.significance import adjust, flip_scores, score_chance
 
 #: Share of the information on a candidate from which a run or part of one is asked whether it agrees.
@@ -45,12 +45,14 @@ class Evidence:
         Held-out loss by block less the model's, in residual variances; NaN where no fold holds a block out.
     gain, share : float
         Reduction of the held-out loss, and the same over the model's at `joint`.
+    fitted : float
+        Share of the model's loss at `joint` that it removes on the rows that it is fitted on.
     whole : float
         Largest reduction of a joint's held-out loss over the loss that the standard model leaves there.
     gains : dict of int to float
         Reduction of the held-out loss by joint where the term is felt.
     left : float
-        Held-out loss that is left where the term is felt.
+        Held-out loss that is left at the joints that the model couples to those where the term is felt.
     torque : float
         RMS of the term's torque over that of the torque at `joint`.
     statistic, chance : float, ndarray (F,)
@@ -78,6 +80,7 @@ class Evidence:
     change: np.ndarray
     gain: float
     share: float
+    fitted: float
     gains: dict[int, float]
     left: float
     torque: float
@@ -130,8 +133,12 @@ def weigh(
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
     change = assembly.hold_out(sums)
-    felt = _losses_where_felt(assembly, candidate, chosen, change)
-    joint = max(felt, key=lambda j: felt[j][0] / max(felt[j][1], 1e-300))
+    touched = list(candidate.joints)
+    fitted = float(added.gain[best] / max(assembly.sample_losses[touched].sum(), 1e-300))
+    felt = _losses_where_felt(assembly, candidate, chosen, change, fitted)
+    joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
+    reach = list(find_reach(assembly.chosen, candidate))
+    left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
     chance = _odds(flipped, sample)
@@ -149,9 +156,10 @@ def weigh(
         joint=joint,
         change=change,
         gain=float(-np.nansum(change)),
-        share=float(felt[joint][0] / max(felt[joint][1], 1e-300)),
-        gains={j: gain for j, (gain, _) in felt.items()},
-        left=sum(loss - gain for gain, loss in felt.values()),
+        share=felt[joint].gain / max(felt[joint].loss, 1e-300),
+        fitted=felt[joint].fitted,
+        gains={j: own.gain for j, own in felt.items()},
+        left=left + float(np.nansum(change)),
         torque=float(np.sqrt(np.sum(rows[keep] ** 2) / max(np.sum(measured[keep] ** 2), 1e-300))),
         statistic=float(score_chance(_odds(np.asarray(observed), sample), chance)),
         chance=score_chance(chance, chance),
@@ -170,23 +178,30 @@ def _odds(gain: np.ndarray, loss: float) -> np.ndarray:
     return np.asarray(gain) / np.maximum(loss - np.asarray(gain), 1e-9 * max(loss, 1e-300))
 
 
+@dataclass(frozen=True)
+class _Felt:
+    """At one joint: reduction of the held-out loss, that loss, share removed of the loss of fitted rows."""
+
+    gain: float
+    loss: float
+    fitted: float
+
+
 def _losses_where_felt(
-    assembly: Assembly, candidate: Candidate, chosen: Chosen, change: np.ndarray
-) -> dict[int, tuple[float, float]]:
-    """Held-out gain and loss of the model at each joint where the candidate is felt."""
+    assembly: Assembly, candidate: Candidate, chosen: Chosen, change: np.ndarray, fitted: float
+) -> dict[int, _Felt]:
+    """Losses of the model at each joint where the candidate is felt; `fitted` is that of all of them."""
     held = np.isfinite(change)
     before = assembly.joint_losses[held].sum(axis=0)
-    if len(candidate.joints) == 1:
-        j = candidate.joints[0]
-        return {j: (float(-np.nansum(change)), float(before[j]))}
     total = float(-np.nansum(change))
-    if total <= 0.0:
+    if len(candidate.joints) == 1 or total <= 0.0:
         # What gains nothing in all need not be told apart by joint.
         own = candidate.joint if candidate.joint in candidate.joints else candidate.joints[0]
-        return {own: (total, float(before[own]))}
+        return {own: _Felt(total, float(before[own]), fitted)}
     after = Assembly(assembly.layout, assembly.target, (*assembly.chosen, chosen), assembly.sigma)
     gains = before - after.joint_losses[held].sum(axis=0)
-    return {j: (float(gains[j]), float(before[j])) for j in candidate.joints}
+    shares = 1.0 - after.sample_losses / np.maximum(assembly.sample_losses, 1e-300)
+    return {j: _Felt(float(gains[j]), float(before[j]), float(shares[j])) for j in candidate.joints}
 
 
 def adjust_p_values(weighed: list[Evidence]) -> list[Evidence]:

@@ -1,9 +1,9 @@
 """What may be asked beside a model, and what an answer depends on."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from wearscope.closed_loop.model.candidates import Candidate
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Effect, MeasurementEffect
 
@@ -33,17 +33,6 @@ def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int])
             if candidate is not None:
                 made.append(candidate)
     return made
-
-
-def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
-    """Joints that a model couples to those where a candidate is felt, these included."""
-    reach = set(candidate.joints)
-    grown = True
-    while grown:
-        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
-        grown = not more <= reach
-        reach |= more
-    return reach
 
 
 def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:

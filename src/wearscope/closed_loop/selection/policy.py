@@ -21,7 +21,7 @@ class Policy(BaseModel):
     """Least share of its joint's held-out loss (variance, current model) that a term must remove: less
     changes the joint's RMS error by less than 3 %, which nobody would act on."""
 
-    material_torque: float = Field(0.002, ge=0, lt=1)
+    material_torque: float = Field(0.001, ge=0, lt=1)
     """Least RMS of a term's torque over that of the joint's torque: the accuracy of filters, derivatives and
     of an encoder's clock lies below it."""
 

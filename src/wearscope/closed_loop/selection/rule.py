@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from scipy import stats
 
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
@@ -79,9 +80,12 @@ def judge(
 
 
 def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
-    """Whether every one of three or more informing runs is predicted far better when held out."""
+    """Whether every one of three or more informing runs is predicted far better when held out.
+
+    The same on the rows that are fitted: where only the held-out ones gain, the model runs away there.
+    """
     least = _BEYOND_CHANCE if by_run else _BEYOND_CHANCE_ALONE
-    return e.share >= least and e.agreement == 1.0 and e.informing >= 3
+    return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 3
 
 
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
@@ -110,8 +114,19 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 
 def separates(better: Evidence, worse: Evidence) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
-    difference, error = summed(worse.change - better.change)
-    return difference > max(_ERRORS * error, _MATERIAL * better.left)
+    differences = worse.change - better.change
+    difference, error = summed(differences)
+    return difference > max(find_critical(differences) * error, _MATERIAL * better.left)
+
+
+def find_critical(values: np.ndarray) -> float:
+    """Standard errors from which a sum over blocks is told from noise, few blocks counting for what they are.
+
+    Student's t with as many degrees of freedom as blocks make the values, less one.
+    """
+    squares = values[np.isfinite(values)] ** 2
+    effective = float(squares.sum() ** 2 / max((squares**2).sum(), 1e-300))
+    return float(stats.t.ppf(stats.norm.cdf(_ERRORS), max(effective - 1.0, 1.0)))
 
 
 def touches(a: Evidence, b: Evidence) -> bool:

@@ -14,9 +14,9 @@ import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
-from wearscope.closed_loop.selection.offers import find_reach, list_candidates, list_subsets
+from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
