@@ -1,6 +1,7 @@
 """Findability against its known answer, plants that add up, and the spectra of the noises."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import welch
 
@@ -76,6 +77,22 @@ def test_the_nearest_parameter_is_sought_beside_friction_that_is_not_declared(tm
         main = entry["parameters"]["slope"]
         nearest.append(main["nearest"] / main["value"])
     assert nearest[0] == pytest.approx(nearest[1], rel=0.02)
+
+
+def test_noise_is_a_share_of_the_torque_with_friction_that_nobody_declared(tmp_path):
+    """A recording is as noisy whether its friction is declared or not."""
+    noise = []
+    for folder, declared in (("a", ("coulomb", "viscous")), ("b", ())):
+        recipe = Recipe(
+            duration=6.0, plans=PLANS, declared=("rigid_body", "rotor_inertia", *declared), noise_level=0.01
+        )
+        level = {"coulomb": 300.0, "viscous": 900.0}
+        plants = [] if declared else [Planted(name, "slide", np.nan, size) for name, size in level.items()]
+        truth = generate_dataset(tmp_path / folder / "d1", "stage", plants, 1, recipe)
+        run = pd.read_parquet(sorted((tmp_path / folder / "d1" / "runs").glob("*.parquet"))[0])
+        noise.append(truth["noise_rms"]["slide"] / np.sqrt(np.mean(run["tau_slide"] ** 2)))
+    assert noise[1] == pytest.approx(0.01, rel=0.2)
+    assert noise[0] == pytest.approx(noise[1], rel=0.2)
 
 
 RATE = 500.0

@@ -7,9 +7,8 @@ import pytest
 
 from wearscope.closed_loop.model.blocks import Block, make_folds
 from wearscope.closed_loop.selection import assembly as assembly_module
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import weigh
-from wearscope.closed_loop.selection.offers import find_reach
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from wearscope.closed_loop.diagnosis import diagnose
 
@@ -55,6 +56,27 @@ def test_beside_approximate_inertials_nothing_is_lost(record, declared_whole):
     assert friction <= named <= friction | {("a", "rotor_inertia"), ("b", "rotor_inertia")}
     for joint, whole in declared_whole["joints"].items():
         assert verdict["joints"][joint]["rms_after"] < 1.1 * whole["rms_after"]
+
+
+@pytest.mark.parametrize("declared", [[], ["coulomb"]])
+def test_approximate_inertials_are_refitted_whatever_is_declared(record, pose, declared):
+    """The contract's `rigid_body` need not be declared for a body that is only nearly known."""
+    folder = record(declared=declared, robot=UNSTATED | {"inertials": "approximate"}, seed=7, runs=4)
+    problem = pose(folder)
+    assert problem.inertial
+    (bodies,) = [c for c in problem.base if c.candidate.effect.name == "rigid_body"]
+    assert len(bodies.subset) == 20
+    trusted = pose_again(folder, pose, inertials="trusted")
+    assert not trusted.inertial
+    assert not [c for c in trusted.base if c.candidate.effect.name == "rigid_body"]
+
+
+def pose_again(folder, pose, **robot):
+    path = folder / "dataset.yaml"
+    fields = yaml.safe_load(path.read_text())
+    fields["robot"] |= robot
+    path.write_text(yaml.safe_dump(fields))
+    return pose(folder)
 
 
 @pytest.mark.parametrize("warm", [True, False], ids=["temperature", "no_temperature"])

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from wearscope.closed_loop.intake.rough_model import RoughRun, fit_bounded, fit_rough, predict_rough
+from wearscope.closed_loop.intake.rough_model import (
+    RoughRun,
+    bridge_rest,
+    fit_bounded,
+    fit_rough,
+    predict_rough,
+)
 
 
 def draw(seed, scale=1.0):
@@ -51,3 +57,20 @@ def test_prediction_is_fitted_on_train_runs_only():
     first, _, test = predict_rough(runs, inner=False)
     np.testing.assert_allclose(first, runs[0].tau, atol=1e-9)
     np.testing.assert_allclose(test, runs[2].tau - 6.0 * runs[2].known, atol=1e-9)
+
+
+def test_what_holds_a_joint_at_rest_is_replaced_by_what_it_would_need_without():
+    """Static friction of any size at rest leaves no trace; a joint that never rests keeps its torque."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 8.0, 0.01)
+    v = np.column_stack([np.where(np.abs(np.sin(t)) > 0.4, np.sin(t), 0.0), 1.0 + 0.5 * np.cos(t)])
+    a, load = np.gradient(v, 0.01, axis=0), np.column_stack([np.cos(t), np.sin(3 * t)])
+    rest = v == 0.0
+    need = load + 0.2 * a + 3.0 * np.where(rest, 0.0, np.sign(v)) + 0.5 * v + 1.0
+    tau = need + np.where(rest, rng.uniform(-3.0, 3.0, v.shape), 0.0)
+    bridged = bridge_rest(tau, load, a, v, rest)
+    np.testing.assert_allclose(bridged, need, atol=1e-9)
+    np.testing.assert_array_equal(bridged[:, 1], tau[:, 1])
+    # A joint that rests throughout shows nothing to put in its place.
+    still = np.ones_like(rest)
+    np.testing.assert_array_equal(bridge_rest(tau, load, a, 0.0 * v, still), tau)

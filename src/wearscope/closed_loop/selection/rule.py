@@ -100,6 +100,18 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     )
 
 
+def find_fast(speed: np.ndarray, kept: np.ndarray) -> np.ndarray | None:
+    """Rows (M,) of bool in which a joint is away from its reversals; None where too few of those kept are.
+
+    Parameters
+    ----------
+    speed : ndarray (M,)
+    kept : ndarray (M,) of bool
+    """
+    fast: np.ndarray = np.abs(speed) > _FAST * np.abs(speed).max()
+    return fast if np.mean(fast[kept]) >= _FAST else None
+
+
 def is_alike(e: Evidence, other: Evidence) -> bool:
     """Whether a term's first coefficient is the same on other rows, within a factor."""
     ratio = float(other.beta[0]) / float(e.beta[0])

@@ -322,10 +322,8 @@ class Search:
         effect, joint = e.term.effect, e.joint
         if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
             return False
-        speed = np.abs(self.problem.at_rows("v")[:, joint])
-        fast = speed > rule._FAST * speed.max()
-        kept = assembly.layout.keep[:, joint]
-        if np.mean(fast[kept]) < rule._FAST:
+        fast = rule.find_fast(self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint])
+        if fast is None:
             return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
