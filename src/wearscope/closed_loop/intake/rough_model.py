@@ -10,8 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from wearscope.closed_loop.intake.saturation import bridge_torque
-
 #: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
 #: of a torque, the middle holds reversals and rest only.
 _MIDDLE = 0.5
@@ -138,8 +136,10 @@ def bridge_rest(
     rest : ndarray (N, n) of bool
     """
     sign = np.where(rest, 0.0, np.sign(v))
-    predicted = np.zeros_like(tau)
+    bridged = tau.copy()
     for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
         x, moves = rough_columns(known[:, j], a[:, j], sign[:, j], v[:, j]), ~rest[:, j]
-        predicted[:, j] = x @ fit_rough([x[moves]], [tau[moves, j]])
-    return bridge_torque(tau, predicted, rest)
+        theta = fit_rough([x[moves]], [tau[moves, j]])
+        # Not shifted to meet its neighbours: friction that grows towards rest is in them and ends with them.
+        bridged[rest[:, j], j] = x[rest[:, j]] @ theta
+    return bridged
