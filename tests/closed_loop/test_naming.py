@@ -11,9 +11,10 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
 
 POLICY = Policy()

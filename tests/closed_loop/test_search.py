@@ -12,6 +12,7 @@ from wearscope.closed_loop.selection.naming import opposes_gravity
 from wearscope.closed_loop.selection.offers import list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.effects.base import load_effect
 
 POLICY = Policy(flips=199)
@@ -125,7 +126,7 @@ def test_an_effect_is_asked_for_only_beside_its_parents(record, pose):
     problem = pose(record(declared=["rigid_body"], robot={"rotor_inertia": None}, runs=3, duration=6.0))
     search = Search(problem, POLICY)
     plain = {c.effect.name for c in search.candidates(search.assemble(()), (), (0,))}
-    standard = search.find_standard()
+    standard = find_standard(search)
     assert {f.effect.name for f in standard} == {"rotor_inertia", "coulomb", "viscous"}
     more = {c.effect.name for c in search.candidates(search.assemble(standard), standard, (0,))}
     with_parents = {e.name for e in problem.effects if e.parents}

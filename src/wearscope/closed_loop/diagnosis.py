@@ -24,11 +24,12 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.status import Marked, mark_terms
 from wearscope.closed_loop.verdict import make_verdict
 from wearscope.effects.base import Effect, load_effect

@@ -12,7 +12,8 @@ from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
-from wearscope.closed_loop.selection.search import Found, Search
+from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect

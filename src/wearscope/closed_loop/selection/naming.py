@@ -8,9 +8,10 @@ from arch.bootstrap import MCS
 from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.search import Found, Search, match_gain
+from wearscope.closed_loop.selection.search import Search, match_gain
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12

@@ -8,7 +8,7 @@
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,14 +16,16 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.closed_loop.selection.whitening import drift_p_value
-from wearscope.effects.base import Effect, MeasurementEffect
+from wearscope.effects.base import MeasurementEffect
 
 #: Most passes of the revision.
 _PASSES = 3
@@ -37,24 +39,6 @@ _HOPELESS = 0.4
 _KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A term that was named, with the evidence on it beside all others."""
-
-    chosen: Chosen
-    evidence: Evidence
-
-    @property
-    def effect(self) -> Effect:
-        """Its effect."""
-        return self.chosen.candidate.effect
-
-    @property
-    def joint(self) -> int:
-        """Its joint."""
-        return self.chosen.candidate.joint
 
 
 class Search:
@@ -167,7 +151,7 @@ class Search:
 
     def run(self) -> list[Found]:
         """Terms that the declared model lacks."""
-        found = self.settle_reversals(self.find_standard())
+        found = self.settle_reversals(find_standard(self))
         self.sigma = self.scale(found)
         losses = np.nansum(self.assemble(found).joint_losses, axis=0)
         self.standard_loss = losses * self.sigma**2
@@ -190,51 +174,6 @@ class Search:
         self.problem = self.problem.reverse_over(fitted.where(moved, old))
         self._weighed = {}
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
-
-    def find_standard(self) -> list[Found]:
-        """Standard terms that held-out runs need, of each joint as a group.
-
-        What is missing yet can hide friction that is there, or pose as its opposite: it stays until the
-        revision asks for it beside all that was found.
-        """
-        problem = self.problem
-        base = self.assemble(())
-        offered = [c for c in self.candidates(base, (), range(problem.prepared.n)) if c.effect.standard]
-        kept = [Chosen(c, tuple(int(k) for k in c.effect.subsets()[0])) for c in offered]
-        worst: dict[int, tuple[float, Chosen]] = {}
-        evidence: dict[int, Evidence] = {}
-        while kept:
-            self.sigma = self._scale_of(kept)
-            worst, evidence = {}, {}
-            for chosen in kept:
-                others = tuple(k for k in kept if k is not chosen)
-                every = (*problem.base, *others)
-                reach = find_reach(every, chosen.candidate)
-                beside = Assembly(problem.layout, problem.target, every, self.sigma, reach)
-                e = weigh(beside, chosen.candidate, chosen.subset, self.flips)
-                evidence[id(chosen)] = e
-                if (
-                    not chosen.candidate.effect.is_plain_friction
-                    and not self.is_needed(beside, e)
-                    and e.share < worst.get(e.joint, (np.inf, chosen))[0]
-                ):
-                    worst[e.joint] = (e.share, chosen)
-            if not worst:
-                break
-            gone = [chosen for _, chosen in worst.values()]
-            kept = [k for k in kept if not any(k is g for g in gone)]
-        self.record([evidence[id(k)] for k in kept], [evidence[id(k)] for k in kept])
-        for k in kept:
-            self.progress(f"standard term {evidence[id(k)].term.label}")
-        return [Found(k, evidence[id(k)]) for k in kept]
-
-    def _scale_of(self, chosen: Sequence[Chosen]) -> np.ndarray:
-        problem = self.problem
-        keep = problem.layout.keep
-        every = (*problem.base, *chosen)
-        residual = Assembly(problem.layout, problem.target, every, self.sigma).residual
-        mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
-        return np.sqrt(np.maximum(mean, 1e-18))
 
     def is_needed(self, beside: Assembly, e: Evidence) -> bool:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it."""

@@ -1,0 +1,25 @@
+"""A term that the search named."""
+
+from dataclasses import dataclass
+
+from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.effects.base import Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A term that was named, with the evidence on it beside all others."""
+
+    chosen: Chosen
+    evidence: Evidence
+
+    @property
+    def effect(self) -> Effect:
+        """Its effect."""
+        return self.chosen.candidate.effect
+
+    @property
+    def joint(self) -> int:
+        """Its joint."""
+        return self.chosen.candidate.joint
