@@ -268,3 +268,10 @@ def test_a_factor_may_be_a_number_by_its_path(paper):
         ("detectors.Z.bins", "there is no detector Z; choose among A, B, C, D, E"),
     ):
         refuse({**paper, "factors": {**paper["factors"], "w3": {**noise, "kind": kind}}}, words)
+    rated = {
+        **paper["factors"],
+        "w3": {**noise, "kind": "sensors.sample_rate", "range": [50, 250], "unit": "Hz"},
+    }
+    assert load_config({**paper, "factors": rated}).factor_kinds()["w3"] == "sensors.sample_rate"
+    paper["simulation"] = {**paper.get("simulation", {}), "sample_rate": 125}
+    refuse({**paper, "factors": rated}, "factors.w3.kind: simulation.sample_rate sets one rate for all runs")

@@ -11,7 +11,7 @@ from wearscope.config.base import Model, Section, SurrogateKind
 
 #: What a factor can be besides a number by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
-_PATH = r"^(drive|sensors|payload|controller|gravity|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
+_PATH = r"^(drive|sensors|payload|controller|gravity|links|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
 
 
 def _check_kind(kind: str) -> str:
@@ -37,8 +37,9 @@ class FactorSettings(Section):
     kind: FactorKind
     """What the simulation does with it: `wear`, `temperature`, `dwell`, `payload_mass_error`, or a number by
     its path: of the robot's model (`sensors.torque_noise`, `controller.bandwidth_hz`, `drive.speed_limit`,
-    `effects.joint_elasticity.axis_2.compliance`), or of a detector (`detectors.A.OPTION`). Factors of kind
-    `wear` are the wear of the tested axes; the cells of an axis see their own axis's wear as `f`."""
+    `links.axis_2.mass`, `effects.joint_elasticity.axis_2.compliance`), or of a detector
+    (`detectors.A.OPTION`). Factors of kind `wear` are the wear of the tested axes; the cells of an axis see
+    their own axis's wear as `f`."""
     range: tuple[float, float]
     """Natural values at the coded levels -2 and +2 of the identification (Table 1)."""
     unit: str
