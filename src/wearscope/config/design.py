@@ -11,6 +11,13 @@ from wearscope.config.base import Model, Section, SurrogateKind
 
 #: What a factor can be besides a number by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
+#: Units of their natural values; a number by its path is in the model's unit, whatever it is called.
+UNITS = {
+    "wear": ("1", "-", ""),
+    "temperature": ("degC", "°C"),
+    "dwell": ("ms",),
+    "payload_mass_error": ("%",),
+}
 _PATH = r"^(drive|sensors|payload|controller|gravity|links|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
 
 
@@ -59,6 +66,23 @@ class FactorSettings(Section):
             pair = getattr(self, name)
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")
+        low, high = self.range
+        first, last = self.validation or self.range
+        if not low <= first < last <= high:
+            raise ValueError(
+                f"validation: {first:g} to {last:g} lies outside the range {low:g} to {high:g}; move it "
+                "inside or leave it out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _known_unit(self) -> "FactorSettings":
+        units = UNITS.get(self.kind, (self.unit,))
+        if self.unit not in units:
+            what = self.kind.replace("_", " ")
+            raise ValueError(
+                f"unit: {what} is in {units[0]}, not '{self.unit}'; give its values in {units[0]}"
+            )
         return self
 
     def full_kind(self) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from wearscope import plugins
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
@@ -87,8 +87,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: is not readable YAML ({reason}); correct it.") from None
+        raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
     if not isinstance(fields, dict):
         raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
     if not all(isinstance(key, str) for key in fields):

@@ -250,7 +250,7 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
         .mark_bar(cornerRadius=2)
         .encode(
             y=alt.Y("label:N", title=None, sort=None, axis=alt.Axis(labelLimit=240)),
-            x=alt.X("gain:Q", title="held-out loss that it removes [% of the joint's]"),
+            x=alt.X("gain:Q", title="held-out loss removed [%]"),
             color=alt.Color(
                 "taken:N",
                 title=None,
@@ -271,7 +271,7 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
         "Held-out gain of the best candidates at each step, and which were taken.",
         spec.properties(width="container", height={"step": 20}),
         {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
-        "The pointer tells why a candidate was not taken.",
+        "Loss: in % of the joint's. The pointer tells why a candidate was not taken.",
         [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
     )
 
@@ -281,7 +281,9 @@ def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
     if loop.isolability is None:
         return None
     base = named("angles").encode(
-        x=alt.X("effect_b:N", title=None, axis=alt.Axis(labelAngle=-60, labelLimit=150)),
+        x=alt.X(
+            "effect_b:N", title=None, axis=alt.Axis(labelAngle=-90, labelOverlap="greedy", labelLimit=150)
+        ),
         y=alt.Y("effect_a:N", title=None, axis=alt.Axis(labelLimit=150)),
     )
     cells = base.mark_rect().encode(
