@@ -66,6 +66,8 @@ def read_text(path: str | Path, what: str) -> str:
         if path.stat().st_size > LARGEST:
             raise InputError(f"{path}: is larger than {LARGEST / 1e6:g} MB; name {what}.")
         return path.read_text(encoding="utf-8")
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); name {what}.") from error
     except UnicodeDecodeError as error:
