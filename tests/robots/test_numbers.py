@@ -35,6 +35,15 @@ def test_single_numbers_and_short_lists(medium):
     assert one == [6.0, 9.0, 6.0, 6.0, 6.0, 6.0]
 
 
+def test_where_the_cycles_go(medium):
+    assert put(medium, "home.axis_2", 0.1).home_posture[1] == 0.1
+    low, high = put(medium, "upper.3", -10.0, relative=True).position_limits
+    assert high[2] == pytest.approx(0.9 * medium.position_limits[1][2])
+    assert (low == medium.position_limits[0]).all() and find_number("upper.3 %").sets_motion
+    with pytest.raises(InputError, match="home of joint 'axis_2' is 9, outside its limits"):
+        put(medium, "home.axis_2", 9.0)
+
+
 def test_an_effect_s_parameter_is_set_or_the_effect_added(medium):
     changed = put(medium, "effects.friction_wear_temperature.axis_2.eta0", 10.0, relative=True)
     for old, new in zip(medium.effects, changed.effects, strict=True):

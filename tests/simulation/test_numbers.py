@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from simulation.arms import make_arm, rub, stand, swing
 
-from wearscope.cycles.base import Cycle
+from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
+from wearscope.robots.model import load_model
 from wearscope.robots.numbers import Number, set_numbers
-from wearscope.simulation.feasibility import check_robot
+from wearscope.simulation.feasibility import check_cycle, check_robot
 from wearscope.simulation.screening import check_screening, screen_factors
 from wearscope.simulation.study import Conditions, make_conditions, simulate_point
 
@@ -101,6 +102,20 @@ def test_more_samples_than_steps_are_refused():
         record("sensors.sample_rate", 2000.0)
     with pytest.raises(InputError, match=r"factors\.rate: sample_rate 300 Hz is above the 250 steps"):
         check_robot(ARM, {"rate": ("sensors.sample_rate", 100.0, 300.0)}, 0.004)
+
+
+def test_the_range_of_a_test_cycle_changes_how_far_it_goes():
+    medium = load_model("medium")
+    cycle = load_cycle("axis_sweeps")
+    reach = []
+    for level in (0.0, -60.0):
+        smaller = set_numbers(medium, [(Number("upper.axis_3", True), level)])
+        reach.append(cycle.build(smaller, 0.05, 0.004).q.max(axis=0))
+    assert reach[1][2] < reach[0][2] - 0.1 and np.delete(reach[1] - reach[0], 2) == pytest.approx(
+        0.0, abs=1e-9
+    )
+    ranges = {"range": ("upper.axis_3 %", -60.0, 0.0)}
+    assert check_cycle(medium, cycle, "axis_sweeps", ranges, 0.004) > 1.0
 
 
 def test_kinds_of_factors_become_conditions():

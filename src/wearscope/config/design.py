@@ -18,7 +18,8 @@ UNITS = {
     "dwell": ("ms",),
     "payload_mass_error": ("%",),
 }
-_PATH = r"^(drive|sensors|payload|controller|gravity|links|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
+_SECTIONS = "drive|sensors|payload|controller|gravity|home|lower|upper|links|effects|detectors"
+_PATH = rf"^({_SECTIONS})\.[^\s.]+(\.[^\s.]+)*$"
 
 
 def _check_kind(kind: str) -> str:

@@ -24,8 +24,10 @@ SECTIONS: dict[str, type[Section]] = {
 }
 #: Lists by joint that stand for zeros where a model states none.
 ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
-#: Limits that a reference motion is planned within.
-MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit")
+#: Lists by joint of where a test-cycle goes: its first and last posture, and the range that it uses.
+RANGE = ("home", "lower", "upper")
+#: What a reference motion is planned by.
+MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit", *RANGE)
 #: What the machine itself goes by; all else differs from what its controller and its detectors believe.
 KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
 #: The recorder's rate, at which nothing else of the machine runs.
@@ -43,9 +45,9 @@ class Number:
     Attributes
     ----------
     path : str
-        ``<section>.<field>``, ``<section>.<field>.<joint>``, ``effects.<effect>.<joint>.<parameter>`` or
-        ``links.<joint>.<field>``, of the link that a joint moves; a joint by its name or as a study counts
-        axes, ``all`` for all that have the effect, or for all links.
+        ``<section>.<field>``, ``<section>.<field>.<joint>``, ``home.<joint>``, ``links.<joint>.<field>``, of
+        the link that a joint moves, or ``effects.<effect>.<joint>.<parameter>``; a joint by its name or as a
+        study counts axes, ``all`` for all links, or for all joints that have the effect.
     relative : bool
         Whether a level is a change in percent of what the model states, rather than the number itself.
     """
@@ -111,12 +113,16 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
                 fields["effects"] = _set_effect(model, fields.get("effects", []), rest, number, level)
             elif section == "gravity":
                 fields["gravity"] = _change_list(model.gravity, rest, number, level, _index)
+            elif section in RANGE:
+                fields[section] = _set_range(model, fields, section, rest, number, level)
             elif section == "links":
                 _set_links(model, inertias, rest, number, level)
             elif section in SECTIONS:
                 fields[section] = _set_field(model, fields.get(section) or {}, section, rest, number, level)
             else:
-                raise InputError(f"the sections are {', '.join([*SECTIONS, 'gravity', 'links', 'effects'])}")
+                raise InputError(
+                    f"the sections are {', '.join([*SECTIONS, *RANGE, 'gravity', 'links', 'effects'])}"
+                )
         except InputError as error:
             raise InputError(
                 f"'{number.path}' is no number of robot '{model.name}': {str(error).rstrip('.')}; correct "
@@ -165,6 +171,19 @@ def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], num
     if section == "drive" and not place and not number.relative:
         return [1.0] * model.n
     raise InputError(f"its model states no {section}.{key}; add it there")
+
+
+def _set_range(
+    model: RobotModel, given: dict[str, Any], section: str, rest: Sequence[str], number: Number, level: float
+) -> list[float]:
+    lower, upper = model.position_limits
+    stated = (
+        given.get(section) or {"home": model.home_posture, "lower": lower, "upper": upper}[section].tolist()
+    )
+    changed = _change_list(stated, rest, number, level, lambda one: _joint(one, model))
+    if not np.isfinite(changed).all():
+        raise InputError(f"not every joint has a {section} limit; state them in its model")
+    return changed
 
 
 def _set_links(
