@@ -1,5 +1,5 @@
 # make run    set everything up and run the paper's study
-# make test   set everything up and run the tests; make test-kills runs the long ones, make test-fast a few
+# make test   set everything up and run the tests; make test-kills and test-how-to run the long ones, test-fast a few
 # make docs   set everything up and build the documentation
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
@@ -19,7 +19,7 @@ export NO_MKDOCS_2_WARNING := true
 test-page: setup
 	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
 
-.PHONY: run test test-fast test-page test-kills test-cluster cluster mutants setup docs lint format lock clean
+.PHONY: run test test-fast test-page test-how-to test-kills test-cluster cluster mutants setup docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -31,6 +31,10 @@ test: setup
 FAST := architecture config designs surrogates robots cycles docs/test_tables.py
 test-fast: setup
 	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
+
+# Each how-to page's commands to their end, from an empty folder: half an hour.
+test-how-to: setup
+	$(BIN)/python -m pytest -m long -rs tests/cli $(ARGS)
 
 # Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md; SLURM, as below.
 test-kills: cluster

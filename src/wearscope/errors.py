@@ -19,3 +19,14 @@ class InputError(ValueError):
 def escape(character: str) -> str:
     r"""How Python writes a character that cannot be printed, e.g. ``\n``."""
     return character.encode("unicode_escape").decode("ascii")
+
+
+def explain_yaml(error: Exception) -> str:
+    """Where a text is no YAML, and why, in a few words."""
+    mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
+    if mark is None:
+        return " ".join(str(error).split())[:200]
+    reason = f"line {mark.line + 1}, column {mark.column + 1}: {getattr(error, 'problem', None)}"
+    if context is not None and context.line != mark.line:
+        reason += f", {getattr(error, 'context', None)} that begins in line {context.line + 1}"
+    return reason

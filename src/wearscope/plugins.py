@@ -22,6 +22,8 @@ from wearscope.errors import InputError
 _DIGEST = "__wearscope_digest__"
 #: Start of such a module's name.
 _PREFIX = "wearscope_user_"
+#: What a package's plug-ins are made of: code, models, robots.
+_SOURCES = (".py", ".yaml", ".yml", ".urdf")
 
 
 def list_names(room: str, attribute: str) -> list[str]:
@@ -77,6 +79,34 @@ def installed_file(name: str, room: str) -> Path | None:
     if spec is None or spec.origin is None:
         raise InputError(_tell_broken(point, room, ModuleNotFoundError(f"no module file {point.module}")))
     return Path(spec.origin)
+
+
+def identify_installed(name: str, room: str) -> str | None:
+    """Package, version and digest of what an installed package offers for a room; None where none does.
+
+    The digest is that of the Python, YAML and URDF files of the package that the module lies in, so that it
+    tells another content whatever the files' dates and the version say.
+
+    Raises
+    ------
+    InputError
+        As `installed_file`.
+    """
+    point, file = find_installed(name, room), installed_file(name, room)
+    if point is None or file is None:
+        return None
+    folder = file.parent
+    while (folder / "__init__.py").is_file() and (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    files = [file]
+    if (folder / "__init__.py").is_file():
+        files = sorted(one for one in folder.rglob("*") if one.suffix in _SOURCES and one.is_file())
+    digest = hashlib.sha256()
+    for one in files:
+        digest.update(f"{one.relative_to(folder).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(one.read_bytes()).digest())
+    owner = "a package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+    return f"{owner}, sha256 {digest.hexdigest()}"
 
 
 @cache

@@ -125,7 +125,7 @@ def test_bad_factors_are_named(paper):
     change["factors"]["w3"]["range"] = [70, 30]
     refuse(change, "factors.w3", "70", "not below")
     change = copy.deepcopy(paper)
-    change["factors"]["w1"]["range"] = [0, 40]
+    change["factors"]["w1"] |= {"range": [0, 40], "validation": [5, 35]}
     refuse(change, "wear", "one range")
     change = copy.deepcopy(paper)
     del change["factors"]["w2"]
@@ -268,3 +268,32 @@ def test_a_factor_may_be_a_number_by_its_path(paper):
         ("detectors.Z.bins", "there is no detector Z; choose among A, B, C, D, E"),
     ):
         refuse({**paper, "factors": {**paper["factors"], "w3": {**noise, "kind": kind}}}, words)
+    rated = {
+        **paper["factors"],
+        "w3": {**noise, "kind": "sensors.sample_rate", "range": [50, 250], "unit": "Hz"},
+    }
+    assert load_config({**paper, "factors": rated}).factor_kinds()["w3"] == "sensors.sample_rate"
+    paper["simulation"] = {**paper.get("simulation", {}), "sample_rate": 125}
+    refuse({**paper, "factors": rated}, "factors.w3.kind: simulation.sample_rate sets one rate for all runs")
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "told"),
+    [
+        (
+            "w3",
+            {"unit": "degF"},
+            "config: factors.w3: unit: temperature is in degC, not 'degF'; give its values",
+        ),
+        ("w4", {"unit": "s"}, "unit: dwell is in ms, not 's'"),
+        ("w5", {"unit": "kg"}, "unit: payload mass error is in %, not 'kg'"),
+        ("f", {"unit": "mm"}, "unit: wear is in 1, not 'mm'"),
+        (
+            "w3",
+            {"range": [86, 158]},
+            "config: factors.w3: validation: 35 to 63 lies outside the range 86 to 158",
+        ),
+    ],
+)
+def test_a_factor_in_another_unit_or_validated_elsewhere_is_refused(paper, name, changes, told):
+    refuse({**paper, "factors": {**paper["factors"], name: {**paper["factors"][name], **changes}}}, told)

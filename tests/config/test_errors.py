@@ -1,8 +1,9 @@
 import pickle
 
 import pytest
+import yaml
 
-from wearscope.errors import LONGEST, InputError
+from wearscope.errors import LONGEST, InputError, explain_yaml
 
 
 @pytest.mark.parametrize("odd", ["a\nb", "\x1b[2J", "\r", "\u2028", "\ud800", "\x00"])
@@ -19,3 +20,17 @@ def test_long_quotes_are_cut_and_the_remedy_stays():
 def test_sentence_survives_the_way_between_processes():
     error = InputError("Größe: 3 °C is too low; raise it.")
     assert str(pickle.loads(pickle.dumps(error))) == str(error) == "Größe: 3 °C is too low; raise it."
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: 1\nb: [1, 2\nc: 3\n", "line 3, column 2: expected ',' or ']', but got ':', "
+         "while parsing a flow sequence that begins in line 2"),
+        ("a: 1\n\tb: 2\n", "line 2, column 1: found character '\\t' that cannot start any token"),
+    ],
+)  # fmt: skip
+def test_a_line_of_yaml_is_named(text, told):
+    with pytest.raises(yaml.YAMLError) as caught:
+        yaml.safe_load(text)
+    assert explain_yaml(caught.value).startswith(told)

@@ -81,13 +81,24 @@ def test_residual_energy_known_answer():
     assert detector.test_quantity(make_batch(longer)) == 0
 
 
-def test_residual_energy_refuses_short_or_resampled_batches():
+def test_residual_energy_refuses_short_batches():
     nominal = make_nominal()
     detector = fitted("residual_energy", nominal)
     with pytest.raises(ValueError, match="covers 1000 of the signature's 4000"):
         detector.test_quantity(make_batch(nominal.tau[:1000, 1]))
-    with pytest.raises(ValueError, match="sampled at 500 Hz"):
-        detector.test_quantity(make_batch(nominal.tau[:, 1], rate=500.0))
+    with pytest.raises(ValueError, match="covers 1000 of the signature's 4000"):
+        detector.test_quantity(make_batch(nominal.tau[:500, 1], rate=125.0))
+
+
+def test_residual_energy_pairs_batches_of_another_rate_by_time():
+    """A smooth torque 1.3 times the nominal one: 0.09, at whatever rate it is sampled."""
+    t = np.arange(4000) / 250.0
+    detector = fitted("residual_energy", make_batch(5.0 + np.sin(t)))
+    for rate in (125.0, 90.0, 400.0):
+        fewer = np.arange(int(15.9 * rate)) / rate
+        for scale in (1.0, 1.3):
+            y = detector.test_quantity(make_batch(scale * (5.0 + np.sin(fewer)), rate=rate))
+            assert y == pytest.approx((scale - 1.0) ** 2, rel=1e-3, abs=1e-9)
 
 
 def make_moves(dwell, moves=6, samples=200):

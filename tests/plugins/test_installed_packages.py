@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import wearscope
 from wearscope import plugins
 from wearscope.config import load_config
 from wearscope.cycles.base import load_cycle
@@ -189,9 +191,37 @@ def test_the_loop_tries_an_installed_effect_that_is_named(installed):
         load_config({**base, "closed_loop": {"effects": ["hose_dragg"]}})
 
 
+def rewrite(path, old, new):
+    """Another content, with the dates of before: as a package manager may leave them."""
+    dates = path.stat()
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    os.utime(path, ns=(dates.st_atime_ns, dates.st_mtime_ns))
+
+
+def test_identity_tells_version_and_content_of_the_whole_package(installed):
+    def identify():
+        importlib.invalidate_caches()
+        return plugins.identify_installed("peak_torque", "detectors")
+
+    package, told = installed / "dummy_plugins", installed / "dummy_plugins-1.0.dist-info"
+    first = identify()
+    assert first.startswith("dummy-plugins 1.0, sha256 ") and identify() == first
+    rewrite(package / "peak_torque.py", "abs(", "abs(0 + ")
+    second = identify()
+    rewrite(package / "broken.py", "licence", "license")
+    third = identify()
+    rewrite(told / "METADATA", "1.0", "1.1")
+    fourth = identify()
+    assert len({first, second, third, fourth}) == 4 and fourth.startswith("dummy-plugins 1.1, ")
+    assert fourth.partition(",")[2] == third.partition(",")[2]
+    assert plugins.identify_installed("friction_fit", "detectors") is None
+
+
 @pytest.mark.slow
 def test_study_names_what_is_installed(installed, tmp_path):
-    """The workflow's own checks, in processes of their own."""
+    """The workflow's own checks, in processes of their own; another package makes them stale."""
 
     def run(*command):
         done = subprocess.run(
@@ -199,10 +229,40 @@ def test_study_names_what_is_installed(installed, tmp_path):
             check=False, timeout=900,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+        return done.stdout
 
+    def stale():
+        return run("run", "mine", "--stage", "check", *options, "--dry-run").strip()
+
+    options = ["--set", "closed_loop.effects=[hose_drag]"]
     run("new", "study", "mine", "--robot", "my_arm", "--cycle", "there_and_back", "--detector",
         "P=peak_torque")  # fmt: skip
-    run("run", "mine", "--stage", "check", "--set", "closed_loop.effects=[hose_drag]")
+    run("run", "mine", "--stage", "check", *options)
     results = tmp_path / "mine" / "results" / "mine"
     assert json.loads((results / "check" / "detectors.json").read_text()) == {"P": "Peak"}
     assert (results / "check" / "my_arm" / "there_and_back.json").is_file()
+    assert stale() == "Nothing to be done."
+    rewrite(installed / "dummy_plugins" / "peak_torque.py", "abs(", "abs(0 + ")
+    assert re.fullmatch(r"\d jobs to do\.", stale())
+    run("run", "mine", "--stage", "check", *options)
+    assert stale() == "Nothing to be done."
+    rewrite(installed / "dummy_plugins-1.0.dist-info" / "METADATA", "1.0", "1.1")
+    assert re.fullmatch(r"\d jobs to do\.", stale())
+
+
+@pytest.mark.slow
+def test_a_loop_is_stale_once_an_effect_s_package_changed(installed, tmp_path):
+    def run(*command):
+        done = subprocess.run(
+            [sys.executable, "-m", "wearscope", *command], cwd=tmp_path, capture_output=True, text=True,
+            check=False, timeout=900,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+        return done.stdout.strip()
+
+    data = Path(wearscope.__file__).parent / "example_data"
+    loop = ["diagnose", str(data), "--cores", "1", "--set", "closed_loop.effects=[hose_drag]"]
+    run(*loop)
+    assert run(*loop, "--dry-run") == "Nothing to be done."
+    rewrite(installed / "dummy_plugins" / "hose_drag.py", "q[j] ** 3", "q[j] ** 5")
+    assert run(*loop, "--dry-run") == "3 jobs to do."

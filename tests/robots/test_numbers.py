@@ -1,9 +1,10 @@
 """Numbers of a robot by their path: set as told, in the model's own checks, refused in one sentence."""
 
+import numpy as np
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.robots.model import load_model
+from wearscope.robots.model import load_model, make_model
 from wearscope.robots.numbers import Number, find_number, set_numbers
 
 
@@ -34,6 +35,15 @@ def test_single_numbers_and_short_lists(medium):
     assert one == [6.0, 9.0, 6.0, 6.0, 6.0, 6.0]
 
 
+def test_where_the_cycles_go(medium):
+    assert put(medium, "home.axis_2", 0.1).home_posture[1] == 0.1
+    low, high = put(medium, "upper.3", -10.0, relative=True).position_limits
+    assert high[2] == pytest.approx(0.9 * medium.position_limits[1][2])
+    assert (low == medium.position_limits[0]).all() and find_number("upper.3 %").sets_motion
+    with pytest.raises(InputError, match="home of joint 'axis_2' is 9, outside its limits"):
+        put(medium, "home.axis_2", 9.0)
+
+
 def test_an_effect_s_parameter_is_set_or_the_effect_added(medium):
     changed = put(medium, "effects.friction_wear_temperature.axis_2.eta0", 10.0, relative=True)
     for old, new in zip(medium.effects, changed.effects, strict=True):
@@ -44,6 +54,45 @@ def test_an_effect_s_parameter_is_set_or_the_effect_added(medium):
     soft = put(medium, "effects.joint_elasticity.axis_5.compliance", 1e-5)
     assert soft.effects[-1].effect == "joint_elasticity" and soft.effects[-1].joint == "axis_5"
     assert len(soft.effects) == len(medium.effects) + 1
+
+
+def gravity_torque(model, posture):
+    still = np.zeros(model.n)
+    return model.rigid_body().inverse_dynamics(np.array(posture), still, still)
+
+
+def test_a_heavier_link_moves_the_gravity_torque_by_its_weight_times_its_lever():
+    """A horizontal arm of one joint: m g l, for the mass and for the centre of mass."""
+    arm = make_model(
+        {"name": "one", "urdf": "one.urdf", "joints": ["lift"]},
+        """<robot name="one"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/>
+        <mass value="3"/><inertia ixx="0.01" iyy="0.2" izz="0.2"/></inertial></link>
+        <joint name="lift" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 -1 0"/>
+        <limit lower="-2" upper="2" effort="99" velocity="3"/></joint></robot>""",
+    )
+    g = 9.81
+    assert gravity_torque(arm, [0.0]) == pytest.approx([3.0 * g * 0.5])
+    assert gravity_torque(put(arm, "links.lift.mass", 5.0), [0.0]) == pytest.approx([5.0 * g * 0.5])
+    assert gravity_torque(put(arm, "links.1.mass", -10.0, relative=True), [0.0]) == pytest.approx(
+        [2.7 * g * 0.5]
+    )
+    assert gravity_torque(put(arm, "links.lift.com.1", 0.7), [0.0]) == pytest.approx([3.0 * g * 0.7])
+    both = [(Number("links.lift.mass"), 5.0), (Number("links.lift.com.1"), 0.7)]
+    assert gravity_torque(set_numbers(arm, both), [0.0]) == pytest.approx([5.0 * g * 0.7])
+
+
+def test_a_link_s_inertia_scales_with_its_mass_and_can_be_set_by_itself(medium):
+    rest, spin = np.zeros(6), np.eye(6)[1]
+
+    def moment(model):
+        return model.rigid_body().inverse_dynamics(rest, rest, spin)[1] - gravity_torque(model, rest)[1]
+
+    everything = put(medium, "links.all.mass", 20.0, relative=True)
+    assert moment(everything) == pytest.approx(1.2 * moment(medium), rel=1e-9)
+    assert gravity_torque(everything, rest) == pytest.approx(1.2 * gravity_torque(medium, rest), rel=1e-9)
+    rounder = put(medium, "links.2.inertia", 10.0, relative=True)
+    assert moment(rounder) > moment(medium)
+    assert gravity_torque(rounder, rest) == pytest.approx(gravity_torque(medium, rest), rel=1e-9)
 
 
 def test_the_model_itself_stays(medium):
@@ -59,8 +108,12 @@ def test_the_model_itself_stays(medium):
         ("sensors.torque_noise.axis_9", 1.0, False, "its joints are axis_1"),
         ("sensors.torque_noise.7", 1.0, False, "its joints are axis_1"),
         ("sensors.torque_noise.1.2", 1.0, False, "goes on after the entry of a list"),
-        ("sensors.sample_rate", 100.0, False, "simulation.sample_rate in two studies"),
-        ("links.l1.mass", 1.0, False, "the sections are drive, sensors"),
+        ("parts.l1.mass", 1.0, False, "the sections are drive, sensors"),
+        ("links.l1.mass", 1.0, False, "its joints are axis_1"),
+        ("links.axis_2.weight", 1.0, False, "it has mass, com, inertia"),
+        ("links.mass", 1.0, False, "a link's is links.<joint>.<field>"),
+        ("links.axis_2.mass.1", 1.0, False, "is one number"),
+        ("links.axis_2.com.4", 1.0, False, "the list has 3 entries"),
         ("controller.damping.axis_1", 1.0, False, "is one number"),
         ("effects.backlash.axis_2", 1.0, False, "effects.<effect>.<joint>.<parameter>"),
         ("effects.backlash.axis_2.width", 1.0, False, "backlash has lost_motion, mesh_torque"),
@@ -79,6 +132,12 @@ def test_what_a_model_cannot_have_is_refused(medium):
         put(medium, "sensors.torque_noise", -1.0)
     with pytest.raises(InputError, match=r"payload\.mass"):
         put(medium, "payload.mass", -200.0, relative=True)
+    with pytest.raises(InputError, match=r"links\.axis_2\.mass: 0 kg is no mass of a link of robot 'medium'"):
+        put(medium, "links.axis_2.mass", 0.0)
+    with pytest.raises(InputError, match="which no body of"):
+        put(medium, "links.axis_2.inertia.1", 1e3)
+    with pytest.raises(InputError, match=r"sensors\.sample_rate"):
+        put(medium, "sensors.sample_rate", 0.0)
     with pytest.raises(InputError, match=r"states no payload\.mass"):
         put(medium.replace(payload=None), "payload.mass", 1.0)
 

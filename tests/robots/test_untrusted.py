@@ -9,7 +9,7 @@ import yaml
 
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.robots.model_file import LARGEST, list_effects, read_model_file
+from wearscope.robots.model_file import LARGEST, list_effects, read_model_file, read_text
 from wearscope.robots.urdf_file import parse_urdf
 
 ROOT = Path(__file__).parents[2]
@@ -55,6 +55,14 @@ def test_malformed_model_file_gets_one_sentence(robot, text, words):
         with pytest.raises(InputError, match=words) as found:
             read(robot)
         assert "\n" not in str(found.value) and str(found.value).startswith(str(robot))
+
+
+def test_missing_file_is_told_once(tmp_path):
+    path = tmp_path / "not.urdf"
+    with pytest.raises(InputError) as caught:
+        read_text(path, "the robot's URDF")
+    told = f"{path}: cannot be read (No such file or directory); name the robot's URDF."
+    assert str(caught.value) == told
 
 
 def test_effects_are_listed_once_and_sorted():

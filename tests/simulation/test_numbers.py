@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from simulation.arms import make_arm, rub, swing
+from simulation.arms import make_arm, rub, stand, swing
 
-from wearscope.cycles.base import Cycle
+from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
-from wearscope.robots.numbers import Number
+from wearscope.robots.model import load_model
+from wearscope.robots.numbers import Number, set_numbers
+from wearscope.simulation.feasibility import check_cycle, check_robot
 from wearscope.simulation.screening import check_screening, screen_factors
 from wearscope.simulation.study import Conditions, make_conditions, simulate_point
 
@@ -67,6 +69,55 @@ def test_an_effect_that_the_model_lacks_is_added_at_a_joint():
     assert change.argmax() == ARM.joints.index("lift") and change.max() > 0.1
 
 
+def test_the_controller_does_not_know_a_heavier_link():
+    """What the drives hold beyond what they believe is the link's weight, along the same motion."""
+    quiet = make_arm(controller={"bandwidth_hz": 20.0})
+    hold = stand(1.0)
+    heavy, plain = (
+        simulate_point(quiet, hold, Conditions(numbers=numbers), None)
+        for numbers in (((Number("links.side.mass"), 25.0),), ())
+    )
+    still = np.zeros(4)
+    weight = quiet.rigid_body().inverse_dynamics(hold.q[0], still, still)
+    heavier = set_numbers(quiet, [(Number("links.side.mass"), 25.0)])
+    expected = heavier.rigid_body().inverse_dynamics(hold.q[0], still, still) - weight
+    assert np.abs(expected).max() > 5.0
+    assert (heavy.tau - plain.tau)[-1] == pytest.approx(expected, rel=0.02, abs=0.2)
+
+
+@pytest.mark.parametrize("rate", [125.0, 90.0, 333.3])
+def test_the_sample_rate_changes_how_many_rows_there_are_and_nothing_that_they_sample(rate):
+    whole = simulate_point(ARM, SWING, Conditions(), None, sample_rate=1000.0)
+    other = record("sensors.sample_rate", rate, seed=None)
+    assert len(other.t) == int((len(SWING.t) - 1) * rate / 1000.0) + 1
+    assert np.diff(other.t) == pytest.approx(1.0 / rate)
+    for name, scale in (("q", 3e-6), ("qd", 1e-3), ("tau", 0.05)):
+        for j in range(4):
+            expected = np.interp(other.t, whole.t, getattr(whole, name)[:, j])
+            assert np.abs(getattr(other, name)[:, j] - expected).max() < scale, name
+
+
+def test_more_samples_than_steps_are_refused():
+    with pytest.raises(InputError, match="2000 Hz is above the 1000 steps a second"):
+        record("sensors.sample_rate", 2000.0)
+    with pytest.raises(InputError, match=r"factors\.rate: sample_rate 300 Hz is above the 250 steps"):
+        check_robot(ARM, {"rate": ("sensors.sample_rate", 100.0, 300.0)}, 0.004)
+
+
+def test_the_range_of_a_test_cycle_changes_how_far_it_goes():
+    medium = load_model("medium")
+    cycle = load_cycle("axis_sweeps")
+    reach = []
+    for level in (0.0, -60.0):
+        smaller = set_numbers(medium, [(Number("upper.axis_3", True), level)])
+        reach.append(cycle.build(smaller, 0.05, 0.004).q.max(axis=0))
+    assert reach[1][2] < reach[0][2] - 0.1 and np.delete(reach[1] - reach[0], 2) == pytest.approx(
+        0.0, abs=1e-9
+    )
+    ranges = {"range": ("upper.axis_3 %", -60.0, 0.0)}
+    assert check_cycle(medium, cycle, "axis_sweeps", ranges, 0.004) > 1.0
+
+
 def test_kinds_of_factors_become_conditions():
     kinds = {"f": "wear", "n": "sensors.torque_noise %", "d": "detectors.A.bins", "w4": "dwell"}
     made = make_conditions({"f": 5.0, "n": 20.0, "d": 3.0, "w4": 50.0}, kinds)
@@ -81,9 +132,12 @@ def test_numbers_are_screened_by_simulating_both_ends():
         "noise": ("sensors.torque_noise %", -50.0, 50.0),
         "gear": ("drive.gear_ratio", 50.0, 100.0),
         "own": ("detectors.A.bins", 5.0, 9.0),
+        "load": ("links.lift.mass %", -10.0, 10.0),
+        "rate": ("sensors.sample_rate", 100.0, 250.0),
     }
     table = screen_factors(ARM, {"swing": cycle}, ranges, 0.002).set_index("factor")
-    assert table["moves"].to_dict() == {"noise": True, "gear": False, "own": True}
+    moving = {"noise", "own", "load", "rate"}
+    assert table["moves"].to_dict() == {name: name in moving for name in ranges}
     assert np.isnan(table.loc["own", "change"])
     with pytest.raises(InputError, match=r"factors\.gear: drive\.gear_ratio moves no recorded torque.*drop"):
         check_screening(table.reset_index(), "arm", [])

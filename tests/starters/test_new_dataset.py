@@ -283,3 +283,24 @@ def test_what_is_written_passes_the_check(batches, tmp_path):
     found = check_dataset(tmp_path / "arm")
     assert found.problems == []
     assert "axis_1" in (tmp_path / "arm" / "dataset.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [("", "is empty"), ("\n\n", "is empty"), ("t,q\n", "is a single line")]
+)
+def test_a_recording_of_nothing_is_refused(tmp_path, text, told):
+    path = tmp_path / "monday.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"monday\.csv: {told}, and a recording has .*; record it again"):
+        convert(path)
+
+
+def test_radians_stated_as_degrees_are_noted(tmp_path, truth):
+    t, q, _, tau = truth
+    columns = {"t": t} | {f"q_{j}": q[:, k] for k, j in enumerate(JOINTS)}
+    columns |= {f"tau_{j}": tau[:, k] for k, j in enumerate(JOINTS)}
+    path = tmp_path / "monday.csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    told = "read as degrees, as stated, though none exceeds"
+    assert any(told in note for note in convert(path, position_unit="deg").notes)
+    assert not any(told in note for note in convert(path, position_unit="rad").notes)

@@ -10,6 +10,8 @@ import yaml
 
 import wearscope
 from wearscope import tables
+from wearscope.simulation.recording import read_recording
+from wearscope.simulation.traces import point_path
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "workflow" / "tiny"
@@ -97,10 +99,42 @@ def test_the_report_names_factors_in_their_units(finished):
 
 
 @pytest.mark.slow
+def test_detectors_judge_recordings_of_a_heavier_link_at_any_rate(tmp_path):
+    factors = {
+        "f": STUDY["factors"]["f"],
+        "load": {"description": "mass of link 3", "kind": "links.3.mass", "range": [-20, 20], "unit": "%"},
+        "rate": {
+            "description": "sample rate", "kind": "sensors.sample_rate", "range": [80, 250], "unit": "Hz",
+        },
+    }  # fmt: skip
+    detectors = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
+    study = {**STUDY, "factors": factors, "detectors": detectors, "scope": {"factors": ["rate"]}}
+    done = run(tmp_path, study, "--stage", "test_quantities")
+    assert done.returncode == 0, done.stderr[-3000:]
+    results = tmp_path / "results" / "wrist"
+    found = wearscope.Study(results).table("test_quantities")
+    assert set(found["status"]) == {"ok"} and set(found["fda"]) == set(detectors)
+    design = tables.read_table(results / "design" / "identification.parquet")
+    assert design["rate_natural"].nunique() > 2
+    lengths = set()
+    for row in design.itertuples():
+        path = point_path(results / "traces" / "medium" / "short_moves", "identification", row.point)
+        t = read_recording(path).t
+        assert np.diff(t) == pytest.approx(1.0 / row.rate_natural)
+        lengths.add(round(t[-1], 1))
+    assert len(lengths) == 1, "the motion is the same"
+    # The signature's energy follows the weight that nobody declared.
+    energy = found[(found["fda"] == "A") & (found["set"] == "identification")]
+    off, right = (energy.loc[keep, "y"].min() for keep in (energy["load"].abs() > 1.9, energy["load"] == 0))
+    assert off > 3.0 * right
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
         ("drive.gear_ratio", "drive.gear_ratio moves no recorded torque of robot 'medium'"),
+        ("links.9.mass", "its joints are axis_1"),
         ("sensors.torque_nose", "sensors has encoder_resolution, torque_noise, sample_rate"),
         ("detectors.own.colour", "has no option 'colour'; it has fail_above"),
     ],

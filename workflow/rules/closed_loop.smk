@@ -10,6 +10,7 @@ TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.attribution_board.tw
 DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
 BOARD = "results/attribution_board"
 LOOP_OPTIONS = dict(
+    installed=installed("effects"),
     draws=STUDY.reevaluate.draws,
     policy=STUDY.closed_loop.policy.model_dump(mode="json"),
     effects=STUDY.closed_loop.effects,

@@ -30,6 +30,7 @@ from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, 
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.processes import MAIN, STARTER, end_with, identify_process
 from wearscope.robots.model_file import (
     check_code,
@@ -223,6 +224,29 @@ def cycle_files():
     return [plugin_file(reference, "cycles") for reference in STUDY.cycles]
 
 
+@cache
+def installed(*rooms):
+    """What is used of installed packages, by name: a parameter, as the dates of their files tell no change."""
+    robots = [*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())]
+    models = [read_robot(reference) for reference in robots]
+    named = {
+        "robots": robots,
+        "cycles": STUDY.cycles,
+        "detectors": [detector.use for detector in STUDY.detectors.values()],
+        "effects": [
+            *STUDY.closed_loop.effects,
+            *(name for path, content in models for name in list_effects(content, str(path))),
+            *dataset_effects(),
+        ],
+    }
+    return {
+        f"{room}: {name}": identify_installed(name, room)
+        for room in rooms
+        for name in sorted({str(name) for name in named[room]} & set(list_installed(room)))
+        if not is_built_in(name, room)
+    }
+
+
 def own_files():
     """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
     named = {*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())}
@@ -293,6 +317,13 @@ def list_dataset_files(content, folder):
         names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
     paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
     return [path for path in paths if path is not None]
+
+
+def dataset_effects():
+    """Names of effects that the data set asks for."""
+    content = {} if STUDY.dataset is None else read_dataset(STUDY.dataset)
+    listed = [content.get(field) for field in ("effects", "declared_effects")]
+    return [name for names in listed if isinstance(names, list) for name in names if isinstance(name, str)]
 
 
 def read_tracked(path):

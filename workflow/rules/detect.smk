@@ -35,6 +35,7 @@ else:
         resources:
             **needs(2000, 60),
         params:
+            installed=installed("robots", "detectors", "effects"),
             detectors=config["detectors"],
             factors=FACTORS,
             setting={

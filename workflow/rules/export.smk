@@ -36,6 +36,7 @@ else:
         conda:
             ENV
         params:
+            installed=installed("robots", "effects"),
             temperature=STUDY.export.temperature,
             allow_code=STUDY.allow_code or STUDY.may_run_code(),
         message:

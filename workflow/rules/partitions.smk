@@ -35,6 +35,7 @@ if PARTITIONS:
         resources:
             **needs(1000 + 1300 * STUDY.partitions.threads, partition_minutes()),
         params:
+            installed=installed("robots", "cycles", "detectors", "effects"),
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),
             file=lambda w: f"{R}/partitions/{w.part}/study.yaml",
             targets=lambda w, output: list(output),

@@ -59,6 +59,7 @@ rule make_reevaluation:
     conda:
         ENV
     params:
+        installed=installed("robots", "cycles", "effects"),
         sources=RE_SOURCES,
         sides=RE_SIDES,
         settings=STUDY.reevaluate.model_dump(),
@@ -99,6 +100,7 @@ rule simulate_models:
     resources:
         **needs(1300, 60),
     params:
+        installed=installed("robots", "cycles", "effects"),
         cycles=RE_CYCLES,
         sets=RE_SETS,
         few_sets=["filling", "nominal"],
@@ -136,6 +138,7 @@ rule quantify_models:
     resources:
         **needs(1200, 30),
     params:
+        installed=installed("robots", "detectors", "effects"),
         axes=STUDY.axes,
         detectors=config["detectors"],
         factors=FACTORS,

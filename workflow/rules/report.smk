@@ -36,6 +36,7 @@ rule describe_robots:
     conda:
         ENV
     params:
+        installed=installed("robots", "cycles", "effects"),
         factors=FACTORS,
         robots=ROBOTS,
         worn=STUDY.worn_axes(),
@@ -67,6 +68,7 @@ rule draw_setup:
     conda:
         ENV
     params:
+        installed=installed("robots", "effects"),
         factors=FACTORS,
         robots=ROBOTS,
         cycle=next(iter(CYCLES)),
@@ -210,6 +212,7 @@ rule write_report:
     conda:
         ENV
     params:
+        installed=installed("robots", "detectors", "effects"),
         config=REPORTED,
         factors=FACTORS,
         robots=ROBOTS,

@@ -37,6 +37,7 @@ rule carry_over:
     conda:
         ENV
     params:
+        installed=installed("robots", "effects"),
         robot=lambda w: NAMED_ROBOTS[w.robot],
         settings=lambda w: STUDY.carry_over[w.robot].model_dump(),
         worn=STUDY.worn_axes(),
@@ -64,6 +65,7 @@ rule screen_robot:
         **needs(1000, 20),
         gate=GATE,
     params:
+        installed=installed("robots", "cycles", "effects"),
         robot=lambda w: ROBOTS[w.robot],
         cycles=CYCLES,
         ranges=STUDY.factor_ranges(),
@@ -103,6 +105,7 @@ rule check_cycle:
         **needs(1200, 20),
         gate=GATE,
     params:
+        installed=installed("robots", "cycles", "effects"),
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         worn=STUDY.worn_axes(),
@@ -132,6 +135,7 @@ rule check_detectors:
     resources:
         gate=GATE,
     params:
+        installed=installed("detectors"),
         detectors=config["detectors"],
         factors=FACTORS,
         time_limit=STUDY.time_limit,
@@ -165,6 +169,7 @@ rule simulate_points:
         **needs(1300, max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))),
         gate=1,
     params:
+        installed=installed("robots", "cycles", "effects"),
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,

@@ -23,6 +23,7 @@ rule compute_test_quantities:
     resources:
         **needs(1200, 30),
     params:
+        installed=installed("robots", "detectors", "effects"),
         sets=RUN_SETS,
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,

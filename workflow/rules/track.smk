@@ -4,7 +4,7 @@ if STUDY.dataset is not None:
     TRACKED = read_tracked(STUDY.dataset)
     TRACK_FOLDER = f"results/tracking/{dataset_name(STUDY.dataset)}"
     TRACK_LEVEL = STUDY.tracking.false_alarm_rate
-    TRACK_EFFECTS = dict(effects=STUDY.closed_loop.effects, allow_code=STUDY.may_run_code())
+    TRACK_EFFECTS = {name: LOOP_OPTIONS[name] for name in ("installed", "effects", "allow_code")}
 
     rule identify_healthy:
         input:

@@ -16,7 +16,7 @@ from wearscope.simulation.chunk import Plan, simulate_chunk
 def simulate(name, sets):
     """Simulate a model's points; return what became of them, by test-cycle and set."""
     path = Path(given.models).parent / "models" / f"{name}.yaml"
-    common = hashlib.sha256()
+    common = hashlib.sha256(json.dumps(params.installed).encode())
     for file in [path, path.with_suffix(".urdf"), *given.code]:
         common.update(Path(file).read_bytes())
     model = load_model(path, strict=False, allow_code=params.allow_code).wearing(params.worn)

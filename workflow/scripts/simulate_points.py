@@ -17,7 +17,7 @@ with run_job(snakemake) as say:
     design = tables.read_arrow(snakemake.input.design).to_pylist()
     first = int(w.chunk) * params.size
     rows = design[first : first + params.size]
-    common = hashlib.sha256()
+    common = hashlib.sha256(json.dumps(params.installed).encode())
     for file in [*snakemake.input.robot, *snakemake.input.code]:
         common.update(Path(file).read_bytes())
     outcome = simulate_chunk(

@@ -1,36 +1,59 @@
 """Two results beside each other."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from wearscope.cli.show import find_results, print_table
 from wearscope.errors import InputError
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 @click.command()
 @click.argument("a")
 @click.argument("b")
 @click.option("--all", "everything", is_flag=True, help="Also what is the same.")
-def compare(a, b, everything):  # type: ignore[no-untyped-def]
+@click.option("--page", type=click.Path(path_type=Path), help="Write a page of both to this file, too.")
+@click.option("--open", "opened", is_flag=True, help="Open it in the browser.")
+def compare(a, b, everything, page, opened):  # type: ignore[no-untyped-def]
     """Say how A and B differ: two studies, folders of results, archives, or two loops.
 
     \b
     Examples:
       wearscope compare results/quick results/paper
-      wearscope compare my-study your-study
+      wearscope compare my-study your-study --page both.html --open
       wearscope compare before.tar after.tar
       wearscope compare results/closed_loop/arm-may results/closed_loop/arm-june
     """
     left, right = (_find(one) for one in (a, b))
     loops = [(one / "verdict.json").is_file() for one in (left, right)]
+    if opened and page is None:
+        raise InputError("--open: there is no page to open; say where it goes with --page FILE.")
     if all(loops):
-        _compare_loops(left, right)
+        html = _compare_loops(left, right)
     elif any(loops):
         raise InputError(f"{a} and {b}: one is a loop and the other a study; compare two of a kind.")
     else:
-        _compare_studies(left, right, everything)
+        html = _compare_studies(left, right, everything)
+    if page is not None:
+        from wearscope import tables
+
+        tables.write_text(page, html())
+        click.echo(str(page))
+        if opened:
+            click.launch(str(page))
+
+
+def _name(left: Path, right: Path) -> tuple[str, str]:
+    """What two results are called: by their folders, with as much of the path as tells them apart."""
+    parts = left.absolute().parts, right.absolute().parts
+    count = next((k for k in range(1, max(map(len, parts))) if parts[0][-k:] != parts[1][-k:]), 1)
+    return "/".join(parts[0][-count:]), "/".join(parts[1][-count:])
 
 
 def _find(place: str) -> Path:
@@ -38,43 +61,56 @@ def _find(place: str) -> Path:
     return path if path.is_file() and path.suffix == ".tar" else find_results(place)
 
 
-def _compare_studies(left: Path, right: Path, everything: bool) -> None:
+def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], str]:
+    """Show what differs; return what writes a page of it."""
     from wearscope.archive import compare_archives
     from wearscope.cli.tables import format_value
 
-    differences = compare_archives(left, right)
+    found = differences = compare_archives(left, right)
     if not everything:
         same = differences["outcome"].isin(["same bytes", "same values"])
         differences = differences[~same]
-    ranks = []
-    for side in (left, right):
-        file = side / "ranking.parquet"
-        ranks.append(_read_ranking(file) if file.is_file() else {})
-    headers = ["detector", f"median SNR in {left.name}", f"in {right.name}"]
-    names = list(dict.fromkeys([*ranks[0], *ranks[1]]))
-    print_table(headers, [[name, *(format_value(rank.get(name)) for rank in ranks)] for name in names])
+    rankings = [_read_ranking(side / "ranking.parquet") for side in (left, right)]
+    ranks = [
+        dict(zip(one["fda"], one["median"].astype(float), strict=True)) if len(one) else {}
+        for one in rankings
+    ]
+    names = _name(left, right)
+    headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
+    detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
+    print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
     rows = [[format_value(value) for value in row] for row in differences.itertuples(index=False)]
     print_table(list(differences.columns), rows)
     if not rows:
         click.echo("Nothing differs.")
 
+    def write() -> str:
+        from wearscope.reporting.differences_page import render_study_differences
 
-def _read_ranking(path: Path) -> dict[str, float]:
+        return render_study_differences(names, (rankings[0], rankings[1]), found)
+
+    return write
+
+
+def _read_ranking(path: Path) -> "pd.DataFrame":
+    """Detectors by median SNR; empty where the study is packed, or did not come so far."""
+    import pandas as pd
+
     from wearscope import tables
 
-    frame = tables.read_table(path)
-    column = next((one for one in ("median", "median_snr", "snr") if one in frame), None)
-    return {} if column is None else dict(zip(frame["fda"], frame[column].astype(float), strict=True))
+    return tables.read_table(path) if path.is_file() else pd.DataFrame()
 
 
-def _compare_loops(left: Path, right: Path) -> None:
+def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
+    """Show both joint by joint; return what writes a page of it."""
     from wearscope.cli.tables import format_value
 
     verdicts = [json.loads((one / "verdict.json").read_text(encoding="utf-8")) for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
     headers = ["joint"]
-    for side in (left, right):
-        headers += [f"{side.name}: before", "after", "named"]
+    names = _name(left, right)
+    for name in names:
+        headers += [f"{name}: before", "after", "named"]
     rows = []
     for joint in joints:
         row = [joint]
@@ -88,3 +124,10 @@ def _compare_loops(left: Path, right: Path) -> None:
             ]
         rows.append(row)
     print_table(headers, rows)
+
+    def write() -> str:
+        from wearscope.reporting.differences_page import render_loop_differences
+
+        return render_loop_differences(names, (verdicts[0], verdicts[1]))
+
+    return write

@@ -109,7 +109,10 @@ def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type:
     with new_folder(target) as made:
         write_dataset(made, name, urdf, converted, mapped)
         found = check_dataset(made)
-        found.problems = [one.replace(str(made), str(target)) for one in found.problems]
+        copied = str(made / "robot.urdf")
+        found.problems = [
+            one.replace(copied, str(urdf)).replace(str(made), str(target)) for one in found.problems
+        ]
         if found.problems:
             for problem in found.problems[:-1]:
                 click.echo(f"  wrong: {problem}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 from wearscope.robots.model_file import read_text
 
@@ -81,9 +81,7 @@ def read_yaml(path: Path) -> dict:
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"{path}: is not readable YAML ({' '.join(str(error).split())[:200]}); correct it."
-        ) from None
+        raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no settings; write them as 'name: value'.")
     return content

@@ -11,7 +11,15 @@ from wearscope.config.base import Model, Section, SurrogateKind
 
 #: What a factor can be besides a number by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
-_PATH = r"^(drive|sensors|payload|controller|gravity|effects|detectors)\.[^\s.]+(\.[^\s.]+)*$"
+#: Units of their natural values; a number by its path is in the model's unit, whatever it is called.
+UNITS = {
+    "wear": ("1", "-", ""),
+    "temperature": ("degC", "°C"),
+    "dwell": ("ms",),
+    "payload_mass_error": ("%",),
+}
+_SECTIONS = "drive|sensors|payload|controller|gravity|home|lower|upper|links|effects|detectors"
+_PATH = rf"^({_SECTIONS})\.[^\s.]+(\.[^\s.]+)*$"
 
 
 def _check_kind(kind: str) -> str:
@@ -37,8 +45,9 @@ class FactorSettings(Section):
     kind: FactorKind
     """What the simulation does with it: `wear`, `temperature`, `dwell`, `payload_mass_error`, or a number by
     its path: of the robot's model (`sensors.torque_noise`, `controller.bandwidth_hz`, `drive.speed_limit`,
-    `effects.joint_elasticity.axis_2.compliance`), or of a detector (`detectors.A.OPTION`). Factors of kind
-    `wear` are the wear of the tested axes; the cells of an axis see their own axis's wear as `f`."""
+    `links.axis_2.mass`, `effects.joint_elasticity.axis_2.compliance`), or of a detector
+    (`detectors.A.OPTION`). Factors of kind `wear` are the wear of the tested axes; the cells of an axis see
+    their own axis's wear as `f`."""
     range: tuple[float, float]
     """Natural values at the coded levels -2 and +2 of the identification (Table 1)."""
     unit: str
@@ -58,6 +67,23 @@ class FactorSettings(Section):
             pair = getattr(self, name)
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")
+        low, high = self.range
+        first, last = self.validation or self.range
+        if not low <= first < last <= high:
+            raise ValueError(
+                f"validation: {first:g} to {last:g} lies outside the range {low:g} to {high:g}; move it "
+                "inside or leave it out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _known_unit(self) -> "FactorSettings":
+        units = UNITS.get(self.kind, (self.unit,))
+        if self.unit not in units:
+            what = self.kind.replace("_", " ")
+            raise ValueError(
+                f"unit: {what} is in {units[0]}, not '{self.unit}'; give its values in {units[0]}"
+            )
         return self
 
     def full_kind(self) -> str:

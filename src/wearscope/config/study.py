@@ -212,6 +212,11 @@ class StudyConfig(Section):
                     f"factors.{name}.kind: there is no detector {detector}; choose among "
                     f"{', '.join(self.detectors)}"
                 )
+            if factor.kind == "sensors.sample_rate" and self.simulation.sample_rate is not None:
+                raise ValueError(
+                    f"factors.{name}.kind: simulation.sample_rate sets one rate for all runs; remove it or "
+                    "this factor"
+                )
         wear = [factor.range for factor in self.factors.values() if factor.kind == "wear"]
         if wear and len(self.axes) > len(wear):
             raise ValueError(

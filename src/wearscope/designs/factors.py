@@ -89,8 +89,15 @@ class Factor:
     @property
     def is_costly(self) -> bool:
         """Whether each other level is a motion to be planned, or a detector to be fitted, anew."""
-        limits = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit")
-        return self.kind == "dwell" or self.kind.startswith((*limits, "detectors."))
+        planned = (
+            "drive.speed_limit",
+            "drive.acceleration_limit",
+            "drive.jerk_limit",
+            "home.",
+            "lower.",
+            "upper.",
+        )
+        return self.kind == "dwell" or self.kind.startswith((*planned, "detectors."))
 
     @property
     def validation_range(self) -> tuple[float, float]:

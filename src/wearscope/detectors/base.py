@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 Array = NDArray[np.float64]
+#: Relative difference of sample rates that is none.
+SAME_RATE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +158,8 @@ def check_nominal(nominal: Sequence[Batch]) -> None:
 
 
 def check_sample_rate(batch: Batch, sample_rate: float) -> None:
-    """Refuse a batch sampled at another rate than the nominal data (to 1e-3 relative) with ValueError."""
-    if abs(batch.sample_rate - sample_rate) > 1e-3 * sample_rate:
+    """Refuse a batch sampled at another rate than the nominal data (to `SAME_RATE`) with ValueError."""
+    if abs(batch.sample_rate - sample_rate) > SAME_RATE * sample_rate:
         raise ValueError(
             f"the batch is sampled at {batch.sample_rate:g} Hz, the nominal data at {sample_rate:g} Hz"
         )

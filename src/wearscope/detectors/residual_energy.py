@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from wearscope.detectors.base import Array, Batch, check_nominal, check_sample_rate
+from wearscope.detectors.base import SAME_RATE, Array, Batch, check_nominal
 
 
 @dataclass
@@ -15,10 +15,11 @@ class ResidualEnergy:
 
     .. math:: y = \sum_k (\tau_k - \bar\tau_k)^2 / \sum_k \bar\tau_k^2
 
-    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired by index from
-    the start of the recording, over those that both have, so that every delay of the motion counts as a
-    residual; or by the path that the joints have covered, over those in motion, so that a delay at rest does
-    not. Zero for the nominal batch itself, near-quadratic around it.
+    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired by their time
+    since the start of the recording, over those that both have, so that every delay of the motion counts as a
+    residual (for a batch of another sample rate, the signature is interpolated); or by the path that the
+    joints have covered, over those in motion, so that a delay at rest does not. Zero for the nominal batch
+    itself, near-quadratic around it.
 
     A stand-in for FDA A of Samuelsson et al. (2014), which is confidential: parity of measured and expected
     torque, e.g. Isermann, Fault-Diagnosis Systems, Springer 2006, ch. 10.
@@ -81,19 +82,25 @@ class ResidualEnergy:
 
     def test_quantity(self, batch: Batch) -> float:
         """Relative residual energy [-], at least 0."""
-        check_sample_rate(batch, self.sample_rate)
         if self.align == "path":
             nominal = self.signature
             residual = np.interp(self.path, *self._follow_path(batch)) - nominal
         else:
-            common = min(len(batch.t), len(self.signature))
-            if common < self.min_overlap * len(self.signature):
-                raise ValueError(
-                    f"the batch covers {common} of the signature's {len(self.signature)} samples"
-                )
-            nominal = self.signature[:common]
-            residual = batch.tau[:common, self.axis] - nominal
+            nominal = self._expect(batch)
+            residual = batch.tau[: len(nominal), self.axis] - nominal
         return float(residual @ residual / (nominal @ nominal))
+
+    def _expect(self, batch: Batch) -> Array:
+        """Signature (M,) at the first M samples of a batch, those that it covers."""
+        whole = len(self.signature)
+        every = self.sample_rate / batch.sample_rate
+        same = abs(every - 1.0) <= SAME_RATE
+        common = min(len(batch.t), whole if same else int((whole - 1) / every) + 1)
+        if common * every < self.min_overlap * whole:
+            raise ValueError(f"the batch covers {common * every:.0f} of the signature's {whole} samples")
+        if same:
+            return self.signature[:common]
+        return np.interp(every * np.arange(common), np.arange(whole), self.signature)
 
 
 DETECTOR = ResidualEnergy

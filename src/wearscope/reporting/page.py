@@ -188,6 +188,10 @@ def format_number(value: Any, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+#: Characters of a text above which a table's rows are stacked on a phone.
+PROSE = 60
+
+
 def render_table(
     table: pd.DataFrame, caption: str = "", digits: int = 3, filter_by: Mapping[str, str] | None = None
 ) -> Markup:
@@ -203,20 +207,24 @@ def render_table(
         Column and the page's filter that hides the rows of its other values.
     """
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(str(name)) for name in table.columns)
+    lines = list(table.itertuples(index=False))
+    prose = any(isinstance(value, str) and len(value) > PROSE for values in lines for value in values)
     rows = []
     places = {list(table.columns).index(column): key for column, key in (filter_by or {}).items()}
-    for values in table.itertuples(index=False):
+    for values in lines:
         cells = Markup("")
-        for value in values:
+        for column, value in zip(table.columns, values, strict=True):
             number = isinstance(value, Real) and not isinstance(value, bool)
             text = value if isinstance(value, Markup) else escape(format_number(value, digits))
-            cells += Markup('<td class="number">{}</td>' if number else "<td>{}</td>").format(text)
+            told = Markup(' data-label="{}"').format(str(column)) if prose else ""
+            kind = Markup(' class="number"') if number else ""
+            cells += Markup("<td{}{}>{}</td>").format(kind, told, text)
         own = {key: str(values[place]) for place, key in places.items()}
         attribute = Markup(' data-cell="{}"').format(json.dumps(own)) if own else ""
         rows.append(Markup("<tr{}>{}</tr>").format(attribute, cells))
     title = Markup("<caption><span>{}</span></caption>").format(caption) if caption else ""
     body = Markup("\n").join(rows)
     return Markup(
-        '<div class="wide" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
+        '<div class="wide{}" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
         "<tbody>{}</tbody></table></div>"
-    ).format(caption[:80] or "Table", title, head, body)
+    ).format(" prose" if prose else "", caption[:80] or "Table", title, head, body)

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from wearscope import plugins
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
@@ -66,6 +66,8 @@ def read_text(path: str | Path, what: str) -> str:
         if path.stat().st_size > LARGEST:
             raise InputError(f"{path}: is larger than {LARGEST / 1e6:g} MB; name {what}.")
         return path.read_text(encoding="utf-8")
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); name {what}.") from error
     except UnicodeDecodeError as error:
@@ -87,8 +89,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: is not readable YAML ({reason}); correct it.") from None
+        raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
     if not isinstance(fields, dict):
         raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
     if not all(isinstance(key, str) for key in fields):

@@ -2,13 +2,18 @@
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.robots.fields import Controller, DeclaredPayload, Drive, Section, Sensors
 from wearscope.robots.model import RobotModel
+from wearscope.robots.spatial import Inertia
+from wearscope.robots.urdf import replace_inertias
+from wearscope.robots.urdf_file import parse_urdf
 
 #: Sections of a model whose numbers have a path.
 SECTIONS: dict[str, type[Section]] = {
@@ -19,10 +24,16 @@ SECTIONS: dict[str, type[Section]] = {
 }
 #: Lists by joint that stand for zeros where a model states none.
 ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
-#: Limits that a reference motion is planned within.
-MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit")
+#: Lists by joint of where a test-cycle goes: its first and last posture, and the range that it uses.
+RANGE = ("home", "lower", "upper")
+#: What a reference motion is planned by.
+MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit", *RANGE)
 #: What the machine itself goes by; all else differs from what its controller and its detectors believe.
 KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
+#: The recorder's rate, at which nothing else of the machine runs.
+SAMPLE_RATE = "sensors.sample_rate"
+#: What of a link has a path, the mass with the shape and spread of what it is made of.
+LINK = ("mass", "com", "inertia")
 _RELATIVE = " %"
 _DETECTORS = "detectors"
 
@@ -34,8 +45,9 @@ class Number:
     Attributes
     ----------
     path : str
-        ``<section>.<field>``, ``<section>.<field>.<joint>`` or ``effects.<effect>.<joint>.<parameter>``; a
-        joint by its name or as a study counts axes, ``all`` for all that have the effect.
+        ``<section>.<field>``, ``<section>.<field>.<joint>``, ``home.<joint>``, ``links.<joint>.<field>``, of
+        the link that a joint moves, or ``effects.<effect>.<joint>.<parameter>``; a joint by its name or as a
+        study counts axes, ``all`` for all links, or for all joints that have the effect.
     relative : bool
         Whether a level is a change in percent of what the model states, rather than the number itself.
     """
@@ -93,6 +105,7 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
         Where the model has no such number, or cannot have this one.
     """
     fields = copy.deepcopy(model.to_mapping())
+    inertias: dict[str, Inertia] = {}
     for number, level in numbers:
         section, *rest = number.path.split(".")
         try:
@@ -100,16 +113,30 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
                 fields["effects"] = _set_effect(model, fields.get("effects", []), rest, number, level)
             elif section == "gravity":
                 fields["gravity"] = _change_list(model.gravity, rest, number, level, _index)
+            elif section in RANGE:
+                fields[section] = _set_range(model, fields, section, rest, number, level)
+            elif section == "links":
+                _set_links(model, inertias, rest, number, level)
             elif section in SECTIONS:
                 fields[section] = _set_field(model, fields.get(section) or {}, section, rest, number, level)
             else:
-                raise InputError(f"the sections are {', '.join([*SECTIONS, 'gravity', 'effects'])}")
+                raise InputError(
+                    f"the sections are {', '.join([*SECTIONS, *RANGE, 'gravity', 'links', 'effects'])}"
+                )
         except InputError as error:
             raise InputError(
                 f"'{number.path}' is no number of robot '{model.name}': {str(error).rstrip('.')}; correct "
                 "the path."
             ) from None
-    return model.replace(**fields) if numbers else model
+    if not numbers:
+        return model
+    for joint, inertia in inertias.items():
+        if not inertia.mass > 0.0:
+            raise InputError(
+                f"links.{joint}.mass: {inertia.mass:g} kg is no mass of a link of robot '{model.name}'; use "
+                "levels that leave one above 0."
+            )
+    return model.replace(replace_inertias(model.urdf_text, inertias) if inertias else None, **fields)
 
 
 def _set_field(
@@ -119,11 +146,6 @@ def _set_field(
     if not rest or rest[0] not in known:
         raise InputError(f"{section} has {', '.join(known)}")
     key, *place = rest
-    if number.path == "sensors.sample_rate":
-        raise InputError(
-            "detectors compare recordings of one rate only; set simulation.sample_rate in two studies and "
-            "compare them"
-        )
     stated = getattr(model, section)
     if stated is None and section == "controller":
         stated = Controller()
@@ -149,6 +171,48 @@ def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], num
     if section == "drive" and not place and not number.relative:
         return [1.0] * model.n
     raise InputError(f"its model states no {section}.{key}; add it there")
+
+
+def _set_range(
+    model: RobotModel, given: dict[str, Any], section: str, rest: Sequence[str], number: Number, level: float
+) -> list[float]:
+    lower, upper = model.position_limits
+    stated = (
+        given.get(section) or {"home": model.home_posture, "lower": lower, "upper": upper}[section].tolist()
+    )
+    changed = _change_list(stated, rest, number, level, lambda one: _joint(one, model))
+    if not np.isfinite(changed).all():
+        raise InputError(f"not every joint has a {section} limit; state them in its model")
+    return changed
+
+
+def _set_links(
+    model: RobotModel, inertias: dict[str, Inertia], rest: Sequence[str], number: Number, level: float
+) -> None:
+    """Inertias by joint with a number of one link's, or of all links', set."""
+    if len(rest) < 2 or rest[1] not in LINK:
+        raise InputError(f"a link's is links.<joint>.<field>, and it has {', '.join(LINK)}")
+    where, field, *place = rest
+    tree = parse_urdf(model.urdf_text)
+    own = {joint.name: tree.links[joint.child].inertia() for joint in tree.joints}
+    for joint in model.joints if where == "all" else [model.joints[_joint(where, model)]]:
+        inertias[joint] = _change_inertia(inertias.get(joint, own[joint]), field, place, number, level)
+
+
+def _change_inertia(old: Inertia, field: str, place: Sequence[str], number: Number, level: float) -> Inertia:
+    """Inertia with another mass, and with it the moments; another centre of mass; or other moments."""
+    if field == "mass":
+        if place:
+            raise InputError("links.<joint>.mass is one number; end the path there")
+        mass = _change(old.mass, number, level)
+        return Inertia(mass, old.com, mass / old.mass * old.tensor)
+    if field == "com":
+        return replace(old, com=np.array(_change_list([*old.com], place, number, level, _index)))
+    rows, columns = np.triu_indices(3)
+    moments = _change_list([*old.tensor[rows, columns]], place, number, level, _index)
+    tensor = np.zeros((3, 3))
+    tensor[rows, columns] = tensor[columns, rows] = moments
+    return replace(old, tensor=tensor)
 
 
 def _set_effect(
@@ -185,6 +249,8 @@ def _change_list(
     chosen = range(len(old)) if not place else [find(place[0])]
     if len(place) > 1:
         raise InputError("it goes on after the entry of a list")
+    if chosen[-1] >= len(old):
+        raise InputError(f"the list has {len(old)} entries")
     return [_change(one, number, level) if k in chosen else one for k, one in enumerate(old)]
 
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from wearscope.cycles.base import Cycle, Reference, check_reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, check_effects, check_temperature
-from wearscope.robots.numbers import Number, find_number, set_numbers
+from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, set_numbers
 from wearscope.simulation.chunk import DEFAULT_DWELL
 from wearscope.simulation.errors import SelfTestError, SimulationError
-from wearscope.simulation.sensors import find_stride
+from wearscope.simulation.sensors import check_rate, find_stride
 from wearscope.simulation.study import Conditions, simulate_points
 
 _NOMINAL_TEMPERATURE = 50.0
@@ -57,13 +57,18 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
             _check_temperatures(model, name, (low, high))
         number = find_number(kind)
         if number is not None:
-            _check_number(model, name, number, (low, high))
+            _check_number(model, name, number, (low, high), step)
 
 
-def _check_number(model: RobotModel, factor: str, number: Number, levels: tuple[float, float]) -> None:
+def _check_number(
+    model: RobotModel, factor: str, number: Number, levels: tuple[float, float], step: float
+) -> None:
     for level in levels:
         try:
-            check_effects(set_numbers(model, [(number, level)]))
+            changed = set_numbers(model, [(number, level)])
+            check_effects(changed)
+            if number.path == SAMPLE_RATE:
+                check_rate(step, changed.sensors.sample_rate)
         except InputError as error:
             raise InputError(f"factors.{factor}: {error}") from None
 

@@ -208,7 +208,7 @@ def _recorded_change(
                 f"{str(error).rstrip('.')}; narrow the range of the factor."
             ) from error
         runs.append(run)
-    if len(runs[0].t) != len(runs[1].t):  # another duration: every later sample is another one
+    if len(runs[0].t) != len(runs[1].t):  # another duration or rate: every later sample is another one
         return 1.0, 0
     changes = []
     for name in ("q", "qd", "tau"):

@@ -3,6 +3,7 @@
 import hashlib
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
@@ -11,6 +12,8 @@ from wearscope.simulation.run import Trace
 
 #: Half the time over which a drive takes the difference of encoder steps for the speed [s].
 SPEED_TIME = 1e-3
+#: Largest share by which a sampling interval misses a whole number of steps that it is taken for.
+_WHOLE = 1e-6
 
 
 def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
@@ -36,12 +39,21 @@ def find_stride(dt: float, sample_rate: float) -> int:
         Where the sampling interval is no whole number of steps.
     """
     stride = round(1.0 / (dt * sample_rate))
-    if stride < 1 or abs(stride * dt * sample_rate - 1.0) > 1e-6:
+    if stride < 1 or abs(stride * dt * sample_rate - 1.0) > _WHOLE:
         raise InputError(
             f"sample_rate {sample_rate:g} Hz is no whole number of steps of {dt:g} s; choose a step that "
             "divides the sample time."
         )
     return stride
+
+
+def check_rate(dt: float, sample_rate: float) -> None:
+    """Refuse more samples than steps with InputError."""
+    if dt * sample_rate > 1.0 + _WHOLE:
+        raise InputError(
+            f"sample_rate {sample_rate:g} Hz is above the {1.0 / dt:g} steps a second that are simulated; "
+            "choose a shorter simulation.step, or a lower rate."
+        )
 
 
 def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
@@ -93,18 +105,35 @@ def record(
     Raises
     ------
     InputError
-        As `find_stride`.
+        Where there are more samples than steps.
     """
-    stride = find_stride(dt, sample_rate)
     count = len(trace.torque)
-    kept = slice(0, count, stride)
-    q, moved = trace.q[:count][kept], SPEED_TIME * trace.v[kept]
+    torque = lag_torque(trace.torque, torque_delay, dt) * (1.0 + torque_gain)
+    t, q, v, tau = _sample((trace.t, trace.q[:count], trace.v, torque), dt, sample_rate)
+    moved = SPEED_TIME * v
     speed = (_encode(q + moved, encoder_resolution) - _encode(q - moved, encoder_resolution)) / (
         2.0 * SPEED_TIME
     )
-    torque = lag_torque(trace.torque, torque_delay, dt) * (1.0 + torque_gain)
-    tau = torque[::stride].copy()
     if seed is not None:
         rng = np.random.default_rng(seed)
         tau += torque_noise * rng.standard_normal(tau.shape)
-    return Recording(t=trace.t[kept].copy(), q=_encode(q, encoder_resolution), qd=speed, tau=tau)
+    return Recording(t=t, q=_encode(q, encoder_resolution), qd=speed, tau=tau)
+
+
+def _sample(signals: tuple[Array, Array, Array, Array], dt: float, sample_rate: float) -> list[Array]:
+    """Time, position, speed and torque at the recorder's instants; between steps, interpolated.
+
+    Position goes along the cubic that has the steps' positions and speeds, speed and torque along straight
+    lines, whose error is of second order in the step.
+    """
+    check_rate(dt, sample_rate)
+    every = 1.0 / (dt * sample_rate)
+    if abs(round(every) / every - 1.0) <= _WHOLE:
+        return [values[:: round(every)].copy() for values in signals]
+    t, q, v, torque = signals
+    steps = np.arange(len(t), dtype=float)
+    at = np.arange(0.0, steps[-1] + _WHOLE, every)
+    between = make_interp_spline(steps, np.column_stack([t, v, torque]), k=1)(at)
+    n = q.shape[1]
+    position = CubicHermiteSpline(steps, q, dt * v)(at)
+    return [between[:, 0], position, between[:, 1 : 1 + n], between[:, 1 + n :]]

@@ -10,7 +10,7 @@ from wearscope.effects.base import Plant
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, check_temperature
-from wearscope.robots.numbers import Number, find_number, is_detectors, set_numbers
+from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.bullet import pybullet
@@ -176,6 +176,13 @@ class Simulator:
                 del self._laws[next(iter(self._laws))]
         return kept[1]
 
+    def rate(self, machine: Machine, numbers: Numbers, dt: float) -> float:
+        """Samples a second [Hz]: where no number says otherwise, a whole number of steps apart."""
+        if any(number.path == SAMPLE_RATE for number, _ in numbers):
+            return machine.model.sensors.sample_rate
+        find_stride(dt, self.sample_rate)
+        return self.sample_rate
+
     def machine(self, numbers: Numbers) -> Machine:
         """The robot as it is with other numbers than its model's."""
         if not numbers:
@@ -237,7 +244,7 @@ class Simulator:
         model, plant = machine.model, machine.plant
         _check_reference(reference, model)
         dt = find_step(reference.t)
-        find_stride(dt, self.sample_rate)
+        rate = self.rate(machine, conditions.numbers, dt)
         check_temperature(model, conditions.temperature)
         wear = self.wear(conditions.wear)
         body = self.body(conditions.payload_mass_error, machine)
@@ -266,7 +273,7 @@ class Simulator:
         recording = record(
             trace,
             dt,
-            self.sample_rate,
+            rate,
             model.encoder_resolution,
             model.torque_noise,
             plant.torque_gain,

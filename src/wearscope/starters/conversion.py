@@ -274,6 +274,12 @@ def _position_unit(
     unit = np.ones(len(ordered))
     if mapped.position_unit is not None:
         unit[:] = {"rad": 1.0, "deg": np.pi / 180.0, "m": 1.0, "mm": 1e-3}[mapped.position_unit]
+        largest = np.abs(values[:, turns]).max() if values[:, turns].size else 0.0
+        if mapped.position_unit == "deg" and mapped.side == "joint" and largest < 2.0 * np.pi:
+            notes.append(
+                f"{file.name}: positions are read as degrees, as stated, though none exceeds {largest:.3g}, "
+                "which is the size of rad (else --position-unit rad)."
+            )
     elif group.unit:
         unit[:] = group.factor
         notes.append(f"{file.name}: positions are in {group.unit}, by their names.")

@@ -60,7 +60,10 @@ def _read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
         encoding = "latin-1"
     lines = [line for line in raw.decode(encoding).splitlines()[:200] if line.strip()]
     if len(lines) < 2:
-        raise InputError(f"{path}: holds {len(lines)} lines; a recording has a header and rows.")
+        what = "a single line" if lines else "empty"
+        raise InputError(
+            f"{path}: is {what}, and a recording has a header and rows; record it again, or leave it out."
+        )
     header = next((k for k, line in enumerate(lines) if not line.startswith(("#", "%", "//"))), 0)
     # A header behind a comment sign is one that the first row of numbers agrees with.
     separator = max(

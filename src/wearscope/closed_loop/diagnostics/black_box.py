@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from wearscope.closed_loop.diagnostics.dependence import thin_signals
+from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import Predicted, bootstrap_rms, pooled_rms
 
@@ -83,7 +83,7 @@ def judge_black_box(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFr
     train = [p for p in predicted if p.run.use == "train"]
     test = [p for p in predicted if p.run.use == "test"]
     # Within a single run, time says which sample it is.
-    features = {p.run.label: make_features(thin_signals(p.run), len(train) > 1) for p in predicted}
+    features = {p.run.label: make_features(code_signals(p.run), len(train) > 1) for p in predicted}
     every = np.concatenate([features[p.run.label] for p in train])
     useful = np.isfinite(every).all(axis=0) & (np.ptp(every, axis=0) > 0)
     rows = max(4, int(4 * prepared.band.torque))

@@ -8,7 +8,7 @@ from scipy import signal, stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.intake.preprocessing import rows
+from wearscope.closed_loop.intake.signals import thin_signals
 from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.prediction import Predicted, relative_error, rms
 from wearscope.closed_loop.model.regression import (
@@ -102,12 +102,19 @@ def _test_whiteness(residual: np.ndarray) -> dict[str, float]:
     }
 
 
-def thin_signals(run: PreparedRun) -> dict[str, np.ndarray]:
+def code_signals(run: PreparedRun) -> dict[str, np.ndarray]:
     """Signals (M, n) of a run at the rows of its residual, by code; time (M, 1) since its start."""
-    s = run.signals
-    at = rows(run.band, len(s.t))
-    taken = {"q": s.q, "qd": s.v, "qdd": s.a, "load": s.load, "temp": s.temperature, _DIRECTION: s.sign}
-    return {code: x[at] for code, x in taken.items()} | {"t": (s.t[at] - s.t[0])[:, None]}
+    thin = thin_signals(run)
+    since = (thin.t - run.signals.t[0])[:, None]
+    return {
+        "q": thin.q,
+        "qd": thin.v,
+        "qdd": thin.a,
+        "load": thin.load,
+        "temp": thin.temperature,
+        _DIRECTION: thin.sign,
+        "t": since,
+    }
 
 
 def _list_signals(joint: int, n: int) -> Iterator[tuple[str, int, bool]]:
@@ -137,7 +144,7 @@ def spline_family(
     ----------
     prepared : Prepared
     thinned : list of dict
-        `thin_signals` of each training run.
+        `code_signals` of each training run.
     joint : int
 
     Returns
@@ -191,7 +198,7 @@ def find_dependence(
         `share_held_out` the same on held-out runs (negative where it only fits noise), `p_value`,
         `p_adjusted`.
     """
-    thinned = [thin_signals(run) for run in prepared.runs_for("train")]
+    thinned = [code_signals(run) for run in prepared.runs_for("train")]
     tables = []
     for j in np.flatnonzero(prepared.moving):
         names, columns = spline_family(prepared, thinned, int(j))

@@ -14,9 +14,9 @@ from wearscope.closed_loop.diagnostics.black_box import judge_black_box
 from wearscope.closed_loop.diagnostics.dependence import (
     DEPENDENCE_UNITS,
     DIAGNOSTIC_UNITS,
+    code_signals,
     diagnose_residuals,
     find_dependence,
-    thin_signals,
 )
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
@@ -36,7 +36,7 @@ def signal_table(prepared: Prepared) -> pd.DataFrame:
     """Signals at the rows of ``residual.parquet``, in the same order."""
     frames = []
     for run in prepared.runs:
-        thin = thin_signals(run)
+        thin = code_signals(run)
         for j, joint in enumerate(prepared.dataset.joints):
             own = {code: x[:, j] for code, x in thin.items() if code != "t"}
             frames.append(pd.DataFrame({"t": run.t, "run": run.file, "joint": joint, **own}))

@@ -17,7 +17,7 @@ from wearscope.closed_loop.diagnostics.plan import (
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.model.candidates import join_signals
+from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.declared import fit_declared
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import (
@@ -44,7 +44,7 @@ def plan_rests(
     others = [name for name in rivalry.names[1:] if not (name.effect.spread or term.effect.spread)]
     if len(others) < len(rivalry.names) - 1:
         return None
-    joined = join_signals(prepared.runs_for("train"))
+    joined = join_signals(run.signals for run in prepared.runs_for("train"))
     rivals = [fit_declared(prepared, name.effect, joint, joined) for name in others]
     carried = list_payloads(prepared)[0]
     stated = None if carried is None else {"mass": carried.mass, "com": list(carried.com)}

@@ -7,7 +7,8 @@ import numpy as np
 
 from wearscope.closed_loop.diagnostics.planned_run import with_runs
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.model.candidates import join_signals, reduce_columns
+from wearscope.closed_loop.intake.signals import join_signals
+from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Effect, Signals
@@ -267,7 +268,7 @@ def list_names(model: Regression, index: int, equivalent: list[str], effects: li
     """The named effect of a term and the others of its set, with shapes and variants to fit."""
     term = model.entries[index]
     known = {effect.name: effect for effect in effects}
-    joined = join_signals(model.prepared.runs_for("train"))
+    joined = join_signals(run.signals for run in model.prepared.runs_for("train"))
     names = []
     for name in [term.effect.name, *equivalent]:
         effect = term.effect if name == term.effect.name else known[name]

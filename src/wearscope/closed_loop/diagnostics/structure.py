@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage, signal, stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from wearscope.closed_loop.diagnostics.dependence import thin_signals
+from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
@@ -127,7 +127,7 @@ def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
 
 
 def _features(run: PreparedRun) -> np.ndarray:
-    thin = thin_signals(run)
+    thin = code_signals(run)
     return np.concatenate([x for x in thin.values()], axis=1)
 
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from wearscope import plugins
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside, read_text
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_yaml
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0
@@ -191,8 +191,9 @@ def load_yaml(path: Path) -> Any:
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as documented.") from error
     except (yaml.YAMLError, ValueError, TypeError) as error:
-        line = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: not readable as YAML ({line}); correct that line.") from error
+        raise InputError(
+            f"{path}: not readable as YAML ({explain_yaml(error)}); correct that line."
+        ) from error
 
 
 def read_fields(path: Path, notes: list[str]) -> DatasetFields:

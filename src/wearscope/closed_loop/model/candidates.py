@@ -57,28 +57,6 @@ class Candidate:
         return ModelTerm(self.effect, self.joint, self.shapes[shape], subset)
 
 
-def join_signals(runs: list[PreparedRun]) -> Signals:
-    """Signals of several runs end to end, to choose shapes from."""
-
-    def join(name: str) -> np.ndarray:
-        return np.concatenate([getattr(run.signals, name) for run in runs])
-
-    first = runs[0].signals
-    return Signals(
-        t=join("t"),
-        q=join("q"),
-        v=join("v"),
-        a=join("a"),
-        sign=join("sign"),
-        load=join("load"),
-        temperature=join("temperature"),
-        wear=join("wear"),
-        rigid_body=first.rigid_body,
-        bandwidth=runs[0].band.torque,
-        channels={name: np.concatenate([r.signals.channels[name] for r in runs]) for name in first.channels},
-    )
-
-
 def reduce_columns(
     effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun, signals: Signals | None = None
 ) -> np.ndarray:

@@ -1,12 +1,12 @@
 """The generic term, `unknown`: what no name explains, as a spline of one or two signals at a joint."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.intake.preprocessing import rows
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.signals import join_signals, thin_signals
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.selection import rule
@@ -29,45 +29,6 @@ _OUTSIDE = 3.0
 _ROUGHLY = 0.6
 
 
-def thin_signals(run: PreparedRun) -> Signals:
-    """Signals of a run at its rows, the direction of motion after the common filter."""
-    s = run.signals
-    at = rows(run.band, len(s.t))
-    return replace(
-        s,
-        t=s.t[at],
-        q=s.q[at],
-        v=s.v[at],
-        a=s.a[at],
-        sign=run.reduce(s.sign),
-        load=s.load[at],
-        temperature=s.temperature[at],
-        wear=s.wear[at],
-        transmitted=None,
-        torque=None,
-    )
-
-
-def join(parts: Iterable[Signals]) -> Signals:
-    """Signals end to end."""
-    every = list(parts)
-
-    def end_to_end(name: str) -> np.ndarray:
-        return np.concatenate([getattr(s, name) for s in every])
-
-    return replace(
-        every[0],
-        t=end_to_end("t"),
-        q=end_to_end("q"),
-        v=end_to_end("v"),
-        a=end_to_end("a"),
-        sign=end_to_end("sign"),
-        load=end_to_end("load"),
-        temperature=end_to_end("temperature"),
-        wear=end_to_end("wear"),
-    )
-
-
 class GenericTerms:
     """Candidates of the generic term, made once a joint.
 
@@ -83,7 +44,9 @@ class GenericTerms:
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
         # The generic term has no memory, so that all runs can be one.
-        self.thinned = join(thin_signals(run) for run in self.runs)
+        self.thinned = join_signals(
+            replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in self.runs
+        )
         self._rough: dict[int, list[Candidate]] = {}
         self._exact: dict[Candidate, Candidate] = {}
 

@@ -11,7 +11,8 @@ from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.preprocessing import rows
-from wearscope.closed_loop.model.candidates import Candidate, join_signals, make_candidate
+from wearscope.closed_loop.intake.signals import join_signals
+from wearscope.closed_loop.model.candidates import Candidate, make_candidate
 from wearscope.closed_loop.model.declared import declared_terms
 from wearscope.closed_loop.model.inertials import inertial_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -47,7 +48,7 @@ class Problem:
         self.train = prepared.runs_for("train")
         self.known = np.concatenate([run.reduce(run.known) for run in self.train])
         self.target = np.concatenate([run.measured for run in self.train]) - self.known
-        self.joined = join_signals(self.train)
+        self.joined = join_signals(run.signals for run in self.train)
         fields = prepared.dataset.fields
         self.declared, self.own = list(declared), list(own)
         self.inertial = fields.robot.inertials == "approximate"

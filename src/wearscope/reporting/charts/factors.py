@@ -27,11 +27,11 @@ def chart_weights(study: Study) -> Chart:
     )
     band = alt.Chart(alt.InlineData([{"low": -1, "high": 1}])).mark_rect(color="var(--line)", opacity=0.45)
     points = base.mark_circle(opacity=0.65).encode(
-        x=alt.X("weight:Q", title="coefficient over that of wear", scale=SYMLOG, axis=symlog_axis((1, 2, 5))),
+        x=alt.X("weight:Q", title="coefficient over wear's", scale=SYMLOG, axis=symlog_axis((1, 2, 5))),
         tooltip=[*cell_tips(), alt.Tooltip("term:N"), alt.Tooltip("weight:Q", format=".3")],
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(
-        x=alt.X("median(weight):Q", title="coefficient over that of wear"),
+        x=alt.X("median(weight):Q", title="coefficient over wear's"),
         color=alt.value("var(--ink)"),
         detail="fda:N",
         tooltip=[

@@ -1,6 +1,6 @@
 """Charts of a closed loop: errors, torque and residual over time and over signals, candidates, angles."""
 
-from typing import Any
+from typing import NamedTuple
 
 import altair as alt
 
@@ -19,6 +19,15 @@ _KINDS = {
 }
 _TIME = alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False))
 _ONE = {"joint": "joint", "run": "run"}
+
+
+class _Labels(NamedTuple):
+    """What a chart is called and says of itself, as `Chart` takes it."""
+
+    name: str
+    title: str
+    description: str
+    caption: str
 
 
 def chart_errors(loop: ClosedLoop) -> Chart:
@@ -106,31 +115,50 @@ def chart_torque(loop: ClosedLoop, joint: str, run: str) -> Chart | None:
 
 def chart_residual(loop: ClosedLoop, joint: str, run: str) -> Chart:
     """Residual over time, before and after."""
-    spec, fields = add_zoom(
-        _over_time("series", ["residual_before", "residual_after"], "residual [⟦joint.unit⟧]"), "t", "torque"
-    )
-    return Chart(
-        "residual-chart",
-        "Residual over time",
-        "Residual torque of a joint over time, before and after the correction.",
-        spec.properties(width="container", height=240),
-        {"series": Source("series", _ONE)},
-        "Measured less predicted, where rows count.",
-        single=["joint", "run"],
-        first={"joint": joint, "run": run},
-        zoom=fields,
+    return _chart_over_time(
+        "series",
+        ("residual_before", "residual_after"),
+        "residual",
+        _Labels(
+            "residual-chart",
+            "Residual over time",
+            "Residual torque of a joint over time, before and after the correction.",
+            "Measured less predicted, where rows count.",
+        ),
+        {"joint": joint, "run": run},
     )
 
 
-def _over_time(source: str, fields: list[Any], title: str) -> alt.Chart:
-    return (
+def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
+    """Torque error of both models simulated forward; None where they were not."""
+    if loop.forward_series is None or not len(loop.forward_series):
+        return None
+    return _chart_over_time(
+        "forward",
+        ("before", "after"),
+        "error",
+        _Labels(
+            "forward-chart",
+            "Simulated forward less measured",
+            "Torque error of the models before and after, simulated forward, over time.",
+            "In PyBullet, at the common bandwidth, on the test runs.",
+        ),
+        {"joint": joint},
+    )
+
+
+def _chart_over_time(
+    source: str, columns: tuple[str, str], quantity: str, labels: _Labels, first: dict[str, str]
+) -> Chart:
+    """Two columns of a source, before and after, of one joint and run over time."""
+    lines = (
         named(source)
-        .transform_fold(fields, as_=["key", "torque"])
+        .transform_fold([*columns], as_=["key", "torque"])
         .transform_calculate(stage="replace(datum.key, 'residual_', '')")
         .mark_line(strokeWidth=1.2, clip=True)
         .encode(
             x=_TIME,
-            y=alt.Y("torque:Q", title=title),
+            y=alt.Y("torque:Q", title=f"{quantity} [⟦joint.unit⟧]"),
             color=alt.Color("stage:N", title=None, scale=STAGE_SCALE, sort=["before", "after"]),
             tooltip=[
                 alt.Tooltip("t:Q", title="time [s]", format=".3f"),
@@ -138,6 +166,18 @@ def _over_time(source: str, fields: list[Any], title: str) -> alt.Chart:
                 alt.Tooltip("torque:Q", title="[⟦joint.unit⟧]", format=".4"),
             ],
         )
+    )
+    spec, fields = add_zoom(lines, "t", "torque")
+    return Chart(
+        labels.name,
+        labels.title,
+        labels.description,
+        spec.properties(width="container", height=240),
+        {source: Source(source, _ONE)},
+        labels.caption,
+        single=["joint", "run"],
+        first=first,
+        zoom=fields,
     )
 
 
@@ -210,7 +250,7 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
         .mark_bar(cornerRadius=2)
         .encode(
             y=alt.Y("label:N", title=None, sort=None, axis=alt.Axis(labelLimit=240)),
-            x=alt.X("gain:Q", title="held-out loss that it removes [% of the joint's]"),
+            x=alt.X("gain:Q", title="held-out loss removed [%]"),
             color=alt.Color(
                 "taken:N",
                 title=None,
@@ -231,7 +271,7 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
         "Held-out gain of the best candidates at each step, and which were taken.",
         spec.properties(width="container", height={"step": 20}),
         {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
-        "The pointer tells why a candidate was not taken.",
+        "Loss: in % of the joint's. The pointer tells why a candidate was not taken.",
         [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
     )
 
@@ -241,7 +281,9 @@ def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
     if loop.isolability is None:
         return None
     base = named("angles").encode(
-        x=alt.X("effect_b:N", title=None, axis=alt.Axis(labelAngle=-60, labelLimit=150)),
+        x=alt.X(
+            "effect_b:N", title=None, axis=alt.Axis(labelAngle=-90, labelOverlap="greedy", labelLimit=150)
+        ),
         y=alt.Y("effect_a:N", title=None, axis=alt.Axis(labelLimit=150)),
     )
     cells = base.mark_rect().encode(
@@ -262,22 +304,4 @@ def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
         "declared model, which absorbs what lies near 0.",
         single=["joint"],
         first={"joint": joint},
-    )
-
-
-def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
-    """Torque error of both models simulated forward; None where they were not."""
-    if loop.forward_series is None or not len(loop.forward_series):
-        return None
-    spec, fields = add_zoom(_over_time("forward", ["before", "after"], "error [⟦joint.unit⟧]"), "t", "torque")
-    return Chart(
-        "forward-chart",
-        "Simulated forward less measured",
-        "Torque error of the models before and after, simulated forward, over time.",
-        spec.properties(width="container", height=240),
-        {"forward": Source("forward", _ONE)},
-        "In PyBullet, at the common bandwidth, on the test runs.",
-        single=["joint", "run"],
-        first={"joint": joint},
-        zoom=fields,
     )

@@ -39,13 +39,13 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
             x=alt.X(
                 "sigma:O",
                 title="standard deviation of ⟦factor⟧",
-                axis=alt.Axis(format=".2~g", labelAngle=0, labelOverlap="greedy"),
+                axis=alt.Axis(format=".2~g", labelAngle=0, labelOverlap="greedy", labelSeparation=6),
             ),
             y=alt.Y(
                 "change:O",
                 title=f"change of wear{_unit(study)}",
                 sort="descending",
-                axis=alt.Axis(format=".2~g", labelOverlap="greedy"),
+                axis=alt.Axis(format=".2~g", labelOverlap="greedy", labelSeparation=4),
             ),
             color=alt.Color(
                 "share:Q",

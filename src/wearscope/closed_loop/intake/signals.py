@@ -1,0 +1,35 @@
+"""Signals of prepared runs: at the rows of the residual, and end to end."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from wearscope.closed_loop.intake.prepared import PreparedRun
+from wearscope.closed_loop.intake.preprocessing import rows
+from wearscope.effects.base import Signals
+
+#: Signals with a value a sample.
+_SAMPLED = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
+#: What is known of single runs only, beside the slopes, which are those of other samples.
+_OF_A_RUN: dict[str, Any] = {"torque": None, "transmitted": None, "lag": None, "reversal": None}
+
+
+def thin_signals(run: PreparedRun) -> Signals:
+    """Signals of a run at the rows of its residual, unfiltered."""
+    whole = run.signals
+    at = rows(run.band, len(whole.t))
+    sampled: dict[str, Any] = {name: getattr(whole, name)[at] for name in _SAMPLED}
+    channels = {name: values[at] for name, values in whole.channels.items()}
+    return replace(whole, **sampled, channels=channels, **_OF_A_RUN, _slopes={})
+
+
+def join_signals(parts: Iterable[Signals]) -> Signals:
+    """Signals of several runs end to end."""
+    every = list(parts)
+    sampled: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in every]) for name in _SAMPLED
+    }
+    channels = {name: np.concatenate([one.channels[name] for one in every]) for name in every[0].channels}
+    return replace(every[0], **sampled, channels=channels, **_OF_A_RUN, _slopes={})

@@ -1,0 +1,191 @@
+"""The page of two results side by side: studies or loops, what differs first."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import altair as alt
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope.reporting.charts.base import Chart, Source
+from wearscope.reporting.charts.encoding import named
+from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
+from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.page import Section, embed_chart, render_page, render_table
+
+Names = tuple[str, str]
+_SIDES = ["var(--before)", "var(--after)"]
+#: Rows above which a table is folded.
+_LONG = 25
+#: What differs, by what the comparison calls it.
+_KINDS = (
+    ("conclusion", "Conclusions"),
+    ("setting", "Settings"),
+    ("version", "Versions"),
+    ("table", "Tables"),
+    ("file", "Files"),
+)
+
+
+def render_study_differences(
+    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
+) -> str:
+    """Page of two studies.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the two are called.
+    rankings : tuple of DataFrame
+        ``ranking.parquet`` of each; empty where there is none.
+    differences : DataFrame
+        As `wearscope.archives.comparison.compare_archives` returns it.
+    """
+    differences = differences[~differences["outcome"].isin(["same bytes", "same values"])]
+    sides = [
+        frame.assign(side=name)[["side", "fda", "median", "median_low", "median_high", "rank"]]
+        for name, frame in zip(names, rankings, strict=True)
+        if len(frame)
+    ]
+    sections = [Section("What differs", _list(_tell_studies(names, rankings, differences)), "summary")]
+    found = {}
+    if sides:
+        table = pd.concat(sides, ignore_index=True)
+        found["sides"] = table.rename(
+            columns={"fda": "thing", "median": "value", "median_low": "low", "median_high": "high"}
+        )
+        chart = _chart_sides(
+            names, "Median SNR of each detector", "median SNR (11)", "detector", "Bars: 95 % intervals."
+        )
+        told = table.set_axis(["in", "detector", "median SNR", "95 % from", "to", "rank"], axis=1)
+        sections.append(Section("Detectors", embed_chart(chart) + render_table(told), "detectors"))
+    for kind, title in _KINDS:
+        rows = differences[differences["what"] == kind].drop(columns="what")
+        if len(rows):
+            sections.append(Section(title, _fold(rows), kind))
+    return _render(names, sections, found)
+
+
+def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Mapping[str, Any]]) -> str:
+    """Page of two loops, from their verdicts (``verdict.json``)."""
+    rows, named_by = [], []
+    for side, verdict in zip(names, verdicts, strict=True):
+        effects: dict[str, list[str]] = {joint: [] for joint in verdict["joints"]}
+        for entry in verdict["verdict"]:
+            effects.setdefault(entry["joint"], []).append(entry["effect"])
+        named_by.append(effects)
+        for joint, errors in verdict["joints"].items():
+            rows.append(
+                {
+                    "side": side,
+                    "joint": joint,
+                    "before": errors.get("rms_before"),
+                    "after": errors.get("rms_after"),
+                    "unit": errors.get("unit", ""),
+                    "named": join_words(sorted(effects[joint])) if effects[joint] else "nothing",
+                }
+            )
+    table = pd.DataFrame(rows)
+    sides = table[["side", "joint", "after"]].rename(columns={"joint": "thing", "after": "value"})
+    sides = sides.assign(value=sides["value"].astype(float), low=float("nan"), high=float("nan"))
+    chart = _chart_sides(
+        names,
+        "Error of each joint after the correction",
+        "RMS error on the test runs",
+        "joint",
+        "In the joint's unit of torque.",
+    )
+    sections = [
+        Section("What differs", _list(_tell_loops(names, *named_by)), "summary"),
+        Section("Joints", embed_chart(chart) + render_table(table.rename(columns={"side": "in"})), "joints"),
+    ]
+    return _render(names, sections, {"sides": sides})
+
+
+def _render(names: Names, sections: list[Section], found: Mapping[str, pd.DataFrame]) -> str:
+    labels = {"column": {"thing": "name", "low": "95 % from", "high": "to"}}
+    return render_page(
+        f"{names[0]} and {names[1]}", sections, "", "Made by wearscope.", tables=found, labels=labels
+    )
+
+
+def _fold(rows: pd.DataFrame) -> Markup:
+    """Table of what differs, recordings only counted, folded where it is long."""
+    recordings = rows["item"].str.startswith("traces/") | rows["item"].str.contains("/traces/")
+    left = rows[~recordings]
+    note = Markup("")
+    if recordings.any():
+        note = Markup('<p class="note">{}.</p>').format(
+            f"And {count_text(int(recordings.sum()), 'recording')}"
+        )
+    if not len(left):
+        return note
+    table = render_table(left)
+    if len(left) > _LONG:
+        table = Markup("<details><summary>{} rows</summary>{}</details>").format(len(left), table)
+    return table + note
+
+
+def _list(sentences: list[str]) -> Markup:
+    items = Markup("").join(Markup("<li>{}</li>").format(one) for one in sentences)
+    return Markup("<ul>{}</ul>").format(items)
+
+
+def _tell_studies(
+    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
+) -> list[str]:
+    best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
+    told = []
+    if best[0] is not None and best[0] == best[1]:
+        told.append(f"{best[0]} has the highest median SNR in both.")
+    else:
+        told += [
+            f"{one} has the highest median SNR in {name}."
+            for one, name in zip(best, names, strict=True)
+            if one
+        ]
+    counts = [count_text(n, kind) for kind, _ in _KINDS if (n := int((differences["what"] == kind).sum()))]
+    total = len(differences)
+    told.append(f"{join_words(counts)} differ{'s' if total == 1 else ''}." if counts else "Nothing differs.")
+    return told
+
+
+def _tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:
+    told = []
+    for joint in dict.fromkeys([*left, *right]):
+        only = [
+            f"{join_words(gone)} in {name} only"
+            for name, one, other in zip(names, (left, right), (right, left), strict=True)
+            if (gone := sorted(set(one.get(joint, [])) - set(other.get(joint, []))))
+        ]
+        if only:
+            told.append(f"{joint}: {join_words(only)}.")
+    return told or ["Both name the same effects at every joint."]
+
+
+def _chart_sides(names: Names, title: str, quantity: str, thing: str, caption: str) -> Chart:
+    """A number of each thing on both sides, with its interval where there is one."""
+    scale = alt.Scale(domain=list(names), range=_SIDES)
+    base = named("sides").encode(
+        y=alt.Y("thing:N", title=None, sort=None),
+        yOffset=alt.YOffset("side:N", scale=alt.Scale(domain=list(names))),
+        color=alt.Color("side:N", title=None, scale=scale, legend=alt.Legend(labelLimit=260, columns=1)),
+        tooltip=[
+            alt.Tooltip("thing:N", title=thing),
+            alt.Tooltip("side:N", title="in"),
+            alt.Tooltip("value:Q", title=quantity, format=".4"),
+            alt.Tooltip("low:Q", title="95 % from", format=".4"),
+            alt.Tooltip("high:Q", title="to", format=".4"),
+        ],
+    )
+    x = alt.X("value:Q", title=quantity, scale=SYMLOG, axis=symlog_axis((1, 3)))
+    spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
+    layers = [spans.encode(x=alt.X("low:Q"), x2="high:Q"), base.mark_circle(size=70, opacity=1).encode(x=x)]
+    return Chart(
+        "sides-chart",
+        title,
+        f"{title} in {names[0]} and in {names[1]}.",
+        alt.layer(*layers).properties(width="container", height={"step": 14}),
+        {"sides": Source("sides", {})},
+        caption,
+    )

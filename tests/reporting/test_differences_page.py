@@ -1,0 +1,97 @@
+"""The page of two results side by side, from tables and verdicts made by hand."""
+
+import json
+import re
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from reporting.browser import open_page
+
+from wearscope import tables
+from wearscope.cli.main import wearscope
+
+
+def call(*arguments):
+    return CliRunner().invoke(wearscope, [str(one) for one in arguments], catch_exceptions=False)
+
+
+def write_study(folder, medians):
+    folder.mkdir(parents=True)
+    rows = [
+        {"fda": name, "median": value, "median_low": 0.8 * value, "median_high": 1.2 * value,
+         "rank": k + 1, "rank_low": k + 1, "rank_high": k + 1}
+        for k, (name, value) in enumerate(sorted(medians.items(), key=lambda one: -one[1]))
+    ]  # fmt: skip
+    tables.write_table(folder / "ranking.parquet", pd.DataFrame(rows))
+    return folder
+
+
+def write_loop(folder, errors, named):
+    folder.mkdir(parents=True)
+    joints = {one: {"rms_before": 9.0, "rms_after": value, "unit": "N m"} for one, value in errors.items()}
+    content = {"joints": joints, "verdict": [{"joint": joint, "effect": effect} for joint, effect in named]}
+    (folder / "verdict.json").write_text(json.dumps(content))
+    return folder
+
+
+def read_text(page):
+    return re.sub(r"<[^>]+>", " ", page.read_text().partition("<main")[2].partition("</main>")[0])
+
+
+@pytest.fixture
+def studies(tmp_path):
+    """Two studies of one name, whose best detectors differ, and their page."""
+    left = write_study(tmp_path / "may" / "arm", {"A": 2.0, "C": 5.5})
+    right = write_study(tmp_path / "june" / "arm", {"A": 7.25, "C": 3.0})
+    page = tmp_path / "both.html"
+    outcome = call("compare", left, right, "--page", page)
+    assert outcome.exit_code == 0 and str(page) in outcome.output
+    return page
+
+
+def test_what_differs_is_said_first(studies):
+    text = read_text(studies)
+    assert text.index("C has the highest median SNR in may/arm.") < text.index("7.25")
+    assert "A has the highest median SNR in june/arm." in text
+    assert "2 conclusions and 1 table differ." in text
+
+
+def test_equal_studies_differ_in_nothing(tmp_path):
+    left, right = (write_study(tmp_path / name, {"A": 2.0, "C": 5.5}) for name in ("may", "june"))
+    call("compare", left, right, "--page", tmp_path / "both.html")
+    text = read_text(tmp_path / "both.html")
+    assert "C has the highest median SNR in both." in text and "Nothing differs." in text
+
+
+def test_loops_stand_joint_by_joint(tmp_path):
+    left = write_loop(tmp_path / "may", {"a1": 1.5, "a2": 2.0}, [("a1", "stribeck"), ("a2", "backlash")])
+    right = write_loop(tmp_path / "june", {"a1": 1.25, "a2": 2.5}, [("a1", "stribeck")])
+    call("compare", left, right, "--page", tmp_path / "both.html")
+    text = read_text(tmp_path / "both.html")
+    assert "a2: backlash in may only." in text and "a1:" not in text
+    assert "1.25" in text and "nothing" in text
+
+
+def test_without_a_page_none_is_written_and_none_is_opened(tmp_path):
+    left, right = (write_study(tmp_path / name, {"A": 2.0}) for name in ("may", "june"))
+    call("compare", left, right)
+    assert not list(tmp_path.glob("*.html"))
+    with pytest.raises(ValueError, match="say where it goes with --page FILE"):
+        call("compare", left, right, "--open")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width, scheme", [(1280, "light"), (390, "dark")])
+def test_its_chart_shows_the_files_numbers(studies, width, scheme):
+    with open_page(studies, width, scheme) as page:
+        assert page.locator("figure.chart .view svg").count() == 1
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        rows = pd.DataFrame(page.evaluate("wearscope.rows('sides-chart')"))
+        found = rows.set_index(["side", "thing"])["value"].to_dict()
+        assert found == {
+            ("may/arm", "C"): 5.5,
+            ("may/arm", "A"): 2.0,
+            ("june/arm", "A"): 7.25,
+            ("june/arm", "C"): 3.0,
+        }
