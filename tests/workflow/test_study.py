@@ -391,6 +391,20 @@ def test_the_quick_study_reevaluates_its_demonstration_to_the_end(clone):
     assert stale(clone, study="quick.yaml") == set()
 
 
+def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, clone):
+    settings = yaml.safe_load((clone / TINY / "config.yaml").read_text()) | {"simulation": {"chunk": 1000}}
+    (clone / "whole.yaml").write_text(yaml.safe_dump(settings))
+    text = run_well(clone, "test_quantities", study="whole.yaml")
+    assert re.search(r"^simulate_study +1$", text, re.MULTILINE) and "simulate_points" not in stale(
+        clone, "test_quantities", study="whole.yaml"
+    )
+    ours, theirs = (folder / "results" / "tiny" for folder in (clone, finished))
+    recordings = [path.relative_to(ours) for path in ours.glob("traces/**/*.parquet")]
+    assert len(recordings) > 30
+    for name in [*recordings, "test_quantities.parquet"]:
+        assert (ours / name).read_bytes() == (theirs / name).read_bytes()
+
+
 def test_infeasible_cycle_is_told(clone, bad):
     text = (clone / TINY / "short_moves.py").read_text()
     far = "far = plan.finish()\n    return Reference(far.t, far.q + 5.0, far.v, far.a)"
