@@ -6,12 +6,14 @@ import pytest
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
+from wearscope.detectors.wear_search import normal_equations
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,
     FIRST_WEARS,
     _find_valleys,
-    _Misfit,
     _orthonormal,
+    evaluate_form,
+    make_form,
 )
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import load_model, make_model
@@ -174,17 +176,18 @@ def test_misfit_is_the_sum_of_squares_that_a_payload_and_an_offset_leave():
     nodes = np.array([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
     speed, residual, load = rng.uniform(-2, 2, 80), rng.normal(size=80), rng.normal(size=80)
     basis = np.linalg.qr(np.column_stack([np.ones(80), load]))[0]
-    misfit = _Misfit(speed, nodes, residual, basis)
+    form = make_form(speed, nodes, residual, basis)
     values = rng.normal(size=(3, 6))
-    for row, cost in zip(values, misfit.cost(values), strict=True):
+    for row, cost in zip(values, evaluate_form(form, values), strict=True):
         left = residual - np.interp(speed, nodes, row)
         _, (direct,), _, _ = np.linalg.lstsq(np.column_stack([np.ones(80), load]), left)
         assert cost == pytest.approx(direct)
-    normal, gradient = misfit.normal_equations(values[0], values[1:].T)
+    n11, n12, n22, *gradient_and_norms = normal_equations(form, values[0], values[1:])
+    normal, gradient = np.array([[n11, n12], [n12, n22]]), np.array(gradient_and_norms[:2])
     step = np.array([1e-3, -2e-3])
-    foreseen = misfit.cost(values[0]) + 2 * gradient @ step + step @ normal @ step
-    assert misfit.cost(values[0] + step @ values[1:]) == pytest.approx(foreseen, rel=1e-12)
-    assert misfit.size(values[1:].T) == pytest.approx(
+    foreseen = evaluate_form(form, values[0]) + 2 * gradient @ step + step @ normal @ step
+    assert evaluate_form(form, values[0] + step @ values[1:]) == pytest.approx(foreseen, rel=1e-12)
+    assert gradient_and_norms[2:] == pytest.approx(
         [np.linalg.norm(np.interp(speed, nodes, row)) for row in values[1:]]
     )
 

@@ -114,7 +114,7 @@ def test_tabulated_scope_is_the_closed_form_where_nothing_is_held(quadratic, fac
     values = chosen.predict(z).reshape(1 + len(DELTAS), -1)
     expected = exact_scope(null, alternatives)
     np.testing.assert_allclose(tabulated_scope(values, nodes, SIGMAS), expected, atol=0.02)
-    kde = tabulated_kde(values, nodes, SIGMAS, 0.01, 20_000, 0, ("cell", factor))
+    kde = tabulated_kde(values, nodes, SIGMAS, 0.01, 20_000, 0)
     np.testing.assert_allclose(
         kde, kde_scope(null, alternatives, 0.01, 20_000, 0, ("cell", factor)), atol=0.03
     )

@@ -165,3 +165,29 @@ def test_a_job_whose_main_process_is_gone_does_not_start():
     for other in ("", processes.identify_process(os.getpid())):
         done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
         assert done.returncode == 0 and done.stdout == b"here\n"
+
+
+def test_a_job_that_ended_well_says_what_it_took(snakemake, tmp_path):
+    snakemake.log = [str(tmp_path / "study" / "logs" / "simulate" / "x.log")]
+    Path(snakemake.log[0]).parent.mkdir(parents=True)
+    before = time.process_time()
+    with job.run_job(snakemake):
+        while time.process_time() < before + 0.2:
+            pass
+        kept = bytearray(50 * 2**20)
+    row = read_row(tmp_path / "study" / "benchmarks" / "simulate" / "x.tsv")
+    assert 0.2 <= row["s"] < 60
+    used = sum(os.times()[:4])
+    assert before + 0.19 <= row["cpu_time"] <= used + 0.1  # of four clocks of 10 ms
+    assert row["max_rss"] > len(kept) / 2**20
+
+
+def test_a_job_that_fails_says_no_costs(snakemake, tmp_path):
+    with pytest.raises(SystemExit), job.run_job(snakemake):
+        raise InputError("row 3: no such thing; correct it.")
+    assert list(tmp_path.glob("*.tsv")) == []
+
+
+def read_row(path):
+    header, row = path.read_text().splitlines()
+    return dict(zip(header.split("\t"), map(float, row.split("\t")), strict=True))

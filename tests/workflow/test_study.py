@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
@@ -370,6 +371,38 @@ def test_two_models_are_reevaluated(clone, bad):
     assert table["truth"].isna().all() and (results / "reevaluation" / "report.html").is_file()
     (clone / "two.yaml").write_text(yaml.safe_dump(bad))
     assert stale(clone, "reevaluate", study="two.yaml") <= {"reevaluate"}
+
+
+@pytest.mark.long
+def test_the_quick_study_reevaluates_its_demonstration_to_the_end(clone):
+    settings = yaml.safe_load((clone / "config" / "quick.yaml").read_text())
+    (clone / "quick.yaml").write_text(yaml.safe_dump(settings | {"reevaluate": {"enabled": True}}))
+    text = run_well(clone, cores=2, study="quick.yaml")
+    assert re.search(r"^(\d+) of \1 steps", text, re.MULTILINE)
+    results = clone / "results" / "quick"
+    table = tables.read_table(results / "reevaluation.parquet")
+    assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
+    answered = table[~table["withheld"]]
+    assert len(answered) and answered[["before", "after", "truth"]].notna().all(axis=None)
+    ranked = tables.read_table(results / "reevaluation_ranking.parquet")
+    pair = ranked.groupby(["robot", "cycle", "axis"])[["before", "after", "truth"]].sum()
+    assert np.allclose(pair, 1.0)  # of two detectors one ranks above the other
+    assert (results / "reevaluation" / "report.html").is_file()
+    assert stale(clone, study="quick.yaml") == set()
+
+
+def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, clone):
+    settings = yaml.safe_load((clone / TINY / "config.yaml").read_text()) | {"simulation": {"chunk": 1000}}
+    (clone / "whole.yaml").write_text(yaml.safe_dump(settings))
+    text = run_well(clone, "test_quantities", study="whole.yaml")
+    assert re.search(r"^simulate_study +1$", text, re.MULTILINE) and "simulate_points" not in stale(
+        clone, "test_quantities", study="whole.yaml"
+    )
+    ours, theirs = (folder / "results" / "tiny" for folder in (clone, finished))
+    recordings = [path.relative_to(ours) for path in ours.glob("traces/**/*.parquet")]
+    assert len(recordings) > 30
+    for name in [*recordings, "test_quantities.parquet"]:
+        assert (ours / name).read_bytes() == (theirs / name).read_bytes()
 
 
 def test_infeasible_cycle_is_told(clone, bad):

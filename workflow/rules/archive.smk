@@ -12,8 +12,6 @@ rule pack_archive:
         f"results/archive/{STUDY.study}.tar",
     log:
         f"{R}/logs/pack_archive.log",
-    benchmark:
-        f"{R}/benchmarks/pack_archive.tsv"
     conda:
         ENV
     params:

@@ -16,8 +16,6 @@ rule choose_audit_points:
         f"{R}/design/audit.parquet",
     log:
         f"{R}/logs/choose_audit_points.log",
-    benchmark:
-        f"{R}/benchmarks/choose_audit_points.tsv"
     priority: 1
     conda:
         ENV
@@ -46,8 +44,6 @@ use rule compute_test_quantities as compute_audit_quantities with:
         failed=f"{R}/parts/audit_failed_simulations/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/compute_audit_quantities/{{robot}}/{{cycle}}.log",
-    benchmark:
-        f"{R}/benchmarks/compute_audit_quantities/{{robot}}/{{cycle}}.tsv"
     resources:
         **needs(1200, 30),
     params:
@@ -76,8 +72,6 @@ rule audit_surrogates:
         answers=f"{R}/audit_answers.parquet",
     log:
         f"{R}/logs/audit_surrogates.log",
-    benchmark:
-        f"{R}/benchmarks/audit_surrogates.tsv"
     conda:
         ENV
     params:

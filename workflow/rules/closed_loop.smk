@@ -52,8 +52,6 @@ rule record_demonstration:
         truth=f"{R}/demonstration/truth.json",
     log:
         f"{R}/logs/record_demonstration.log",
-    benchmark:
-        f"{R}/benchmarks/record_demonstration.tsv"
     priority: -1
     conda:
         ENV
@@ -77,8 +75,6 @@ rule close_demonstration:
         drawn_files(TWIN),
     log:
         f"{R}/logs/close_demonstration.log",
-    benchmark:
-        f"{R}/benchmarks/close_demonstration.tsv"
     priority: -1
     conda:
         ENV
@@ -106,8 +102,6 @@ rule report_demonstration:
         ),
     log:
         f"{R}/logs/report_demonstration.log",
-    benchmark:
-        f"{R}/benchmarks/report_demonstration.tsv"
     priority: -1
     conda:
         ENV
@@ -130,8 +124,6 @@ if STUDY.dataset is not None:
             drawn_files(LOOP_FOLDER),
         log:
             f"{LOOP_FOLDER}/close_loop.log",
-        benchmark:
-            f"{LOOP_FOLDER}/close_loop.tsv"
         conda:
             ENV
         resources:
@@ -152,8 +144,6 @@ if STUDY.dataset is not None:
             f"{LOOP_FOLDER}/report.html",
         log:
             f"{LOOP_FOLDER}/report_loop.log",
-        benchmark:
-            f"{LOOP_FOLDER}/report_loop.tsv"
         conda:
             ENV
         message:
@@ -172,8 +162,6 @@ rule run_board:
         f"{BOARD}/board.md",
     log:
         f"{BOARD}/run_board.log",
-    benchmark:
-        f"{BOARD}/run_board.tsv"
     conda:
         ENV
     threads: 64  # all there are

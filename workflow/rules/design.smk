@@ -15,8 +15,6 @@ rule make_design:
         aliases=f"{R}/design/aliases.parquet",
     log:
         f"{R}/logs/make_design.log",
-    benchmark:
-        f"{R}/benchmarks/make_design.tsv"
     conda:
         ENV
     params:

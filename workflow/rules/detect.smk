@@ -28,8 +28,6 @@ else:
             f"{DETECTION}/detection.json",
         log:
             f"{DETECTION}/judge_recordings.log",
-        benchmark:
-            f"{DETECTION}/judge_recordings.tsv"
         conda:
             ENV
         resources:
@@ -59,8 +57,6 @@ else:
             f"{DETECTION}/report.html",
         log:
             f"{DETECTION}/report_detection.log",
-        benchmark:
-            f"{DETECTION}/report_detection.tsv"
         conda:
             ENV
         message:

@@ -15,8 +15,6 @@ rule make_direct_design:
         f"{R}/design/direct.parquet",
     log:
         f"{R}/logs/make_direct_design.log",
-    benchmark:
-        f"{R}/benchmarks/make_direct_design.tsv"
     conda:
         ENV
     params:
@@ -43,8 +41,6 @@ use rule compute_test_quantities as compute_direct_quantities with:
         failed=f"{R}/parts/direct_failed_simulations/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
-    benchmark:
-        f"{R}/benchmarks/compute_direct_quantities/{{robot}}/{{cycle}}.tsv"
     resources:
         **needs(1200, 30),
     params:
@@ -69,8 +65,6 @@ rule compare_direct:
         f"{R}/direct.parquet",
     log:
         f"{R}/logs/compare_direct.log",
-    benchmark:
-        f"{R}/benchmarks/compare_direct.tsv"
     conda:
         ENV
     params:

@@ -25,8 +25,6 @@ rule compute_sensitivity:
         f"{R}/sensitivity.parquet",
     log:
         f"{R}/logs/compute_sensitivity.log",
-    benchmark:
-        f"{R}/benchmarks/compute_sensitivity.tsv"
     conda:
         ENV
     params:
@@ -49,8 +47,6 @@ rule compute_snr:
         ranking=f"{R}/ranking.parquet",
     log:
         f"{R}/logs/compute_snr.log",
-    benchmark:
-        f"{R}/benchmarks/compute_snr.tsv"
     conda:
         ENV
     params:
@@ -71,8 +67,6 @@ rule compute_scope:
         f"{R}/parts/scope/{{robot}}.parquet",
     log:
         f"{R}/logs/compute_scope/{{robot}}.log",
-    benchmark:
-        f"{R}/benchmarks/compute_scope/{{robot}}.tsv"
     priority: 1
     conda:
         ENV
@@ -97,8 +91,6 @@ rule join_scope:
         disagreement=f"{R}/scope_disagreement.parquet",
     log:
         f"{R}/logs/join_scope.log",
-    benchmark:
-        f"{R}/benchmarks/join_scope.tsv"
     priority: 1
     conda:
         ENV
@@ -122,8 +114,6 @@ rule compute_responses:
         detection=f"{R}/detection.parquet",
     log:
         f"{R}/logs/compute_responses.log",
-    benchmark:
-        f"{R}/benchmarks/compute_responses.tsv"
     conda:
         ENV
     params:
@@ -154,8 +144,6 @@ rule draw_conclusion:
         rankings=f"{R}/rankings.parquet",
     log:
         f"{R}/logs/draw_conclusion.log",
-    benchmark:
-        f"{R}/benchmarks/draw_conclusion.tsv"
     conda:
         ENV
     params:

@@ -31,8 +31,6 @@ else:
             f"{EXPORT}/export.json",
         log:
             f"{EXPORT}/export_model.log",
-        benchmark:
-            f"{EXPORT}/export_model.tsv"
         conda:
             ENV
         params:

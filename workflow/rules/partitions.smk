@@ -25,8 +25,6 @@ if PARTITIONS:
             expand("{R}/partitions/{{part}}/{table}.parquet", R=R, table=PARTITION_TABLES),
         log:
             f"{R}/logs/partitions/{{part}}.log",
-        benchmark:
-            f"{R}/benchmarks/partitions/{{part}}.tsv"
         wildcard_constraints:
             part=r"\d+",
         conda:
@@ -55,8 +53,6 @@ else:
             f"{R}/screening.parquet",
         log:
             f"{R}/logs/join_screening.log",
-        benchmark:
-            f"{R}/benchmarks/join_screening.tsv"
         conda:
             ENV
         message:

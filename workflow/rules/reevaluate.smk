@@ -53,8 +53,6 @@ rule make_reevaluation:
         screening=f"{RE}/screening.parquet",
     log:
         f"{R}/logs/make_reevaluation.log",
-    benchmark:
-        f"{R}/benchmarks/make_reevaluation.tsv"
     priority: -1
     conda:
         ENV
@@ -92,8 +90,6 @@ rule simulate_models:
         f"{RE}/traces/{{side}}.json",
     log:
         f"{R}/logs/simulate_models/{{side}}.log",
-    benchmark:
-        f"{R}/benchmarks/simulate_models/{{side}}.tsv"
     priority: -1
     conda:
         ENV
@@ -130,8 +126,6 @@ rule quantify_models:
         left_out=f"{RE}/parts/left_out/{{side}}.parquet",
     log:
         f"{R}/logs/quantify_models/{{side}}.log",
-    benchmark:
-        f"{R}/benchmarks/quantify_models/{{side}}.tsv"
     priority: -1
     conda:
         ENV
@@ -159,8 +153,6 @@ use rule choose_surrogates as choose_reevaluated with:
         f"{RE}/parts/chosen_surrogates/{{side}}.parquet",
     log:
         f"{R}/logs/choose_reevaluated/{{side}}.log",
-    benchmark:
-        f"{R}/benchmarks/choose_reevaluated/{{side}}.tsv"
     priority: -1
     message:
         "Choose the surrogates of side {wildcards.side}"
@@ -180,8 +172,6 @@ rule compare_sides:
         models=f"{RE}/models.parquet",
     log:
         f"{R}/logs/compare_sides.log",
-    benchmark:
-        f"{R}/benchmarks/compare_sides.tsv"
     priority: -1
     conda:
         ENV
@@ -215,8 +205,6 @@ rule report_reevaluation:
         ),
     log:
         f"{R}/logs/report_reevaluation.log",
-    benchmark:
-        f"{R}/benchmarks/report_reevaluation.tsv"
     priority: -1
     conda:
         ENV

@@ -30,8 +30,6 @@ rule describe_robots:
         postures=f"{R}/postures.parquet",
     log:
         f"{R}/logs/describe_robots.log",
-    benchmark:
-        f"{R}/benchmarks/describe_robots.tsv"
     priority: -1
     conda:
         ENV
@@ -62,8 +60,6 @@ rule draw_setup:
         **figure_files(SETUP_FIGURES),
     log:
         f"{R}/logs/draw_setup.log",
-    benchmark:
-        f"{R}/benchmarks/draw_setup.tsv"
     priority: -1
     conda:
         ENV
@@ -95,8 +91,6 @@ rule draw_findings:
         **figure_files(FINDING_FIGURES),
     log:
         f"{R}/logs/draw_findings.log",
-    benchmark:
-        f"{R}/benchmarks/draw_findings.tsv"
     conda:
         ENV
     params:
@@ -122,8 +116,6 @@ rule draw_audit:
         **figure_files(["audit"]),
     log:
         f"{R}/logs/draw_audit.log",
-    benchmark:
-        f"{R}/benchmarks/draw_audit.tsv"
     conda:
         ENV
     message:
@@ -149,8 +141,6 @@ rule compare_paper:
         f"{R}/findings.parquet",
     log:
         f"{R}/logs/compare_paper.log",
-    benchmark:
-        f"{R}/benchmarks/compare_paper.tsv"
     conda:
         ENV
     params:
@@ -207,8 +197,6 @@ rule write_report:
         ),
     log:
         f"{R}/logs/write_report.log",
-    benchmark:
-        f"{R}/benchmarks/write_report.tsv"
     conda:
         ENV
     params:

@@ -31,8 +31,6 @@ rule carry_over:
         urdf=f"{R}/robots/{{robot}}.urdf",
     log:
         f"{R}/logs/carry_over/{{robot}}.log",
-    benchmark:
-        f"{R}/benchmarks/carry_over/{{robot}}.tsv"
     priority: 100
     conda:
         ENV
@@ -56,8 +54,6 @@ rule screen_robot:
         f"{R}/screening/{{robot}}.parquet",
     log:
         f"{R}/logs/screen_robot/{{robot}}.log",
-    benchmark:
-        f"{R}/benchmarks/screen_robot/{{robot}}.tsv"
     priority: 100
     conda:
         ENV
@@ -96,8 +92,6 @@ rule check_cycle:
         f"{R}/check/{{robot}}/{{cycle}}.json",
     log:
         f"{R}/logs/check_cycle/{{robot}}/{{cycle}}.log",
-    benchmark:
-        f"{R}/benchmarks/check_cycle/{{robot}}/{{cycle}}.tsv"
     priority: 100
     conda:
         ENV
@@ -127,8 +121,6 @@ rule check_detectors:
         f"{R}/check/detectors.json",
     log:
         f"{R}/logs/check_detectors.log",
-    benchmark:
-        f"{R}/benchmarks/check_detectors.tsv"
     priority: 100
     conda:
         ENV
@@ -143,6 +135,11 @@ rule check_detectors:
         "Check that every detector can be made"
     script:
         "../scripts/check_detectors.py"
+
+
+# Where a robot and test-cycle's whole study fits into one job, it is one: a process and its imports take a second.
+# An audit and a direct Monte Carlo ask for more points when the study is there.
+AT_ONCE = STUDY_SETS if sum(POINTS[set] for set in STUDY_SETS) <= POINTS_PER_JOB else []
 
 
 rule simulate_points:
@@ -160,8 +157,8 @@ rule simulate_points:
         f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
-    benchmark:
-        f"{R}/benchmarks/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.tsv"
+    wildcard_constraints:
+        set="|".join(set for set in POINTS if set not in AT_ONCE),
     priority: 1
     conda:
         ENV
@@ -184,3 +181,24 @@ rule simulate_points:
         "Simulate {wildcards.robot}, {wildcards.cycle}, {wildcards.set}, chunk {wildcards.chunk}"
     script:
         "../scripts/simulate_points.py"
+
+
+if AT_ONCE:
+
+    use rule simulate_points as simulate_study with:
+        input:
+            design=[f"{R}/design/{set}.parquet" for set in AT_ONCE],
+            check=f"{R}/check/{{robot}}/{{cycle}}.json",
+            screening=f"{R}/screening/{{robot}}.parquet",
+            robot=lambda w: robot_files(ROBOTS[w.robot]),
+            code=lambda w: code(
+                "simulate_points",
+                plugin_file(CYCLES[w.cycle], "cycles"),
+                *robot_effects(ROBOTS[w.robot]),
+            ),
+        output:
+            [f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
+        log:
+            f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
+        message:
+            "Simulate the study of {wildcards.robot}, {wildcards.cycle}"

@@ -21,8 +21,6 @@ rule fit_surrogates:
         f"{R}/surrogates.parquet",
     log:
         f"{R}/logs/fit_surrogates.log",
-    benchmark:
-        f"{R}/benchmarks/fit_surrogates.tsv"
     conda:
         ENV
     params:
@@ -44,8 +42,6 @@ rule validate_surrogates:
         fit_table=f"{R}/fit_table.parquet",
     log:
         f"{R}/logs/validate_surrogates.log",
-    benchmark:
-        f"{R}/benchmarks/validate_surrogates.tsv"
     conda:
         ENV
     params:
@@ -65,8 +61,6 @@ rule choose_surrogates:
         f"{R}/parts/chosen_surrogates/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/choose_surrogates/{{robot}}/{{cycle}}.log",
-    benchmark:
-        f"{R}/benchmarks/choose_surrogates/{{robot}}/{{cycle}}.tsv"
     conda:
         ENV
     params:
@@ -88,8 +82,6 @@ rule join_chosen:
         f"{R}/chosen_surrogates.parquet",
     log:
         f"{R}/logs/join_chosen.log",
-    benchmark:
-        f"{R}/benchmarks/join_chosen.tsv"
     conda:
         ENV
     message:

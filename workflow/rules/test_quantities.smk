@@ -16,8 +16,6 @@ rule compute_test_quantities:
         failed=f"{R}/parts/failed_simulations/{{robot}}/{{cycle}}.parquet",
     log:
         f"{R}/logs/compute_test_quantities/{{robot}}/{{cycle}}.log",
-    benchmark:
-        f"{R}/benchmarks/compute_test_quantities/{{robot}}/{{cycle}}.tsv"
     conda:
         ENV
     resources:
@@ -49,8 +47,6 @@ rule join_test_quantities:
         failed_simulations=f"{R}/failed_simulations.parquet",
     log:
         f"{R}/logs/join_test_quantities.log",
-    benchmark:
-        f"{R}/benchmarks/join_test_quantities.tsv"
     conda:
         ENV
     message:

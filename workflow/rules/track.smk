@@ -16,8 +16,6 @@ if STUDY.dataset is not None:
             f"{TRACK_FOLDER}/reference.npz",
         log:
             f"{TRACK_FOLDER}/identify_healthy.log",
-        benchmark:
-            f"{TRACK_FOLDER}/identify_healthy.tsv"
         conda:
             ENV
         resources:
@@ -40,8 +38,6 @@ if STUDY.dataset is not None:
             f"{TRACK_FOLDER}/sessions/{{session}}.json",
         log:
             f"{TRACK_FOLDER}/logs/{{session}}.log",
-        benchmark:
-            f"{TRACK_FOLDER}/benchmarks/{{session}}.tsv"
         wildcard_constraints:
             session="|".join(map(re.escape, TRACKED.named)) or "none",
         conda:
@@ -71,8 +67,6 @@ if STUDY.dataset is not None:
             f"{TRACK_FOLDER}/model_tracked.urdf",
         log:
             f"{TRACK_FOLDER}/join_sessions.log",
-        benchmark:
-            f"{TRACK_FOLDER}/join_sessions.tsv"
         conda:
             ENV
         params:
@@ -92,8 +86,6 @@ if STUDY.dataset is not None:
             f"{TRACK_FOLDER}/report.html",
         log:
             f"{TRACK_FOLDER}/report_tracking.log",
-        benchmark:
-            f"{TRACK_FOLDER}/report_tracking.tsv"
         conda:
             ENV
         message:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 import sys
 import time
 import traceback
@@ -27,7 +28,7 @@ def run_job(snakemake: Any) -> Iterator[Say]:
     Yields a function that writes one line to the log and, under the rule's name, to the terminal. An
     `InputError` or a full disk is told in one sentence; anything else is a defect, with its traceback in the
     log too. What other jobs have written is checked before it is used; what is missing or damaged is set
-    aside, so that the next run makes it again.
+    aside, so that the next run makes it again. What a job took that ended well is kept (`record_costs`).
     """
     end_with(os.environ.get(MAIN, ""))
     name = " ".join([snakemake.rule, *map(str, snakemake.wildcards)])
@@ -71,6 +72,28 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         note(traceback.format_exc())
         raise
     note(f"[{time.monotonic() - start:6.1f} s] done")
+    if getattr(snakemake, "output", True):  # a job without output has others do its work, which say theirs
+        record_costs(Path(snakemake.log[0]), time.monotonic() - start)
+
+
+def record_costs(log: Path, seconds: float) -> Path:
+    """Write what this process and its children took to a table of one row, and return its path.
+
+    Read once at the end, where Snakemake's own `benchmark:` reads the memory maps of all processes twice a
+    second. Columns are named as there: ``s``, time since the script's first line; ``cpu_time`` [s], start and
+    imports included; ``max_rss`` [MiB], of the largest process.
+    """
+    parts = list(log.with_suffix(".tsv").parts)
+    if "logs" in parts[2:]:
+        parts[parts.index("logs", 2)] = "benchmarks"
+    path = Path(*parts)
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    cpu = sum(one.ru_utime + one.ru_stime for one in used)
+    memory = max(one.ru_maxrss for one in used) / 1024
+    with suppress(OSError):  # of a full disk the next job tells
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"s\tcpu_time\tmax_rss\n{seconds:.3f}\t{cpu:.2f}\t{memory:.1f}\n", encoding="utf-8")
+    return path
 
 
 def study_folder(file: str | Path) -> Path | None:

@@ -1,4 +1,4 @@
-"""A chunk of the design points of one robot, test-cycle and set."""
+"""Chunks of the design points of one robot and test-cycle."""
 
 import hashlib
 import json
@@ -14,23 +14,28 @@ from wearscope.simulation.chunk import Plan, simulate_chunk
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
     plan = Plan(w.robot, w.cycle, params.kinds, params.seed, params.step, params.sample_rate)
-    design = tables.read_arrow(snakemake.input.design).to_pylist()
-    first = int(w.chunk) * params.size
-    rows = design[first : first + params.size]
+    model = load_model(params.robot, allow_code=params.allow_code).wearing(params.worn)
+    cycle = load_cycle(params.cycle)
     common = hashlib.sha256(json.dumps(params.installed).encode())
     for file in [*snakemake.input.robot, *snakemake.input.code]:
         common.update(Path(file).read_bytes())
-    outcome = simulate_chunk(
-        Path(snakemake.output[0]).parents[1],
-        w.set,
-        rows,
-        load_model(params.robot, allow_code=params.allow_code).wearing(params.worn),
-        load_cycle(params.cycle),
-        plan,
-        common.hexdigest(),
-        count_progress(say, len(rows), "points"),
-        params.time_limit,
-    )
-    for point, reason in outcome.failed.items():
-        say(f"point {point} failed: {reason}")
-    tables.write_text(snakemake.output[0], json.dumps(asdict(outcome), indent=1) + "\n")
+    listed = snakemake.input.design
+    designs = {Path(file).stem: file for file in ([listed] if isinstance(listed, str) else listed)}
+    for marker in map(Path, snakemake.output):
+        name = marker.parent.name
+        first = int(marker.stem.rpartition("-")[2]) * params.size
+        rows = tables.read_arrow(designs[name]).to_pylist()[first : first + params.size]
+        outcome = simulate_chunk(
+            marker.parents[1],
+            name,
+            rows,
+            model,
+            cycle,
+            plan,
+            common.hexdigest(),
+            count_progress(say, len(rows), f"points of {name}"),
+            params.time_limit,
+        )
+        for point, reason in outcome.failed.items():
+            say(f"{name} point {point} failed: {reason}")
+        tables.write_text(marker, json.dumps(asdict(outcome), indent=1) + "\n")

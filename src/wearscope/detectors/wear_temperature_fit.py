@@ -16,25 +16,28 @@ from wearscope.detectors.motion import (
     estimate_acceleration,
     find_top_speed,
 )
+from wearscope.detectors.wear_search import (
+    FOUND,
+    NOT_TOLD_APART,
+    Form,
+    Law,
+    evaluate_curves,
+    pack_law,
+    search_wear,
+)
 from wearscope.effects.base import Effect, Signals, load_effect
 
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64
-# Of the search for f [-] and T [deg C]: where it looks first (how many temperatures), from how many of the
-# lowest places there it starts, difference steps, the change at which it ends, and what counts as not told
-# apart: the share of a slope that offset and payload leave, the condition of the normal equations.
+# Where the search for f [-] and T [deg C] looks first (how many temperatures), and from how many of the
+# lowest places there it starts.
 FIRST_WEARS = (
     1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 12.5, 15.0, 17.5, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 57.0,
     65.0, 80.0, 100.0,
 )  # fmt: skip
 FIRST_TEMPERATURES = 32
 STARTS = 3
-STEPS = np.diag([0.5, 0.25])
-TOLERANCE = 1e-4
-MIN_SHARE = 1e-6
-MAX_CONDITION = 1e8
-MAX_DAMPING = 1e8
 
 
 @dataclass
@@ -49,9 +52,8 @@ class WearTemperatureFit:
     effects of their own, :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
     payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out
     (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in
-    f and T: damped Gauss-Newton (Marquardt, 1963) starts in the lowest valleys of a grid, and its damping
-    follows how well a step's gain was foreseen (Nielsen, Damping parameter in Marquardt's method, DTU, 1999),
-    so that it does not swing across a valley where wear and temperature nearly trade their terms.
+    f and T: damped Gauss-Newton (`wearscope.detectors.wear_search`) starts in the lowest valleys of a grid,
+    damped so that it does not swing across a valley where wear and temperature nearly trade their terms.
     The test quantity is f less its estimate on nominal data [-]; negative estimates extend eq. (17) oddly
     in f, so that noise around no wear is not clipped.
 
@@ -90,6 +92,7 @@ class WearTemperatureFit:
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     law: dict[str, float] = field(default_factory=dict, init=False, repr=False)
+    packed: Law = field(default_factory=lambda: pack_law([]), init=False, repr=False)
     rest_speed: float = field(default=0.0, init=False)
     top_speed: float = field(default=0.0, init=False)
     lowest: float = field(default=0.0, init=False)
@@ -123,6 +126,7 @@ class WearTemperatureFit:
         for what, signal in (("wear", "wear_{joint}"), ("temperature", "temp_{joint}")):
             if not any(signal in effect.depends_on for effect, _ in self.varying):
                 raise ValueError(f"the model declares no effect at {joint} that depends on {what}")
+        self.packed = pack_law(self.varying)
         self.law = {name: value for _, values in self.varying for name, value in values.items()}
         self.lowest = self._lowest_temperature()
         self.rest_speed = self.rest_share * find_top_speed(nominal, axis)
@@ -163,13 +167,13 @@ class WearTemperatureFit:
         basis = _orthonormal(np.column_stack(columns))
         speed = batch.qd[moving, self.axis]
         grid = self._make_grid(max(self.top_speed, float(np.abs(speed).max())))
-        misfit = _Misfit(speed, grid.nodes, residual[moving], basis)
-        first, *others = grid.places[_find_valleys(misfit.cost(grid.values))]
-        x, cost = self._minimise(first, misfit)
+        form = make_form(speed, grid.nodes, residual[moving], basis)
+        first, *others = grid.places[_find_valleys(evaluate_form(form, grid.values))]
+        x, cost = self._minimise(first, grid.nodes, form)
         traded = self._trade_speeds(x)
         for start in [*others, *([] if traded is None else [traded])]:
             with suppress(ValueError):  # where this search finds nothing, the one before holds
-                other, other_cost = self._minimise(start, misfit)
+                other, other_cost = self._minimise(start, grid.nodes, form)
                 if other_cost < cost:
                     x, cost = other, other_cost
         return float(x[0]), float(x[1])
@@ -181,7 +185,7 @@ class WearTemperatureFit:
             nodes = np.concatenate([-half[::-1], half])
             temperatures = np.linspace(self.lowest, self.temperature_limit, FIRST_TEMPERATURES)
             places = np.array([(wear, temperature) for wear in FIRST_WEARS for temperature in temperatures])
-            self.grids[top_speed] = _Grid(nodes, places, self._evaluate_friction(nodes, places))
+            self.grids[top_speed] = _Grid(nodes, places, evaluate_curves(self.packed, nodes, places))
         return self.grids[top_speed]
 
     def _trade_speeds(self, x: Array) -> Array | None:
@@ -200,72 +204,16 @@ class WearTemperatureFit:
             compute_rigid_torque(batch, self.model, self.window), unknown, unknown,
         )  # fmt: skip
 
-    def _evaluate_friction(self, speed: Array, x: Array) -> Array:
-        """Torque (m, K) at speeds (K,) and wears and temperatures `x` (m, 2), odd in the wear.
-
-        It is that of the declared effects which wear or temperature change.
-        """
-        worn = self._evaluate_worn(speed, np.abs(x[:, 0]), x[:, 1])
-        below = x[:, 0] < 0.0
-        if below.any():
-            unworn = self._evaluate_worn(speed, np.zeros(below.sum()), x[below, 1])
-            worn[below] = 2.0 * unworn - worn[below]
-        return worn
-
-    def _evaluate_worn(self, speed: Array, wears: Array, temperatures: Array) -> Array:
-        """Torque (m, K) at speeds (K,), and wears, none negative, and temperatures (m,)."""
-        # These effects see nothing but the axis: one column stands for it.
-        wear, temperature = (np.repeat(level, len(speed))[:, None] for level in (wears, temperatures))
-        v = np.tile(speed, len(wears))[:, None]
-        still = np.zeros_like(v)
-        signals = Signals(
-            np.arange(len(v), dtype=float), still, v, still, np.sign(v), still, temperature, wear
+    def _minimise(self, start: Array, nodes: Array, form: Form) -> tuple[Array, float]:
+        """Wear and temperature (2,) of the smallest sum of squares near a start, and that sum."""
+        outcome, wear, temperature, cost = search_wear(
+            self.packed, nodes, form, start, self.lowest, self.temperature_limit, self.max_iterations
         )
-        signals.dt = 1.0  # that of these samples; to find it costs as much as their torque
-        torque = np.zeros(len(v))
-        for effect, values in self.varying:
-            torque += effect.torque(signals, 0, values)
-        return torque.reshape(len(wears), len(speed))
-
-    def _minimise(self, start: Array, misfit: "_Misfit") -> tuple[Array, float]:
-        """Damped Gauss-Newton on f and T (2,) with difference quotients; T is kept in its range.
-
-        Returns the place and the sum of squares there.
-        """
-        low, high = np.array([-np.inf, self.lowest]), np.array([np.inf, self.temperature_limit])
-        x = start
-        here = self._evaluate_friction(misfit.nodes, x[None])[0]
-        cost, damping = float(misfit.cost(here)), 1e-3
-        for _ in range(self.max_iterations):
-            ahead, behind = np.minimum(x + STEPS, high), np.maximum(x - STEPS, low)
-            values = self._evaluate_friction(misfit.nodes, np.concatenate([ahead, behind]))
-            slopes = ((values[:2] - values[2:]) / np.sum(ahead - behind, axis=1)[:, None]).T
-            normal, gradient = misfit.normal_equations(here, slopes)
-            size = np.sqrt(np.diag(normal))
-            seen = size > MIN_SHARE * misfit.size(slopes)
-            if not (seen.all() and np.linalg.cond(normal / np.outer(size, size)) < MAX_CONDITION):
-                raise ValueError("the motion of the tested axis does not tell wear and temperature apart")
-            # An unknown at its bound that the gradient pushes outward stays there.
-            free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
-            part = normal[np.ix_(free, free)]
-            moved, growth = np.zeros(2), 2.0
-            while damping < MAX_DAMPING:
-                trial = x.copy()
-                trial[free] -= np.linalg.solve(part + damping * np.diag(np.diag(part)), gradient[free])
-                trial = np.clip(trial, low, high)
-                there = self._evaluate_friction(misfit.nodes, trial[None])[0]
-                cost_there = float(misfit.cost(there))
-                if cost_there <= cost:
-                    moved = trial - x
-                    foreseen = -float(moved @ (2.0 * gradient + normal @ moved))
-                    gain = (cost - cost_there) / foreseen if foreseen > 0 else 1.0
-                    x, here, cost = trial, there, cost_there
-                    damping = max(damping * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3), 1e-9)
-                    break
-                damping, growth = damping * growth, 2.0 * growth
-            if np.all(np.abs(moved) < TOLERANCE):
-                return x, cost
-        raise ValueError(f"no wear and temperature found in {self.max_iterations} iterations")
+        if outcome == NOT_TOLD_APART:
+            raise ValueError("the motion of the tested axis does not tell wear and temperature apart")
+        if outcome != FOUND:
+            raise ValueError(f"no wear and temperature found in {self.max_iterations} iterations")
+        return np.array([wear, temperature]), cost
 
     def test_quantity(self, batch: Batch) -> float:
         """Estimated wear level less that of the nominal data [-]."""
@@ -281,7 +229,7 @@ class _Grid:
     values: Array
 
 
-class _Misfit:
+def make_form(speed: Array, nodes: Array, residual: Array, basis: Array) -> Form:
     """Sum of squares that a friction curve over speed leaves of a residual, less what a basis takes.
 
     The curve is interpolated linearly between nodes, so that the sum is a quadratic form in its values there;
@@ -296,39 +244,28 @@ class _Misfit:
     basis : array (N, k)
         Orthonormal.
     """
+    left = np.clip(np.searchsorted(nodes, speed) - 1, 0, len(nodes) - 2)
+    right_share = (speed - nodes[left]) / (nodes[left + 1] - nodes[left])
+    left_share = 1.0 - right_share
 
-    def __init__(self, speed: Array, nodes: Array, residual: Array, basis: Array) -> None:
-        self.nodes = nodes
-        left = np.clip(np.searchsorted(self.nodes, speed) - 1, 0, len(nodes) - 2)
-        right_share = (speed - nodes[left]) / (nodes[left + 1] - nodes[left])
-        left_share = 1.0 - right_share
+    def gather(place: NDArray[np.integer], values: Array) -> Array:
+        return np.bincount(place, values, len(nodes)).astype(float, copy=False)
 
-        def gather(place: NDArray[np.integer], values: Array) -> Array:
-            return np.bincount(place, values, len(nodes)).astype(float, copy=False)
+    def to_nodes(values: Array) -> Array:
+        return gather(left, left_share * values) + gather(left + 1, right_share * values)
 
-        def to_nodes(values: Array) -> Array:
-            return gather(left, left_share * values) + gather(left + 1, right_share * values)
+    diagonal = gather(left, left_share**2) + gather(left + 1, right_share**2)
+    between = gather(left, left_share * right_share)[:-1]
+    seen = np.column_stack([to_nodes(column) for column in basis.T])
+    taken = basis.T @ residual
+    matrix = np.diag(diagonal) + np.diag(between, 1) + np.diag(between, -1) - seen @ seen.T
+    constant = float(residual @ residual - taken @ taken)
+    return Form(matrix, to_nodes(residual) - seen @ taken, constant, diagonal, between)
 
-        between = gather(left, left_share * right_share)[:-1]
-        self.gram = np.diag(gather(left, left_share**2) + gather(left + 1, right_share**2))
-        self.gram += np.diag(between, 1) + np.diag(between, -1)
-        seen = np.column_stack([to_nodes(column) for column in basis.T])
-        taken = basis.T @ residual
-        self.matrix = self.gram - seen @ seen.T
-        self.vector = to_nodes(residual) - seen @ taken
-        self.constant = float(residual @ residual - taken @ taken)
 
-    def cost(self, values: Array) -> Array:
-        """Sum of squares (...) for values (..., K) at the nodes."""
-        return self.constant + np.sum((values @ self.matrix - 2.0 * self.vector) * values, axis=-1)
-
-    def normal_equations(self, values: Array, slopes: Array) -> tuple[Array, Array]:
-        """Matrix (p, p) and gradient (p,) of Gauss-Newton at values (K,) that change with slopes (K, p)."""
-        return slopes.T @ self.matrix @ slopes, slopes.T @ (self.matrix @ values - self.vector)
-
-    def size(self, slopes: Array) -> Array:
-        """Norm (p,) over the samples of slopes (K, p), nothing taken away."""
-        return np.sqrt(np.einsum("kp,kl,lp->p", slopes, self.gram, slopes))
+def evaluate_form(form: Form, values: Array) -> Array:
+    """Sum of squares (...) for curves (..., K) at the nodes."""
+    return form.constant + np.sum((values @ form.matrix - 2.0 * form.vector) * values, axis=-1)
 
 
 def _find_valleys(cost: Array) -> NDArray[np.integer]:

@@ -1,6 +1,7 @@
 """Scope matrices (12) to (16) of a chosen surrogate, whose response along a nuisance is tabulated."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -112,6 +113,17 @@ def tabulated_scope(
     return result
 
 
+@lru_cache(maxsize=256)
+def _draw_binned(seed: int, row: int, runs: int) -> tuple[Array, Array, Array]:
+    """Standard normal runs of one row of the grid: nodes (NODES,), and weights there under H0 and H1."""
+    rng = generator_for(seed, "scope", row)
+    runs0, runs1 = rng.standard_normal(runs), rng.standard_normal(runs)
+    low = min(runs0.min(), runs1.min())
+    step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
+    weights = [bin_runs(drawn, NODES, low, step) for drawn in (runs0, runs1)]
+    return low + step * np.arange(NODES), weights[0], weights[1]
+
+
 def tabulated_kde(
     values: Array,
     nodes: Array,
@@ -119,23 +131,22 @@ def tabulated_kde(
     false_alarm: float,
     runs: int,
     seed: int,
-    identity: Sequence[object],
     bandwidth: str = "silverman",
     centre: float = 0.0,
 ) -> Array:
-    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`."""
+    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`.
+
+    All surrogates see the same runs of the nuisance (common random numbers), so that what differs between
+    them is not their luck.
+    """
     result = np.empty((len(sigmas), len(values) - 1))
     for s, sigma in enumerate(sigmas):
-        rng = generator_for(seed, "scope", *identity, s)
-        runs0, runs1 = rng.standard_normal(runs), rng.standard_normal(runs)
-        low = min(runs0.min(), runs1.min())
-        step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
-        left, share = interpolation(nodes, centre + sigma * (low + step * np.arange(NODES)))
+        at, weights0, weights1 = _draw_binned(seed, s, runs)
+        left, share = interpolation(nodes, centre + sigma * at)
         y = values[:, left] + share * (values[:, left + 1] - values[:, left])
         scale = 1e-12 * float(np.abs(y[0]).max())
-        weights = bin_runs(runs0, NODES, low, step), bin_runs(runs1, NODES, low, step)
         binned_probabilities(
-            np.ascontiguousarray(y[0]), np.ascontiguousarray(y[1:]), *weights,
+            np.ascontiguousarray(y[0]), np.ascontiguousarray(y[1:]), weights0, weights1,
             bandwidth_factor(bandwidth, runs), false_alarm, scale, result[s],
         )  # fmt: skip
     return result
@@ -245,9 +256,6 @@ def sampled_scope_table(
                         )  # fmt: skip
                         sure = passes.mean(axis=0)
                 else:
-                    identity = (cell_name(key), factor)
-                    p_d = tabulated_kde(
-                        mean, nodes, sigmas, false_alarm, runs, seed, identity, bandwidth, centre
-                    )
+                    p_d = tabulated_kde(mean, nodes, sigmas, false_alarm, runs, seed, bandwidth, centre)
                 blocks.append(((*key, CHOSEN), factor, method, status, p_d, sure))
     return long_table(blocks, deltas, sigmas, detection)

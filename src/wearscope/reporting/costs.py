@@ -15,7 +15,7 @@ def read_costs(folder: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     folder : path-like
-        Holds ``<rule>.tsv`` and ``<rule>/**/*.tsv`` as Snakemake's ``benchmark:`` writes them.
+        Holds ``<rule>.tsv`` and ``<rule>/**/*.tsv`` as every job writes them (`workflow/scripts/job.py`).
 
     Returns
     -------

@@ -150,7 +150,8 @@ def choose_surrogate(
     -------
     chosen : ChosenSurrogate
     fits : dict of str to float
-        Fit (6) [%] of the left-out predictions by kind that was tried and could be fitted.
+        Fit (6) [%] of the left-out predictions by kind that was tried and could be fitted; that of a
+        polynomial chaos that is behind even where it is flattered, flattered.
     """
     fits: dict[str, float] = {}
     if np.ptp(y) <= _CONSTANT * np.abs(y).max():
@@ -163,21 +164,21 @@ def choose_surrogate(
         if fitted is not None:
             fit = model_fit(y, fitted.left_out)
             fits[fitted.kind] = max(fit, fits.get(fitted.kind, -np.inf))
-            tried.append((fit, fitted))
+            tried.append((fit + (MARGIN if isinstance(fitted, GaussianProcess) else 0.0), fitted))
 
     if QUADRATIC in kinds:
         consider(fit_quadratic(z, y, names))
     process = fit_gaussian_process(z, y, noise) if GAUSSIAN_PROCESS in kinds else None
     consider(process)
     if POLYNOMIAL_CHAOS in kinds and max(fits.values(), default=-np.inf) < enough:
-        consider(fit_polynomial_chaos(z, y))
+        consider(fit_polynomial_chaos(z, y, max((merit for merit, _ in tried), default=-np.inf)))
     if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
         column = int(np.argmin(process.parameters["log_lengths"]))
         for shape in SHAPES:
             consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]], shape, process))
     if not tried:
         raise ValueError(f"{len(y)} runs are too few for any of the kinds {', '.join(kinds)}")
-    _, best = max(tried, key=lambda one: one[0] + (MARGIN if isinstance(one[1], GaussianProcess) else 0.0))
+    _, best = max(tried, key=lambda one: one[0])
     levels = tuple(float(nominal[name]) for name in names)
     spread = calibrate_spread(best, y)
     asked = is_asked(z, levels)

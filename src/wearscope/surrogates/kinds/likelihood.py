@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.blas import dsymv
+from scipy.linalg.lapack import dpotrf, dpotri
 
 Array = NDArray[np.float64]
 #: Added to the diagonal, as scikit-learn does, so that rounding leaves the matrix positive.
@@ -47,6 +47,8 @@ class Hyperparameters(NamedTuple):
 class Likelihood:
     """Negative logarithm of the marginal likelihood of a Matern 5/2 and a quadratic part with noise.
 
+    Symmetric matrices are held as their lower triangles, (M,) with M = N (N + 1) / 2, which is half the work.
+
     Parameters
     ----------
     seen : array (N, n)
@@ -57,40 +59,57 @@ class Likelihood:
 
     def __init__(self, seen: Array, target: Array) -> None:
         self.target = target
-        n = seen.shape[1]
-        self.squares = ((seen[:, None, :] - seen[None, :, :]) ** 2).reshape(-1, n)
-        self.products = seen @ seen.T
+        count = len(target)
+        column, row = np.triu_indices(count)  # column by column of the lower triangle, as LAPACK holds it
+        self.squares = (seen[row] - seen[column]) ** 2
+        self.products = (seen @ seen.T)[row, column]
+        self._row, self._column = row, column
+        #: Where the triangle lies in a matrix, and half of how often its elements count in a sum.
+        self._place = column * count + row
+        self._times = np.where(row == column, 0.5, 1.0)
+        self._diagonal = np.flatnonzero(row == column)
+        self._matrix = np.zeros(count * count)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Value and gradient (n + 4,) at the logarithms `theta` (n + 4,); infinity where it is undefined."""
         given = Hyperparameters.from_logarithms(theta)
         count = len(self.target)
         inner = 5.0 * given.lengths**-2
-        ratio = np.sqrt(self.squares @ inner).reshape(count, count)
-        decay = given.variance * np.exp(-ratio)
-        matern = (1.0 + ratio * (1.0 + ratio / 3.0)) * decay
-        square = given.offset**2 + self.products
-        quadratic = given.quadratic * square**2
+        ratio = self.squares @ inner
+        np.sqrt(ratio, out=ratio)
+        decay = np.exp(-ratio)
+        decay *= given.variance
+        # Matern is (1 + ratio + ratio^2 / 3) decay; its derivative by a squared distance, (1 + ratio) decay.
+        slope = (1.0 + ratio) * decay
+        ratio *= ratio
+        ratio *= decay
+        ratio *= 1.0 / 3.0
+        matern = np.add(ratio, slope, out=ratio)
+        square = self.products + given.offset**2
+        quadratic = square * square
+        quadratic *= given.quadratic
         covariance = matern + quadratic
-        covariance.flat[:: count + 1] += given.noise + DIAGONAL
-        try:
-            root = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
-        except LinAlgError:
+        covariance[self._diagonal] += given.noise + DIAGONAL
+        self._matrix[self._place] = covariance
+        root, failed = dpotrf(self._matrix.reshape(count, count).T, lower=True, clean=False, overwrite_a=True)
+        if failed:
             return np.inf, np.zeros_like(theta)
-        half, _ = dpotri(root, lower=True)
-        inverse = np.tril(half) + np.tril(half, -1).T
-        weights = inverse @ self.target
-        value = 0.5 * self.target @ weights + np.log(np.diag(root)).sum() + 0.5 * count * np.log(2.0 * np.pi)
+        logarithm = float(np.log(np.diag(root)).sum())
+        half, _ = dpotri(root, lower=True, overwrite_c=True)
+        weights = dsymv(1.0, half, self.target, lower=True)
+        value = 0.5 * self.target @ weights + logarithm + 0.5 * count * np.log(2.0 * np.pi)
         # The derivative by a hyperparameter is the sum of this matrix times that of the covariance.
-        by_covariance = 0.5 * (inverse - np.outer(weights, weights))
-        by_distance = (by_covariance * (1.0 + ratio) * decay).ravel()
+        by_covariance = half.T.reshape(-1)[self._place]
+        by_covariance -= weights[self._row] * weights[self._column]
+        by_covariance *= self._times
+        slope *= by_covariance
         gradient = np.concatenate(
             [
                 [np.vdot(by_covariance, matern)],
-                (by_distance @ self.squares) * inner / 3.0,
+                (slope @ self.squares) * inner / 3.0,
                 [np.vdot(by_covariance, quadratic)],
                 [4.0 * given.quadratic * given.offset**2 * np.vdot(by_covariance, square)],
-                [given.noise * np.trace(by_covariance)],
+                [given.noise * by_covariance[self._diagonal].sum()],
             ]
         )
         return float(value), gradient

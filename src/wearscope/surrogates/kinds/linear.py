@@ -14,6 +14,7 @@ from scipy.special import eval_legendre
 
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import CODED_HIGH
+from wearscope.surrogates.goodness import model_fit
 
 Array = NDArray[np.float64]
 Basis = Callable[[ArrayLike], Array]
@@ -107,18 +108,19 @@ def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
     return [constant, *(one for one in degrees if one != constant)]
 
 
-def fit_polynomial_chaos(z: Array, y: Array) -> LinearSurrogate | None:
+def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> LinearSurrogate | None:
     """Sparse polynomial chaos; None with too few runs to choose and fit terms.
 
     Its left-out predictions are those of fits to four fifths of the runs that chose their terms anew, so that
-    they pay for the choice too.
+    they pay for the choice too. Where without paying for it, each run left out in turn of the terms chosen on
+    all, their fit is not above `to_beat` [%], they stay those, which flatter it.
     """
     n = z.shape[1]
     if len(y) < 4 * (n + 1) or np.ptp(y) == 0:
         return None
     fitted = rebuild_polynomial_chaos(z, y, {"degrees": choose_terms(z, y)})
-    if fitted is None:
-        return None
+    if fitted is None or model_fit(y, fitted.left_out) <= to_beat:
+        return fitted
     fold = np.arange(len(y)) % FOLDS
     for k in range(FOLDS):
         seen = fold != k
