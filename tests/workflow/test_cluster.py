@@ -15,7 +15,8 @@ _SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__)
 clones = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(clones)
 
-PROFILES = ("slurm", "kubernetes")
+#: Profiles, with the executor of each.
+PROFILES = {"slurm": "slurm", "srun": "cluster-sync", "kubernetes": "kubernetes"}
 
 
 def read_profile(name: str) -> dict:
@@ -39,8 +40,11 @@ def dry_run(*arguments: str) -> str:
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_profile_only_sets_what_snakemake_and_its_plugin_know(name):
-    pytest.importorskip(f"snakemake_executor_plugin_{name}", reason="make cluster installs it")
-    assert read_profile(name)["executor"] == name
+    executor = PROFILES[name]
+    pytest.importorskip(
+        f"snakemake_executor_plugin_{executor.replace('-', '_')}", reason="make cluster installs it"
+    )
+    assert read_profile(name)["executor"] == executor
     parser = subprocess.run(
         [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True, check=True
     )

@@ -153,7 +153,8 @@ rule simulate_points:
             *robot_effects(ROBOTS[w.robot]),
         ),
     output:
-        f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
+        marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
+        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if CARRIED else []),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     benchmark:

@@ -9,6 +9,7 @@ from job import count_progress, run_job
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
+from wearscope.simulation.carried import pack_recordings
 from wearscope.simulation.chunk import Plan, simulate_chunk
 
 with run_job(snakemake) as say:
@@ -21,7 +22,7 @@ with run_job(snakemake) as say:
     for file in [*snakemake.input.robot, *snakemake.input.code]:
         common.update(Path(file).read_bytes())
     outcome = simulate_chunk(
-        Path(snakemake.output[0]).parents[1],
+        Path(snakemake.output.marker).parents[1],
         w.set,
         rows,
         load_model(params.robot, allow_code=params.allow_code).wearing(params.worn),
@@ -33,4 +34,6 @@ with run_job(snakemake) as say:
     )
     for point, reason in outcome.failed.items():
         say(f"point {point} failed: {reason}")
-    tables.write_text(snakemake.output[0], json.dumps(asdict(outcome), indent=1) + "\n")
+    if snakemake.output.recordings:
+        pack_recordings(snakemake.output.recordings, outcome.fingerprints.keys() - outcome.failed.keys())
+    tables.write_text(snakemake.output.marker, json.dumps(asdict(outcome), indent=1) + "\n")
