@@ -4,14 +4,18 @@
     .venv/bin/python benchmarks/slurm.py track --cores 2 --repeats 3
 
 Needs what `make cluster` installs and Debian's SLURM (docs/cluster.md). Each run has a copy of the tree of
-its own and begins with nothing; the two ways take turns; the bytes of their results are compared. `within`
-is the time of the Snakemake that does the work, inside the job: what there is beyond it is the start of the
-job and seeing its end, however busy the machine is.
+its own and begins with nothing; the bytes of the results are compared. The ways: `srun` starts Snakemake on
+the node, as it would be started here; `one job` sends the target `in_one_job` through `profiles/srun`.
+
+On a busy machine two runs of the same take different times. So each also says how long the Snakemake took
+that does the work; what a run takes beyond it, more than the local run does, is `added`: the starts of what
+stands around it, and seeing the end.
 """
 
 import argparse
 import os
 import re
+import resource
 import subprocess
 import sys
 import tempfile
@@ -27,6 +31,7 @@ from clones import copy_tree  # noqa: E402
 from one_node_slurm import NoSlurm, start_slurm  # noqa: E402
 from session_machine import write_machine  # noqa: E402
 
+SNAKEMAKE = [sys.executable, "-m", "snakemake"]
 #: Results that tell of the run itself: times, memory, the page that shows them.
 OF_THE_RUN = re.compile(
     r"(^|/)(logs|benchmarks|\.checksums|cases)/|report\.html$|\.(log|tsv)$|in_one_job\.yaml$"
@@ -40,41 +45,71 @@ class Work:
     Attributes
     ----------
     target : str
-        Of the workflow; as one job it is called ``in_one_job`` or ``<target>_in_one_job``.
+        Of the workflow.
+    as_one_job : str
+        The target that runs it as one job.
     arguments : callable
         Snakemake's other arguments, given an empty folder for what they need.
     """
 
     target: str
+    as_one_job: str
     arguments: Callable[[Path], list[str]]
-
-    @property
-    def as_one_job(self) -> str:
-        """The rule that runs it as one job."""
-        return "in_one_job" if self.target == "all" else f"{self.target}_in_one_job"
 
 
 def make_machine(folder: Path) -> list[str]:
-    """Write a small machine of five sessions, worn at the last; arguments that track it."""
+    """Write a small machine of five sessions, worn at the last; arguments that name it."""
     days = [{"temperature": x} for x in (28.0, 42.0, 35.0)] + [{"temperature": 40.0}, {"wear": 0.2}]
     return ["--config", f"dataset={write_machine(folder / 'machine', days, 3)}"]
 
 
 WORKS = {
-    "quick": Work("all", lambda _: ["--configfile", "config/quick.yaml"]),
-    "track": Work("track", make_machine),
-    "board": Work("attribution_board", lambda _: ["--config", "attribution_board={cases: 2}"]),
+    "quick": Work("all", "in_one_job", lambda _: ["--configfile", "config/quick.yaml"]),
+    "track": Work("track", "track_in_one_job", make_machine),
+    "board": Work(
+        "attribution_board",
+        "attribution_board_in_one_job",
+        lambda _: ["--config", "attribution_board={cases: 2}"],
+    ),
 }
 
 
-def run(tree: Path, arguments: list[str], environment: dict[str, str]) -> float:
-    """Run Snakemake in a copy of the tree; seconds."""
-    start = time.perf_counter()
-    command = [sys.executable, "-m", "snakemake", *arguments]
+def build_command(way: str, work: Work, cores: int) -> list[str]:
+    """Command of one way to run a work, but for the work's own arguments."""
+    local = [*SNAKEMAKE, work.target, "--cores", str(cores)]
+    if way == "local":
+        return local
+    if way == "srun":
+        return ["srun", "--input=none", "--ntasks=1", f"--cpus-per-task={cores}", "--mem=8000", *local]
+    sent = [*SNAKEMAKE, work.as_one_job, "--profile", "profiles/srun"]
+    return [*sent, "--set-threads", f"{work.as_one_job}={cores}"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Times of a run [s]: all, the Snakemake that does the work, processor time of what is started here."""
+
+    wall: float
+    within: float
+    processor: float
+
+
+def run(tree: Path, command: list[str], environment: dict[str, str]) -> Run:
+    """Run a command in a copy of the tree."""
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
-        sys.exit(f"{' '.join(arguments)} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
-    return time.perf_counter() - start
+        sys.exit(f"{' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+    logs = [log.read_text() for log in tree.glob("results/*/logs/*in_one_job.log")]
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Run(wall, read_elapsed("".join(logs) or done.stderr), processor)
+
+
+def read_elapsed(told: str) -> float:
+    """How long Snakemake took [s], as it says at its end."""
+    hours, minutes, seconds = re.findall(r"Elapsed time: (\d+):(\d+):([\d.]+)", told)[-1]
+    return 3600 * int(hours) + 60 * int(minutes) + float(seconds)
 
 
 def read_results(tree: Path) -> dict[str, bytes]:
@@ -84,47 +119,43 @@ def read_results(tree: Path) -> dict[str, bytes]:
     return {name: file.read_bytes() for name, file in files.items() if not OF_THE_RUN.search(name)}
 
 
-def read_seconds_within(tree: Path) -> float:
-    """How long the Snakemake inside the job took [s], as it says at its end."""
-    (log,) = tree.glob("results/*/logs/*in_one_job.log")
-    hours, minutes, seconds = re.findall(r"Elapsed time: (\d+):(\d+):([\d.]+)", log.read_text())[-1]
-    return 3600 * int(hours) + 60 * int(minutes) + float(seconds)
-
-
-def compare(name: str, cores: int, environment: dict[str, str], profile: str) -> None:
-    """Run one work both ways, and print a row of the table."""
+def compare(name: str, ways: list[str], cores: int, environment: dict[str, str]) -> None:
+    """Run one work locally and by each way, and print a row of the table for each."""
     work = WORKS[name]
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        arguments = work.arguments(folder)
-        here, there = (copy_tree(folder / name) for name in ("here", "there"))
-        local = run(here, [work.target, "--cores", str(cores), *arguments], {**os.environ})
-        options = ["--profile", profile, "--set-threads", f"{work.as_one_job}={cores}"]
-        slurm = run(there, [work.as_one_job, *options, *arguments], environment)
-        within = read_seconds_within(there)
-        one, other = read_results(here), read_results(there)
-    differ = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
-    told = f"{len(one)} the same" if not differ else f"{len(differ)} of {len(one)} differ: {differ[:5]}"
-    added = slurm - within
-    print(
-        f"| {name} | {local:.0f} | {slurm:.0f} | {slurm / local - 1:+.0%} | {within:.0f} | {added:.1f} "
-        f"| {added / within:.0%} | {os.getloadavg()[0]:.1f} | {told} |",
-        flush=True,
-    )
+        arguments = work.arguments(Path(temporary))
+        for way in ["local", *ways]:
+            tree = copy_tree(Path(temporary) / way)
+            one = run(tree, [*build_command(way, work, cores), *arguments], environment)
+            found = read_results(tree)
+            if way == "local":
+                local, wanted = one, found
+                told = f"{len(wanted)} | {one.processor:.0f} s of processor"
+                print(
+                    f"| {name} | {way} | {one.wall:.0f} | | | {os.getloadavg()[0]:.1f} | {told} |", flush=True
+                )
+                continue
+            differ = sorted(key for key in wanted.keys() | found.keys() if wanted.get(key) != found.get(key))
+            told = f"{len(differ)} differ, e.g. {differ[0]}" if differ else "the same bytes"
+            over, added = one.wall - local.wall, (one.wall - one.within) - (local.wall - local.within)
+            print(
+                f"| {name} | {way} | {one.wall:.0f} | {over / local.wall:+.0%} | {added:.1f} "
+                f"({added / local.wall:.0%}) | {os.getloadavg()[0]:.1f} | {len(found)} | {told} |",
+                flush=True,
+            )
 
 
 def main() -> None:
-    """Print a row a work and repeat."""
+    """Print a row a work, repeat and way."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("works", nargs="*", metavar="WORK", help=f"of {', '.join(WORKS)}; all unless given")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=1)
-    parser.add_argument("--profile", default="profiles/srun")
+    parser.add_argument("--ways", nargs="+", default=["srun", "one job"], choices=["srun", "one job"])
     given = parser.parse_args()
     if unknown := set(given.works) - set(WORKS):
         parser.error(f"no such work: {', '.join(sorted(unknown))}")
-    print("| work | local [s] | SLURM [s] | overhead | within [s] | added [s] | of within | load | files |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("| work | way | wall [s] | over local | added [s] | load | files | |\n|" + 8 * "---|")
     try:
         with (
             tempfile.TemporaryDirectory() as folder,
@@ -132,7 +163,7 @@ def main() -> None:
         ):
             for name in given.works or WORKS:
                 for _ in range(given.repeats):
-                    compare(name, given.cores, environment, given.profile)
+                    compare(name, given.ways, given.cores, environment)
     except NoSlurm as reason:
         sys.exit(str(reason))
 
