@@ -164,6 +164,19 @@ def test_drawn_models_take_the_rest_of_their_response_from_the_side_s_own():
     np.testing.assert_allclose(extended["y"], expected["y"], atol=1e-9)
 
 
+def test_a_drawn_model_is_bridged_from_as_many_runs_as_a_constant_and_main_effects_have():
+    """With one run more than there are factors the bridge goes through them all; with one less it is open."""
+    own, expected = runs("after", {"A": 0.5}), runs("after-01", {"A": 0.8}, extra=0.3)
+    few = runs("after-01", {"A": 0.8}, sets=("filling",), extra=0.3)
+    enough = few["point"] <= len(NAMES) + 1
+    few["y"] = few["y"].where(enough)
+    ((_, extended, _),) = extend_to_drawn(own, choose(own), few, "after")
+    np.testing.assert_allclose(extended["y"], expected["y"], atol=1e-9)
+    few["y"] = few["y"].where(few["point"] <= len(NAMES))
+    assert few["y"].notna().sum() == len(NAMES)
+    assert list(extend_to_drawn(own, choose(own), few, "after")) == []
+
+
 def test_what_the_model_leaves_open_widens_the_answer():
     few = pd.concat(
         [runs(f"after-0{k}", {"A": slope}, ("filling",)) for k, slope in enumerate((0.2, 0.4, 0.8, 1.2))]
