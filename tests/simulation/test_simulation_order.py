@@ -144,6 +144,35 @@ def test_torque_of_an_elastic_gear_converges_with_the_steps_square(compliance, b
     assert order > 1.8, errors
 
 
+@pytest.mark.parametrize(
+    "bend", [[("joint_elasticity", {"compliance": 1e-3})], [("coulomb", {"level": COULOMB})]]
+)
+def test_no_unit_of_time_is_built_into_the_step(bend):
+    """A hundred times slower, with inertias and friction that make it the same motion: the same torque."""
+    torques = []
+    for slower in (1.0, 100.0):
+        effects = [("viscous", {"slope": VISCOUS * slower}), *bend]
+        model = make_model(
+            {
+                "name": "one",
+                "urdf": "one.urdf",
+                "joints": ["turn"],
+                "drive": {"rotor_inertia": [ROTOR * slower**2]},
+                "effects": [{"joint": "turn", "effect": e, "parameters": p} for e, p in effects],
+                "controller": {"bandwidth_hz": 2.0 / slower, "damping": 1.0},
+            },
+            URDF.replace('"1"', f'"{slower**2}"').replace(f'"{LINK}"', f'"{LINK * slower**2}"'),
+        )
+        t = np.arange(500) * STEPS[0]
+        motion = reference_at(t) / slower ** np.arange(3)[:, None]
+        reference = Reference(t * slower, *(x[:, None] for x in motion))
+        dt = STEPS[0] * slower
+        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        torques.append(trace.torque[:, 0])
+    assert np.abs(torques[0]).max() > 30.0
+    np.testing.assert_allclose(torques[1], torques[0], atol=1e-6 * np.abs(torques[0]).max())
+
+
 def record_torque(model, name, dt, seconds):
     whole = load_cycle(name).build(model, 0.05, dt)
     kept = round(seconds / dt) + 1
