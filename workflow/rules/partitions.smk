@@ -48,7 +48,7 @@ if PARTITIONS:
         params:
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),
             file=lambda w: f"{R}/partitions/{w.part}/study.yaml",
-            targets=lambda w, output: list(output),
+            targets=lambda w: [f"{R}/partitions/{w.part}/{table}.parquet" for table in PARTITION_TABLES],
             snakefile=os.path.join(HOME, "Snakefile"),
         message:
             "Run partition {wildcards.part}"
