@@ -15,6 +15,7 @@ import argparse
 import csv
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -211,40 +212,30 @@ def run_study(folder: Path, robots: int, points: int, job_seconds: float) -> Pat
     return folder / "results" / "scale"
 
 
-def count_results(results: Path) -> tuple[int, int, float, float, float]:
-    """Simulations, files, GB of a finished study; core-hours of what `plan` counts and of all its jobs."""
-    files = [file for file in results.rglob("*") if file.is_file()]
-    seconds = dict.fromkeys((True, False), 0.0)
-    for file in results.glob("benchmarks/**/*.tsv"):
-        rule = file.relative_to(results / "benchmarks").parts[0].removesuffix(".tsv")
-        with open(file, encoding="utf-8") as text:
-            seconds[rule in COUNTED] += float(next(csv.DictReader(text, delimiter="\t"))["cpu_time"])
-    recordings = [file.stat().st_size for file in files if file.name == "recording.parquet"]
-    hours = seconds[True] / 3600, sum(seconds.values()) / 3600
-    return len(recordings), len(files), sum(recordings) / 1e9, *hours
-
-
 def check_plan(folder: Path, studies: list[str], job_seconds: float) -> None:
-    """Run studies one after the other, each foretold by the first, and print what came."""
-    print(
-        "| study | | simulations | files | GB | core-hours | with all that is once a cell or study | hours |"
-    )
-    print("|" + 8 * "---|")
-    costs: dict[str, float] = {}
+    """Run studies of one robot one after the other and print what came, with what those before had foretold.
+
+    What there is once a robot and what there is a simulation come from the first two: a line through both.
+    """
+    print("| study | | simulations | files | GB | processor [h] | wall [h] |\n|" + 7 * "---|")
+    measured: list[list[float]] = []
     for asked in studies:
         robots, points = map(int, asked.split("x"))
-        if costs:
-            runs, _, files, gigabytes, hours = plan(costs, robots, 6, points, job_seconds)
-            print(f"| {asked} | foretold | {runs:,.0f} | {files:,.0f} | {gigabytes:.3f} | {hours:.3f} | | |")
-        start = time.perf_counter()
+        if len(measured) > 1:
+            runs = robots * 6 * (points + 1)
+            (one, *low), (other, *high) = measured[:2]
+            line = [a + (b - a) * (runs - one) / (other - one) for a, b in zip(low, high, strict=True)]
+            print(f"| {asked} | foretold | {runs:,} | {line[0]:,.0f} | {line[1]:.3f} | {line[2]:.3f} | |")
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         results = run_study(folder / asked, robots, points, job_seconds)
-        elapsed = (time.perf_counter() - start) / 3600
-        runs, files, gigabytes, hours, all_hours = count_results(results)
-        told = f"{runs:,} | {files:,} | {gigabytes:.3f} | {hours:.3f} | {all_hours:.3f} | {elapsed:.3f}"
+        wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        files = [file for file in results.rglob("*") if file.is_file()]
+        sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
+        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        found = [len(sizes), len(files), sum(sizes) / 1e9, spent / 3600]
+        told = f"{found[0]:,} | {found[1]:,} | {found[2]:.3f} | {found[3]:.3f} | {wall / 3600:.3f}"
         print(f"| {asked} | measured | {told} |", flush=True)
-        if not costs:
-            costs = read_costs(results)
-            print("\n".join(f"{name} {value:.3g}" for name, value in costs.items()), file=sys.stderr)
+        measured.append(found)
 
 
 def main() -> None:
