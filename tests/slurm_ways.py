@@ -1,5 +1,6 @@
 """The ways in which SLURM runs what also runs here, timed, with the results that are to be the same."""
 
+import json
 import re
 import resource
 import subprocess
@@ -10,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session_machine import write_machine
+
+from wearscope.tables import read_table
 
 SNAKEMAKE = [sys.executable, "-m", "snakemake"]
 #: Results that tell of the run itself: times, memory, the page that shows them.
@@ -104,7 +107,16 @@ def read_elapsed(told: str) -> float:
 
 
 def read_results(tree: Path) -> dict[str, bytes]:
-    """Content by name of the results, but for what tells of the run itself."""
+    """Content by name of the results, but for what tells of the run itself, as how long a board's case took."""
     results = tree / "results"
     files = {file.relative_to(results).as_posix(): file for file in results.rglob("*") if file.is_file()}
-    return {name: file.read_bytes() for name, file in files.items() if not OF_THE_RUN.search(name)}
+    found = {name: file.read_bytes() for name, file in files.items() if not OF_THE_RUN.search(name)}
+    for name in found:
+        if name == "attribution_board/cases.parquet":
+            table = read_table(files[name]).drop(columns=["seconds", "making_seconds"])
+            found[name] = table.to_csv().encode()
+        elif name == "attribution_board/summary.json":
+            found[name] = json.dumps({**json.loads(found[name]), "seconds": None}).encode()
+        elif name == "attribution_board/board.md":
+            found[name] = re.sub(rb"cases, \d+ s in the median, \d+ s at most", b"cases", found[name])
+    return found
