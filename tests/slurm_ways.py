@@ -107,7 +107,7 @@ def read_elapsed(told: str) -> float:
 
 
 def read_results(tree: Path) -> dict[str, bytes]:
-    """Content by name of the results, but for what tells of the run itself, as how long a board's case took."""
+    """Content by name of the results, but for what tells of the run itself, as a case's seconds."""
     results = tree / "results"
     files = {file.relative_to(results).as_posix(): file for file in results.rglob("*") if file.is_file()}
     found = {name: file.read_bytes() for name, file in files.items() if not OF_THE_RUN.search(name)}
