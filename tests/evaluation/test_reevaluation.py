@@ -9,7 +9,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
-from wearscope.evaluation.sides import Questions, answer_side, extend_to_drawn, share_surrogates
+from wearscope.evaluation.sides import Answers, Questions, answer_side, extend_to_drawn, share_surrogates
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.reporting.reevaluation import (
     Reevaluation,
@@ -116,6 +116,18 @@ def test_the_order_turns_round_and_the_sentences_say_so(reevaluation):
     assert rows(reevaluation.table, "rank", "A").iloc[0][["before", "after"]].tolist() == [1.0, 2.0]
     text = " ".join(answer_sentences(reevaluation))
     assert "it changes on axis 1 (c) A before, B after" in text and "1 turned round" in text
+
+
+def test_each_detector_is_set_against_each_other_of_its_cell_once(sides):
+    """Also where a further cell has detectors of its own."""
+    one = compare_ranking(sides, "r")
+    assert one[["fda", "over"]].to_numpy().tolist() == [["A", "B"], ["B", "A"]]
+    wider = {side: Answers(dict(one.value), dict(one.drawn)) for side, one in sides.items()}
+    for answers in wider.values():
+        for key in [key for key in answers.value if key[2] == "A"]:
+            place = ("other", 2, "own", *key[3:])
+            answers.value[place], answers.drawn[place] = answers.value[key], answers.drawn[key]
+    pd.testing.assert_frame_equal(compare_ranking(wider, "r"), one)
 
 
 def test_after_is_nearer_to_a_truth_beside_it(reevaluation):
