@@ -2,23 +2,27 @@
 
     .venv/bin/python benchmarks/scale.py                                     dry runs of some studies
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
+    .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
 than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
 test-cycles of each robot with so many points. Seconds and bytes of the table come from benchmark files and
-recordings of the finished study that `--results` names.
+recordings of the finished study that `--results` names. `--run` does what a partition's job does, up to the
+scope, on one core (in `--in`, where it goes on after it was ended).
 """
 
 import argparse
 import csv
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
@@ -32,6 +36,8 @@ DIRECT = {"cells": 120, "runs": 100_000}
 #: Robots and points of what is planned dry: up to the study of the goal, and the direct Monte Carlo, whose
 #: 120 cells are those of 12 pairs of a robot and a test-cycle.
 PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
+#: Rules whose time goes with the points, test-cycles and robots.
+COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
 
 
 def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
@@ -58,12 +64,37 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> P
     return file
 
 
-def dry_run(folder: Path, study: Path) -> tuple[float, float, float, dict[str, int], str]:
-    """Seconds, processor seconds, peak MiB and jobs by rule of a dry run; and why it was ended, if it was."""
+@dataclass(frozen=True)
+class DryRun:
+    """A dry run.
+
+    Attributes
+    ----------
+    wall, processor, queued : float
+        Of it on a processor, and waiting for one that others had [s]; what else there is of the wall time is
+        waiting for the disk.
+    peak : float
+        [MiB]
+    jobs : dict
+        By rule.
+    ended : str
+        Why it was ended; empty where it was not.
+    """
+
+    wall: float
+    processor: float
+    queued: float
+    peak: float
+    jobs: dict[str, int]
+    ended: str
+
+
+def dry_run(folder: Path, study: Path) -> DryRun:
+    """Plan a study; ended where it takes too long or too much."""
     command = [sys.executable, "-m", "snakemake", "-n", "--quiet", "rules", "--cores", "1"]
     command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(study)]
     out = folder / "dry.txt"
-    start, peak, processor, why = time.perf_counter(), 0.0, 0.0, ""
+    start, peak, processor, queued, why = time.perf_counter(), 0.0, 0.0, 0.0, ""
     with open(out, "wb") as text:
         process = subprocess.Popen(command, cwd=folder, stdout=text, stderr=subprocess.STDOUT)
         while process.poll() is None:
@@ -71,7 +102,7 @@ def dry_run(folder: Path, study: Path) -> tuple[float, float, float, dict[str, i
             if spent > SECONDS or peak > GIBIBYTES * 1024:
                 why = f"ended: over {SECONDS} s" if spent > SECONDS else f"ended: over {GIBIBYTES} GiB"
                 process.kill()
-            processor = max(processor, spent)
+            processor, queued = max(processor, spent), max(queued, read_queued_time(process.pid))
             time.sleep(0.1)
     elapsed = time.perf_counter() - start
     told = out.read_text(encoding="utf-8", errors="replace")
@@ -79,7 +110,15 @@ def dry_run(folder: Path, study: Path) -> tuple[float, float, float, dict[str, i
         sys.exit(f"the dry run failed:\n{told[-3000:]}")
     jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", told, re.MULTILINE)}
     jobs.pop("total", None)
-    return elapsed, processor, peak, jobs, why
+    return DryRun(elapsed, processor, queued, peak, jobs, why)
+
+
+def read_queued_time(pid: int) -> float:
+    """Time that a process was ready to run and had no processor [s]; 0 where it ended."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text(encoding="utf-8").split()[1]) / 1e9
+    except OSError:
+        return 0.0
 
 
 def read_processor_time(pid: int) -> float:
@@ -119,8 +158,7 @@ def read_costs(results: Path) -> dict[str, float]:
         seconds[rule] = seconds.get(rule, 0.0) + float(row["cpu_time"])
         jobs[rule] = jobs.get(rule, 0) + 1
     recordings = [file.stat().st_size for file in results.glob("traces/*/*/*/*/recording.parquet")]
-    needed = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
-    if not recordings or not needed <= seconds.keys():
+    if not recordings or not COUNTED <= seconds.keys():
         sys.exit(
             f"{results}: holds no finished study; run one, e.g. snakemake --configfile config/quick.yaml"
         )
@@ -163,24 +201,68 @@ def plan(
     return [runs, jobs, runs + 5 * writing, runs * costs["point_bytes"] / 1e9, seconds / 3600]
 
 
+def run_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
+    """Run a study up to the scope on one core; its results."""
+    if not (folder / "study.yaml").is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_study(folder, robots, points, job_seconds)
+    command = [sys.executable, "-m", "snakemake", "scope", "--cores", "1", "--quiet", "all"]
+    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "study.yaml"]
+    subprocess.run(command, cwd=folder, check=True)
+    return folder / "results" / "scale"
+
+
+def check_plan(folder: Path, studies: list[str], job_seconds: float) -> None:
+    """Run studies of one robot one after the other and print what came, with what those before had foretold.
+
+    What there is once a robot and what there is a simulation come from the first two: a line through both.
+    """
+    print("| study | | simulations | files | GB | processor [h] | wall [h] |\n|" + 7 * "---|")
+    measured: list[list[float]] = []
+    for asked in studies:
+        robots, points = map(int, asked.split("x"))
+        if len(measured) > 1:
+            runs = robots * 6 * (points + 1)
+            (one, *low), (other, *high) = measured[:2]
+            line = [a + (b - a) * (runs - one) / (other - one) for a, b in zip(low, high, strict=True)]
+            print(f"| {asked} | foretold | {runs:,} | {line[0]:,.0f} | {line[1]:.3f} | {line[2]:.3f} | |")
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        results = run_study(folder / asked, robots, points, job_seconds)
+        wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        files = [file for file in results.rglob("*") if file.is_file()]
+        sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
+        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        found = [len(sizes), len(files), sum(sizes) / 1e9, spent / 3600]
+        told = f"{found[0]:,} | {found[1]:,} | {found[2]:.3f} | {found[3]:.3f} | {wall / 3600:.3f}"
+        print(f"| {asked} | measured | {told} |", flush=True)
+        measured.append(found)
+
+
 def main() -> None:
     """Dry-run studies of some robots, then print the plan of the large ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--dry", nargs="*", default=PLANNED, metavar="ROBOTSxPOINTS")
     parser.add_argument("--job-seconds", type=float, default=600.0)
     parser.add_argument("--results", type=Path, help="folder of a finished study")
+    parser.add_argument("--run", nargs="+", default=[], metavar="ROBOTSxPOINTS")
+    parser.add_argument("--in", dest="folder", type=Path, help="where --run works; a temporary folder")
     given = parser.parse_args()
     if given.dry:
-        print("| robots | points | jobs | dry run [s] | processor [s] | peak [MiB] | 120 s, 2 GiB |")
-        print("|---|---|---|---|---|---|---|")
+        print(
+            "| robots | points | jobs | wall [s] | processor [s] | queued [s] | peak [MiB] | 120 s, 2 GiB |"
+        )
+        print("|" + 8 * "---|")
     for asked in given.dry:
         robots, points = map(int, asked.split("x"))
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
-            study = write_study(folder, robots, points, given.job_seconds)
-            elapsed, processor, peak, jobs, why = dry_run(folder, study)
-        told = f"{sum(jobs.values()) or '-'} | {elapsed:.0f} | {processor:.0f} | {peak:.0f} | {why or 'held'}"
+            one = dry_run(folder, write_study(folder, robots, points, given.job_seconds))
+        times = f"{one.wall:.0f} | {one.processor:.0f} | {one.queued:.0f}"
+        told = f"{sum(one.jobs.values()) or '-'} | {times} | {one.peak:.0f} | {one.ended or 'held'}"
         print(f"| {robots} | {points} | {told} |", flush=True)
+    if given.run:
+        with tempfile.TemporaryDirectory() as temporary:
+            check_plan(given.folder or Path(temporary), given.run, given.job_seconds)
     if given.results:
         costs = read_costs(given.results)
         print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))

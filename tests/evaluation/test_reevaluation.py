@@ -9,7 +9,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
-from wearscope.evaluation.sides import Questions, answer_side, extend_to_drawn, share_surrogates
+from wearscope.evaluation.sides import Answers, Questions, answer_side, extend_to_drawn, share_surrogates
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.reporting.reevaluation import (
     Reevaluation,
@@ -118,6 +118,18 @@ def test_the_order_turns_round_and_the_sentences_say_so(reevaluation):
     assert "it changes on axis 1 (c) A before, B after" in text and "1 turned round" in text
 
 
+def test_each_detector_is_set_against_each_other_of_its_cell_once(sides):
+    """Also where a further cell has detectors of its own."""
+    one = compare_ranking(sides, "r")
+    assert one[["fda", "over"]].to_numpy().tolist() == [["A", "B"], ["B", "A"]]
+    wider = {side: Answers(dict(one.value), dict(one.drawn)) for side, one in sides.items()}
+    for answers in wider.values():
+        for key in [key for key in answers.value if key[2] == "A"]:
+            place = ("other", 2, "own", *key[3:])
+            answers.value[place], answers.drawn[place] = answers.value[key], answers.drawn[key]
+    pd.testing.assert_frame_equal(compare_ranking(wider, "r"), one)
+
+
 def test_after_is_nearer_to_a_truth_beside_it(reevaluation):
     for fda in "AB":
         assert rows(reevaluation.table, "snr", fda).iloc[0]["p_nearer"] >= 0.95
@@ -162,6 +174,19 @@ def test_drawn_models_take_the_rest_of_their_response_from_the_side_s_own():
     assert name == "after-01" and set(chosen["robot"]) == {"after-01"}
     expected = runs("after-01", {"A": 0.8}, extra=0.3)
     np.testing.assert_allclose(extended["y"], expected["y"], atol=1e-9)
+
+
+def test_a_drawn_model_is_bridged_from_as_many_runs_as_a_constant_and_main_effects_have():
+    """With one run more than there are factors the bridge goes through them all; with one less it is open."""
+    own, expected = runs("after", {"A": 0.5}), runs("after-01", {"A": 0.8}, extra=0.3)
+    few = runs("after-01", {"A": 0.8}, sets=("filling",), extra=0.3)
+    enough = few["point"] <= len(NAMES) + 1
+    few["y"] = few["y"].where(enough)
+    ((_, extended, _),) = extend_to_drawn(own, choose(own), few, "after")
+    np.testing.assert_allclose(extended["y"], expected["y"], atol=1e-9)
+    few["y"] = few["y"].where(few["point"] <= len(NAMES))
+    assert few["y"].notna().sum() == len(NAMES)
+    assert list(extend_to_drawn(own, choose(own), few, "after")) == []
 
 
 def test_what_the_model_leaves_open_widens_the_answer():

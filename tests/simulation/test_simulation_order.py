@@ -99,6 +99,80 @@ def test_torque_under_set_valued_friction_converges_with_the_steps_square():
     assert order > 1.8, errors
 
 
+@pytest.mark.parametrize(("compliance", "bound"), [(1e-3, 2e-3), (1e-4, 2e-2)])
+def test_torque_of_an_elastic_gear_converges_with_the_steps_square(compliance, bound):
+    """Against scipy on the two masses: rotor with friction and controller, spring, link."""
+    effects = [("viscous", {"slope": VISCOUS}), ("joint_elasticity", {"compliance": compliance})]
+    model = make_model(
+        {
+            "name": "one",
+            "urdf": "one.urdf",
+            "joints": ["turn"],
+            "drive": {"rotor_inertia": [ROTOR]},
+            "effects": [{"joint": "turn", "effect": e, "parameters": p} for e, p in effects],
+            "controller": {"bandwidth_hz": 2.0, "damping": 1.0},
+        },
+        URDF,
+    )
+    omega, inertia = 2.0 * np.pi * 2.0, ROTOR + LINK
+    stiffness, damping = omega**2 * inertia, 2.0 * omega * inertia
+    times = np.arange(0.0, 2.0, STEPS[0])
+
+    def torque(t, q, v):
+        r, rv, ra = reference_at(t)
+        return inertia * ra + stiffness * (r - q) + damping * (rv - v)
+
+    def rates(t, y):
+        rotor, link, rotor_speed, link_speed = y
+        spring = (rotor - link) / compliance
+        driven = torque(t, rotor, rotor_speed) - VISCOUS * rotor_speed - spring
+        return rotor_speed, link_speed, driven / ROTOR, spring / LINK
+
+    begin = float(reference_at(0.0)[0])
+    accuracy = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+    done = solve_ivp(rates, (0.0, times[-1]), (begin, begin, 0.0, 0.0), t_eval=times, **accuracy)
+    exact = torque(times, done.y[0], done.y[2])
+    errors = []
+    for dt in STEPS:
+        t = np.arange(round(2.0 / dt)) * dt
+        reference = Reference(t, *(x[:, None] for x in reference_at(t)))
+        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        found = trace.torque[:: round(STEPS[0] / dt), 0][: len(exact)]
+        errors.append(np.sqrt(np.mean((found - exact) ** 2) / np.mean(exact**2)))
+    order = -np.polyfit(np.log2(1.0 / np.array(STEPS)), np.log2(errors), 1)[0]
+    assert errors[0] < bound
+    assert order > 1.8, errors
+
+
+@pytest.mark.parametrize(
+    "bend", [[("joint_elasticity", {"compliance": 1e-3})], [("coulomb", {"level": COULOMB})]]
+)
+def test_no_unit_of_time_is_built_into_the_step(bend):
+    """A hundred times slower, with inertias and friction that make it the same motion: the same torque."""
+    torques = []
+    for slower in (1.0, 100.0):
+        effects = [("viscous", {"slope": VISCOUS * slower}), *bend]
+        model = make_model(
+            {
+                "name": "one",
+                "urdf": "one.urdf",
+                "joints": ["turn"],
+                "drive": {"rotor_inertia": [ROTOR * slower**2]},
+                "effects": [{"joint": "turn", "effect": e, "parameters": p} for e, p in effects],
+                "controller": {"bandwidth_hz": 2.0 / slower, "damping": 1.0},
+            },
+            URDF.replace('"1"', f'"{slower**2}"').replace(f'"{LINK}"', f'"{LINK * slower**2}"'),
+        )
+        t = np.arange(500) * STEPS[0]
+        motion = reference_at(t) / slower ** np.arange(3)[:, None]
+        reference = Reference(t * slower, *(x[:, None] for x in motion))
+        dt = STEPS[0] * slower
+        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        torques.append(trace.torque[:, 0])
+    assert np.abs(torques[0]).max() > 30.0
+    np.testing.assert_allclose(torques[1], torques[0], atol=1e-6 * np.abs(torques[0]).max())
+
+
 def record_torque(model, name, dt, seconds):
     whole = load_cycle(name).build(model, 0.05, dt)
     kept = round(seconds / dt) + 1

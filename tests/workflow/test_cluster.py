@@ -4,18 +4,19 @@ import importlib.util
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import yaml
-from one_node_slurm import NoSlurm, find_obstacle, start_slurm
+from one_node_slurm import NoSlurm, start_slurm
+from slurm_ways import WAYS, WORKS, build_command, read_results, run
 
 _SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
 clones = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(clones)
 
-PROFILES = ("slurm", "kubernetes")
+#: Profiles, with the executor of each.
+PROFILES = {"slurm": "slurm", "srun": "cluster-sync", "kubernetes": "kubernetes"}
 
 
 def read_profile(name: str) -> dict:
@@ -39,8 +40,11 @@ def dry_run(*arguments: str) -> str:
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_profile_only_sets_what_snakemake_and_its_plugin_know(name):
-    pytest.importorskip(f"snakemake_executor_plugin_{name}", reason="make cluster installs it")
-    assert read_profile(name)["executor"] == name
+    executor = PROFILES[name]
+    pytest.importorskip(
+        f"snakemake_executor_plugin_{executor.replace('-', '_')}", reason="make cluster installs it"
+    )
+    assert read_profile(name)["executor"] == executor
     parser = subprocess.run(
         [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True, check=True
     )
@@ -72,39 +76,46 @@ def test_kubernetes_plans_the_study_on_its_volume():
     assert re.search(r"^simulate_points +7$", text, re.MULTILINE)
 
 
-@pytest.mark.long
-def test_one_node_slurm_writes_the_same_bytes(tmp_path):
-    """By the jobs of the rules, and planned and run by one job, as a short study should be."""
-    if obstacle := find_obstacle():
-        pytest.skip(obstacle)
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    """Environment in which the commands of a one-node SLURM find it."""
     pytest.importorskip("snakemake_executor_plugin_slurm", reason="make cluster installs it")
-    trees = {name: clones.copy_tree(tmp_path / name) for name in ("local", "in_one_job", "by_rules")}
-    start = time.monotonic()
+    try:
+        with start_slurm(tmp_path_factory.mktemp("node") / "slurm") as environment:
+            yield environment
+    except NoSlurm as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["tiny", "track", "board"])
+def test_one_node_slurm_writes_the_same_bytes(name, slurm, tmp_path):
+    """Snakemake started on the node, and the work sent as one job; the first costs nothing to speak of."""
+    work = WORKS[name]
+    arguments = work.arguments(tmp_path)
+    runs, results = {}, {}
+    for way in ("local", *WAYS):
+        tree = clones.copy_tree(tmp_path / way)
+        runs[way] = run(tree, [*build_command(way, work, 1), *arguments], slurm)
+        results[way] = read_results(tree)
+        print(f"{name}, {way}: {runs[way].wall:.0f} s, {runs[way].within:.0f} s of them at work")
+    assert results["local"] and all(one == results["local"] for one in results.values())
+    assert runs["srun"].added_to(runs["local"]) < 0.2 * runs["local"].wall
+
+
+@pytest.mark.long
+def test_jobs_of_the_rules_write_the_same_bytes(slurm, tmp_path):
+    trees = {name: clones.copy_tree(tmp_path / name) for name in ("local", "by_rules")}
     clones.run_well(trees["local"])
-    seconds = {"local": time.monotonic() - start}
     # A one-node SLURM answers at once, without accounting.
     options = ["--slurm-status-command=squeue", "--slurm-init-seconds-before-status-checks=1"]
     options += ["--seconds-between-status-checks=1", "--jobs=10", "--slurm-keep-successful-logs"]
-    jobs = {}
-    try:
-        with start_slurm(tmp_path / "slurm") as environment:
-            for name, target in (("in_one_job", "in_one_job"), ("by_rules", "all")):
-                command = [sys.executable, "-m", "snakemake", target, "--profile", "profiles/slurm", *options]
-                command += ["--configfile", f"{clones.TINY}/config.yaml"]
-                start = time.monotonic()
-                done = subprocess.run(
-                    command, cwd=trees[name], env=environment, capture_output=True, text=True, check=False
-                )
-                seconds[name] = time.monotonic() - start
-                assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
-                logs = trees[name] / ".snakemake" / "slurm_logs"
-                jobs[name] = len(list(logs.rglob("*.log")))
-    except NoSlurm as reason:
-        pytest.skip(str(reason))
-    for name, spent in seconds.items():
-        print(f"{name}: {spent:.0f} s, {jobs.get(name, 0)} jobs of SLURM")
-    assert jobs["in_one_job"] == 1 and jobs["by_rules"] > 5
-    here = clones.digests(trees["local"])
-    assert here and all(clones.digests(trees[name]) == here for name in jobs)
-    markers = [len(list(trees[name].rglob("_chunk-*.json"))) for name in ("local", "by_rules")]
+    command = [sys.executable, "-m", "snakemake", "--profile", "profiles/slurm", *options]
+    command += ["--configfile", f"{clones.TINY}/config.yaml"]
+    there = trees["by_rules"]
+    done = subprocess.run(command, cwd=there, env=slurm, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
+    assert len(list((there / ".snakemake" / "slurm_logs").rglob("*.log"))) > 5
+    assert clones.digests(there) == clones.digests(trees["local"])
+    markers = [len(list(tree.rglob("_chunk-*.json"))) for tree in trees.values()]
     assert markers[1] < markers[0], "the cluster's jobs are no longer than the local ones"

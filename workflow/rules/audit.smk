@@ -37,6 +37,7 @@ use rule compute_test_quantities as compute_audit_quantities with:
         audit=f"{R}/design/audit.parquet",
         nominal=f"{R}/design/nominal.parquet",
         traces=lambda w: traces(w.robot, w.cycle, "audit", "nominal"),
+        recordings=lambda w: carried(w.robot, w.cycle, "audit", "nominal"),
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:

@@ -68,6 +68,8 @@ if PARTITIONS:
     )
 
 config = STUDY.model_dump(mode="json")
+# Where jobs share no file system, a storage plugin carries what they declare, the recordings of a chunk as one file.
+CARRIED = workflow.storage_settings.default_storage_provider is not None
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -121,12 +123,19 @@ CATEGORIES = {
 }
 
 
+def here(files):
+    """Files that are no results: every job finds them in its own copy of the tree, no storage holds them."""
+    return [local(file) for file in files] if CARRIED else files
+
+
 # Style sheets and templates of figures and page, which no import shows.
-REPORT_FILES = sorted(
-    os.path.relpath(file)
-    for pattern in ("*.mplstyle", "templates/*", "templates/*/*")
-    for file in glob.glob(f"{PACKAGE}/reporting/{pattern}")
-    if os.path.isfile(file)
+REPORT_FILES = here(
+    sorted(
+        os.path.relpath(file)
+        for pattern in ("*.mplstyle", "templates/*", "templates/*/*")
+        for file in glob.glob(f"{PACKAGE}/reporting/{pattern}")
+        if os.path.isfile(file)
+    )
 )
 
 
@@ -177,7 +186,7 @@ def code(script, *plugins):
         shared = [f"{HOME}/workflow/scripts/{name}.py" for name in imported]
         files += [name for name in shared if os.path.isfile(name) and name not in files]
     files += [file for file in map(str, plugins) if os.path.isfile(file)]
-    return sorted({os.path.relpath(file) for file in find_sources(*files)})
+    return here(sorted({os.path.relpath(file) for file in find_sources(*files)}))
 
 
 @cache
@@ -202,7 +211,7 @@ def robot_files(reference):
         raise SystemExit(
             f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF."
         )
-    return [str(path), urdf]
+    return here([str(path), urdf])
 
 
 def robot_effects(reference):
@@ -253,14 +262,18 @@ def own_files():
     files = [file for reference in named for file in robot_files(reference)]
     files += [file for reference in named for file in robot_effects(reference)]
     files += [*cycle_files(), *detector_files()]
-    return sorted(
-        {os.path.relpath(file) for file in files if PACKAGE not in Path(os.path.abspath(file)).parents}
-    )
+    named = {os.path.relpath(file) for file in files if PACKAGE not in Path(os.path.abspath(file)).parents}
+    return here(sorted(named))
 
 
 def traces(robot, cycle, *sets):
     """Markers of the simulated chunks of some sets."""
     return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
+
+
+def carried(robot, cycle, *sets):
+    """The recordings of some sets where a storage carries them, a file a chunk."""
+    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if CARRIED]
 
 
 def chunks(set):
@@ -276,12 +289,12 @@ def effect_files():
 def own_effects():
     """Own effects' files that the configuration names and that are there; the loop itself says which is missing."""
     files = [str(plugin_file(reference, "effects")) for reference in STUDY.closed_loop.effects]
-    return [file for file in files if os.path.isfile(file)]
+    return here([file for file in files if os.path.isfile(file)])
 
 
 def dataset_file(path):
     """The dataset.yaml of a measured data set given as its folder or that file."""
-    return os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path
+    return here([os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path])[0]
 
 
 def read_dataset(path):
@@ -316,7 +329,7 @@ def list_dataset_files(content, folder):
         listed = content.get(field)
         names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
     paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
-    return [path for path in paths if path is not None]
+    return here([path for path in paths if path is not None])
 
 
 def dataset_effects():

@@ -9,6 +9,17 @@ PARTITION_TABLES = [
 ]
 
 
+#: What can be asked for as one job, with the memory of a core that works on it [MiB].
+ONE_JOB_MEMORY = {
+    "all": 1300,
+    "closed_loop": 4000,
+    "detect": 4000,
+    "track": 4000,
+    "reevaluate": 2200,
+    "attribution_board": 4000,
+}
+
+
 if PARTITIONS:
 
     rule run_partition:
@@ -36,7 +47,7 @@ if PARTITIONS:
             installed=installed("robots", "cycles", "detectors", "effects"),
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),
             file=lambda w: f"{R}/partitions/{w.part}/study.yaml",
-            targets=lambda w, output: list(output),
+            targets=lambda w: [f"{R}/partitions/{w.part}/{table}.parquet" for table in PARTITION_TABLES],
             snakefile=os.path.join(HOME, "Snakefile"),
         message:
             "Run partition {wildcards.part}"
@@ -61,22 +72,27 @@ else:
             "../scripts/join_screening.py"
 
 
-# A study that is shorter than a cluster's job should be: planned and run by one, where it lands. It has no output of
-# its own, so that what is left to do is asked each time.
-rule in_one_job:
-    log:
-        f"{R}/logs/in_one_job.log",
-    conda:
-        ENV
-    threads: STUDY.partitions.threads
-    resources:
-        **needs(1000 + 1300 * STUDY.partitions.threads, 60),
-    params:
-        study=config,
-        file=f"{R}/in_one_job.yaml",
-        targets=["all"],
-        snakefile=os.path.join(HOME, "Snakefile"),
-    message:
-        "Run {STUDY.study} as one job"
-    script:
-        "../scripts/run_partition.py"
+# What is shorter than a cluster's job should be: planned and run by one, where it lands. It has no output of its own,
+# so that what is left to do is asked each time.
+for ONE_JOB_TARGET, ONE_JOB_MIB in ONE_JOB_MEMORY.items():
+
+    rule:
+        name:
+            "in_one_job" if ONE_JOB_TARGET == "all" else f"{ONE_JOB_TARGET}_in_one_job"
+        log:
+            f"{R}/logs/{ONE_JOB_TARGET}_in_one_job.log",
+        conda:
+            ENV
+        threads: STUDY.partitions.threads
+        resources:
+            mem_mb=lambda w, attempt, threads, mib=ONE_JOB_MIB: attempt * (1000 + mib * threads),
+            runtime=lambda w, attempt: attempt * 60,
+        params:
+            study=config,
+            file=f"{R}/{ONE_JOB_TARGET}_in_one_job.yaml",
+            targets=[ONE_JOB_TARGET],
+            snakefile=os.path.join(HOME, "Snakefile"),
+        message:
+            f"Run {ONE_JOB_TARGET} of {STUDY.study} as one job"
+        script:
+            "../scripts/run_partition.py"

@@ -154,7 +154,8 @@ rule simulate_points:
             *robot_effects(ROBOTS[w.robot]),
         ),
     output:
-        f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
+        marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
+        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if CARRIED else []),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
@@ -197,7 +198,8 @@ if AT_ONCE:
                 *robot_effects(ROBOTS[w.robot]),
             ),
         output:
-            [f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
+            marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
+            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if CARRIED],
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:

@@ -8,6 +8,7 @@ rule compute_test_quantities:
         **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS},
         nominal=f"{R}/design/nominal.parquet",
         traces=lambda w: traces(w.robot, w.cycle, *STUDY_SETS),
+        recordings=lambda w: carried(w.robot, w.cycle, *STUDY_SETS),
         detectors=f"{R}/check/detectors.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),

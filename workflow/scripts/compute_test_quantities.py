@@ -7,10 +7,12 @@ from quantities import quantify
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.robots.model import load_model
+from wearscope.simulation.carried import unpack_recordings
 from wearscope.simulation.failures import read_markers
 
 with run_job(snakemake) as say:
     given, params, w = snakemake.input, snakemake.params, snakemake.wildcards
+    unpack_recordings(given.recordings)
     table, failed = quantify(
         say,
         Path(given.traces[0]).parents[1],

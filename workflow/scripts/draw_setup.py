@@ -13,6 +13,7 @@ from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.style import save_figure
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
+from wearscope.simulation.carried import unpack_recordings
 from wearscope.simulation.failures import read_markers
 from wearscope.simulation.traces import read_points
 
@@ -40,6 +41,7 @@ with run_job(snakemake):
 
     robot, model = next(iter(models.items()))
     joint = model.joints.index(model.wear_joints[params.worn.index(params.axis)])
+    unpack_recordings(snakemake.input.recordings)
     traces = Path(snakemake.input.traces[0]).parents[1]
     fingerprints, failures = read_markers(snakemake.input.traces)
     failed = [point for _, point in failures]

@@ -1,15 +1,17 @@
 """A partition of a study of many robots, or a whole study, planned and run here by a Snakemake of its own."""
 
 import os
+import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import yaml
 
 from job import run_job
 from wearscope.errors import InputError
-from wearscope.files import write_text
+from wearscope.files import write_text, write_whole
 from wearscope.processes import STARTER, identify_process
 
 with run_job(snakemake) as say:
@@ -25,3 +27,6 @@ with run_job(snakemake) as say:
         done = subprocess.run(command, env=environment, stdout=text, stderr=text, check=False)
     if done.returncode:
         raise InputError(f"{log}: it failed; correct what is said there and run the same command again.")
+    for made, wanted in zip(params.targets, snakemake.output, strict=False):
+        if made != str(wanted):  # a storage takes it from elsewhere
+            write_whole(wanted, partial(shutil.copyfile, made))

@@ -9,6 +9,7 @@ from job import count_progress, run_job
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
+from wearscope.simulation.carried import pack_recordings
 from wearscope.simulation.chunk import Plan, simulate_chunk
 
 with run_job(snakemake) as say:
@@ -21,7 +22,8 @@ with run_job(snakemake) as say:
         common.update(Path(file).read_bytes())
     listed = snakemake.input.design
     designs = {Path(file).stem: file for file in ([listed] if isinstance(listed, str) else listed)}
-    for marker in map(Path, snakemake.output):
+    outputs = list(map(Path, snakemake.output))
+    for marker in (file for file in outputs if file.suffix == ".json"):
         name = marker.parent.name
         first = int(marker.stem.rpartition("-")[2]) * params.size
         rows = tables.read_arrow(designs[name]).to_pylist()[first : first + params.size]
@@ -38,4 +40,7 @@ with run_job(snakemake) as say:
         )
         for point, reason in outcome.failed.items():
             say(f"{name} point {point} failed: {reason}")
+        packed = marker.with_suffix(".tar")
+        if packed in outputs:
+            pack_recordings(packed, outcome.fingerprints.keys() - outcome.failed.keys())
         tables.write_text(marker, json.dumps(asdict(outcome), indent=1) + "\n")

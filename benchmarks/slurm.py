@@ -1,0 +1,79 @@
+"""What SLURM adds to a run: a study here, and as one job of a SLURM of one node started for it.
+
+    .venv/bin/python benchmarks/slurm.py                        the quick study, track, the smallest board
+    .venv/bin/python benchmarks/slurm.py track --cores 2 --repeats 3
+
+Needs what `make cluster` installs and Debian's SLURM (docs/cluster.md). Each run has a copy of the tree of
+its own and begins with nothing; the bytes of the results are compared. The ways: `srun` starts Snakemake on
+the node, as it would be started here; `one job` sends the target `in_one_job` through `profiles/srun`.
+
+On a busy machine two runs of the same take different times. So each also says how long the Snakemake took
+that does the work; what a run takes beyond it, more than the local run does, is `added`: the starts of what
+stands around it, and seeing the end.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "workflow")]
+
+from clones import copy_tree  # noqa: E402
+from one_node_slurm import NoSlurm, start_slurm  # noqa: E402
+from slurm_ways import WAYS, WORKS, build_command, read_results, run  # noqa: E402
+
+
+def compare(name: str, ways: list[str], cores: int, environment: dict[str, str]) -> None:
+    """Run one work locally and by each way, and print a row of the table for each."""
+    work = WORKS[name]
+    with tempfile.TemporaryDirectory() as temporary:
+        arguments = work.arguments(Path(temporary))
+        for way in ["local", *ways]:
+            tree = copy_tree(Path(temporary) / way)
+            one = run(tree, [*build_command(way, work, cores), *arguments], environment)
+            found = read_results(tree)
+            if way == "local":
+                local, wanted = one, found
+                told = f"{len(wanted)} | {one.processor:.0f} s of processor"
+                print(
+                    f"| {name} | {way} | {one.wall:.0f} | | | {os.getloadavg()[0]:.1f} | {told} |", flush=True
+                )
+                continue
+            differ = sorted(key for key in wanted.keys() | found.keys() if wanted.get(key) != found.get(key))
+            told = f"{len(differ)} differ, e.g. {differ[0]}" if differ else "the same bytes"
+            over, added = one.wall - local.wall, one.added_to(local)
+            print(
+                f"| {name} | {way} | {one.wall:.0f} | {over / local.wall:+.0%} | {added:.1f} "
+                f"({added / local.wall:.0%}) | {os.getloadavg()[0]:.1f} | {len(found)} | {told} |",
+                flush=True,
+            )
+
+
+def main() -> None:
+    """Print a row a work, repeat and way."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("works", nargs="*", metavar="WORK", help=f"of {', '.join(WORKS)}; all unless given")
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--ways", nargs="+", default=WAYS, choices=WAYS)
+    given = parser.parse_args()
+    if unknown := set(given.works) - set(WORKS):
+        parser.error(f"no such work: {', '.join(sorted(unknown))}")
+    print("| work | way | wall [s] | over local | added [s] | load | files | |\n|" + 8 * "---|")
+    try:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            start_slurm(Path(folder) / "slurm", given.cores) as environment,
+        ):
+            for name in given.works or ["quick", "track", "board"]:
+                for _ in range(given.repeats):
+                    compare(name, given.ways, given.cores, environment)
+    except NoSlurm as reason:
+        sys.exit(str(reason))
+
+
+if __name__ == "__main__":
+    main()
