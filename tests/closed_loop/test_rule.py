@@ -146,17 +146,14 @@ def test_terms_are_told_apart_materially_and_outside_their_noise():
 
 
 def test_few_blocks_tell_less():
-    """2 standard errors of normal noise are 4.5 of three blocks' and more of one that makes the whole sum."""
-    assert rule.find_critical(np.ones(10_000)) == pytest.approx(2.0, abs=1e-3)
-    assert rule.find_critical(np.ones(3)) == pytest.approx(4.53, abs=0.01)
-    assert rule.find_critical(np.array([1.0, np.nan, 1.0, 1.0])) == pytest.approx(4.53, abs=0.01)
-    lone = np.zeros(40)
-    lone[3] = 5.0
-    assert rule.find_critical(lone) > 13.0
-    best = evidence(gain=40.0, noise=0.0)
-    worse = replace(best, change=best.change + lone)
-    assert not rule.separates(best, worse)
-    assert rule.separates(best, replace(best, change=best.change + 5.0 / 40))
+    """Two standard errors of normal noise are 4.5 where three blocks inform."""
+    assert rule.find_critical(10_000) == pytest.approx(2.0, abs=1e-3)
+    assert rule.find_critical(3) == pytest.approx(4.53, abs=0.01)
+    assert rule.find_critical(1.2) > 13.0
+    best, worse = evidence(gain=40.0, noise=0.0), evidence(gain=25.0, noise=1.0)
+    assert rule.separates(best, worse)
+    assert not rule.separates(best, replace(worse, blocks=4.0))
+    assert not rule.separates(replace(best, blocks=4.0), worse)
 
 
 def test_a_delay_is_alike_within_a_factor_and_of_one_sign():

@@ -79,7 +79,7 @@ class _JointFit:
     error: float
 
 
-def refine_reversals(prepared: Prepared, assembly: Assembly) -> Reversals:
+def refine_reversals(prepared: Prepared, assembly: Assembly, forms: bool = True) -> Reversals:
     """How each joint's friction reverses where a model fits the training runs best.
 
     Its width in the present form first, then in the others.
@@ -89,6 +89,8 @@ def refine_reversals(prepared: Prepared, assembly: Assembly) -> Reversals:
     prepared : Prepared
     assembly : Assembly
         The model.
+    forms : bool
+        Whether other forms are tried: one can pass for what the model lacks yet.
 
     Returns
     -------
@@ -104,7 +106,7 @@ def refine_reversals(prepared: Prepared, assembly: Assembly) -> Reversals:
     losses, best = fitter.descend(fitter.start())
     wide = [j for j in frictions if best.width[j] > 0.0]
     first = best
-    for step in range(1, len(FORMS) if wide else 1):
+    for step in range(1, len(FORMS) if wide and forms else 1):
         found, fitted = fitter.descend(first.change_form(step), wide)
         better = np.zeros(prepared.n, dtype=bool)
         for j, fit in found.items():

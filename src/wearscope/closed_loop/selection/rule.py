@@ -126,19 +126,17 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 
 def separates(better: Evidence, worse: Evidence) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
-    differences = worse.change - better.change
-    difference, error = summed(differences)
-    return difference > max(find_critical(differences) * error, _MATERIAL * better.left)
+    difference, error = summed(worse.change - better.change)
+    critical = find_critical(min(better.blocks, worse.blocks))
+    return difference > max(critical * error, _MATERIAL * better.left)
 
 
-def find_critical(values: np.ndarray) -> float:
-    """Standard errors from which a sum over blocks is told from noise, few blocks counting for what they are.
+def find_critical(blocks: float) -> float:
+    """Standard errors from which a sum is told from noise, where so many blocks inform on it effectively.
 
-    Student's t with as many degrees of freedom as blocks make the values, less one.
+    As far out in Student's t with as many degrees of freedom, less one, as `_ERRORS` are in normal noise.
     """
-    squares = values[np.isfinite(values)] ** 2
-    effective = float(squares.sum() ** 2 / max((squares**2).sum(), 1e-300))
-    return float(stats.t.ppf(stats.norm.cdf(_ERRORS), max(effective - 1.0, 1.0)))
+    return float(stats.t.ppf(stats.norm.cdf(_ERRORS), max(blocks - 1.0, 1.0)))
 
 
 def touches(a: Evidence, b: Evidence) -> bool:

@@ -151,7 +151,7 @@ class Search:
 
     def run(self) -> list[Found]:
         """Terms that the declared model lacks."""
-        found = self.settle_reversals(find_standard(self))
+        found = self.settle_reversals(find_standard(self), forms=False)
         self.sigma = self.scale(found)
         losses = np.nansum(self.assemble(found).joint_losses, axis=0)
         self.standard_loss = losses * self.sigma**2
@@ -164,10 +164,10 @@ class Search:
             found = grown
         return found
 
-    def settle_reversals(self, found: list[Found]) -> list[Found]:
+    def settle_reversals(self, found: list[Found], forms: bool = True) -> list[Found]:
         """Fit how the frictions reverse beside the terms found, and make all anew along them."""
         old = self.problem.prepared.reversals
-        fitted = refine_reversals(self.problem.prepared, self.assemble(found))
+        fitted = refine_reversals(self.problem.prepared, self.assemble(found), forms)
         moved = fitted.differ(old, _SETTLED)
         if not moved.any():
             return found
