@@ -116,6 +116,18 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 
 
+def test_a_standard_term_without_which_the_parts_run_away_is_needed():
+    """One part gains far more than the others: that is no scatter of a gain that could be nil."""
+    change = np.full(40, -3.0)
+    change[-1] = -4000.0
+    away = evidence("viscous", change=change, gain=4117.0, share=0.9, fitted=0.9)
+    gain, error = rule.summed(-change)
+    assert gain < 2.0 * error
+    assert rule.is_needed(away, POLICY, by_run=True)
+    for changed in ({"share": 0.49}, {"fitted": 0.49}, {"agreement": 0.9}):
+        assert not rule.is_needed(replace(away, **changed), POLICY, by_run=True), changed
+
+
 def test_the_rule_changes_nothing_it_is_given():
     e = evidence()
     before = {name: np.copy(getattr(e, name)) for name in ("change", "beta", "chance", "gain", "p_value")}
