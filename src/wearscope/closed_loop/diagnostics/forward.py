@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.model.prediction import bootstrap_rms, pooled_rms
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.effects.base import Signals
 
 #: Signals with a value a sample.

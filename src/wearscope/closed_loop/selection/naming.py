@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from arch.bootstrap import MCS
 
-from wearscope.closed_loop.intake.preprocessing import rows
+from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.found import Found

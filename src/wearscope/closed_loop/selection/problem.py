@@ -8,9 +8,8 @@ import numpy as np
 from scipy import fft, interpolate
 
 from wearscope.closed_loop.intake.direction import Reversals
-from wearscope.closed_loop.intake.filtering import low_pass
+from wearscope.closed_loop.intake.filtering import low_pass, rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.intake.preprocessing import rows
 from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.candidates import Candidate, make_candidate
 from wearscope.closed_loop.model.declared import declared_terms
