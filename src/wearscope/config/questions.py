@@ -74,5 +74,5 @@ class DirectSettings(Section):
 
     enabled: bool = True
     """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""
-    runs: Annotated[int, Field(ge=10)] = 60
+    runs: Annotated[int, Field(ge=10)] = 1000
     """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""
