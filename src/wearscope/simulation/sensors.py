@@ -3,7 +3,6 @@
 import hashlib
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
@@ -130,6 +129,9 @@ def _sample(signals: tuple[Array, Array, Array, Array], dt: float, sample_rate: 
     every = 1.0 / (dt * sample_rate)
     if abs(round(every) / every - 1.0) <= _WHOLE:
         return [values[:: round(every)].copy() for values in signals]
+    # Only here: its import takes as long as the simulation of some points.
+    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
     t, q, v, torque = signals
     steps = np.arange(len(t), dtype=float)
     at = np.arange(0.0, steps[-1] + _WHOLE, every)
