@@ -107,7 +107,10 @@ def test_detectors_judge_recordings_of_a_heavier_link_at_any_rate(tmp_path):
             "description": "sample rate", "kind": "sensors.sample_rate", "range": [80, 250], "unit": "Hz",
         },
     }  # fmt: skip
-    detectors = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
+    detectors = {
+        "A": "residual_energy", "B": "distribution_distance", "C": "friction_fit",
+        "D": "wear_temperature_fit", "E": "friction_change",
+    }  # fmt: skip
     study = {**STUDY, "factors": factors, "detectors": detectors, "scope": {"factors": ["rate"]}}
     done = run(tmp_path, study, "--stage", "test_quantities")
     assert done.returncode == 0, done.stderr[-3000:]
