@@ -1,6 +1,6 @@
 """The numbers of the rule that accepts, ties and names: all of them, each with its unit and its reason.
 
-How much the board's figures change when each is halved and doubled stands in ``docs/closed-loop.md``.
+What changes on the board when each is halved and doubled: ``benchmarks/policy.py``.
 """
 
 from pydantic import BaseModel, ConfigDict, Field
