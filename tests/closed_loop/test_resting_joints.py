@@ -94,3 +94,22 @@ def test_a_real_step_of_a_resting_joint_is_still_refused():
         InputError, match=r"'q_b' steps by 0\.05 .* \"accept: \[step q_b\]\" to dataset\.yaml"
     ):
         clean_run(run, ["a", "b"], [False, False], "f", reach=np.array([2.0, 1.0]))
+
+
+def test_what_holds_a_joint_at_rest_changes_no_row_in_which_it_moves(one_by_one):
+    """Whatever static friction holds, the filtered torque of the motion before and after is the same."""
+    folder = one_by_one(False)
+    plain = prepare(read_dataset(folder, find_prismatic)).runs[0]
+    path = folder / plain.file
+    table = pd.read_parquet(path)
+    first = next(name for name in table if name.startswith("tau_"))
+    # The first joint moves from 0.5 to 7.5 s, and slowly towards the end: it rests from a little before.
+    table.loc[table["t"] >= 7.5, first] += 4.0
+    table.to_parquet(path, index=False)
+    held = prepare(read_dataset(folder, find_prismatic)).runs[0]
+    kept = plain.keep[:, 0] & held.keep[:, 0]
+    assert kept.sum() > 50
+    np.testing.assert_allclose(held.measured[kept, 0], plain.measured[kept, 0], atol=1e-6)
+    # At rest the measured torque stays what it was measured to be.
+    still = held.t > 9.5
+    np.testing.assert_allclose(held.measured[still, 0] - plain.measured[still, 0], 4.0, atol=0.05)

@@ -67,20 +67,25 @@ def find_exact_torque(times, stiffness, damping):
     return found, stops
 
 
-def test_torque_under_set_valued_friction_converges_with_the_steps_square():
-    """Against scipy, which switches friction at events: slips, sticks and reversals within a step."""
-    effects = [("coulomb", {"level": COULOMB}), ("viscous", {"slope": VISCOUS})]
-    model = make_model(
+def make_one_joint(effects, bandwidth):
+    """Model of one joint with effects [(name, parameters)] and a controller of some bandwidth [Hz]."""
+    return make_model(
         {
             "name": "one",
             "urdf": "one.urdf",
             "joints": ["turn"],
             "drive": {"rotor_inertia": [ROTOR]},
             "effects": [{"joint": "turn", "effect": e, "parameters": p} for e, p in effects],
-            "controller": {"bandwidth_hz": 5.0, "damping": 1.0},
+            "controller": {"bandwidth_hz": bandwidth, "damping": 1.0},
         },
         URDF,
     )
+
+
+def test_torque_under_set_valued_friction_converges_with_the_steps_square():
+    """Against scipy, which switches friction at events: slips, sticks and reversals within a step."""
+    effects = [("coulomb", {"level": COULOMB}), ("viscous", {"slope": VISCOUS})]
+    model = make_one_joint(effects, 5.0)
     omega, inertia = 2.0 * np.pi * 5.0, ROTOR + LINK
     times = np.arange(0.0, 3.0, STEPS[0])
     exact, stops = find_exact_torque(times, omega**2 * inertia, 2.0 * omega * inertia)
@@ -103,17 +108,7 @@ def test_torque_under_set_valued_friction_converges_with_the_steps_square():
 def test_torque_of_an_elastic_gear_converges_with_the_steps_square(compliance, bound):
     """Against scipy on the two masses: rotor with friction and controller, spring, link."""
     effects = [("viscous", {"slope": VISCOUS}), ("joint_elasticity", {"compliance": compliance})]
-    model = make_model(
-        {
-            "name": "one",
-            "urdf": "one.urdf",
-            "joints": ["turn"],
-            "drive": {"rotor_inertia": [ROTOR]},
-            "effects": [{"joint": "turn", "effect": e, "parameters": p} for e, p in effects],
-            "controller": {"bandwidth_hz": 2.0, "damping": 1.0},
-        },
-        URDF,
-    )
+    model = make_one_joint(effects, 2.0)
     omega, inertia = 2.0 * np.pi * 2.0, ROTOR + LINK
     stiffness, damping = omega**2 * inertia, 2.0 * omega * inertia
     times = np.arange(0.0, 2.0, STEPS[0])

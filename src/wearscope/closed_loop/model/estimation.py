@@ -138,9 +138,9 @@ def estimate_jointly(model: Regression) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint; intervals take
-    Student's t with the number of clusters that carry the information, less one, for freedom. Where a
-    regressor was made from the measured torque, its noise-free instrument takes its place in the scores.
+    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. Intervals take Student's t
+    with as many degrees of freedom as clusters carry the parameter's information, less one. Where a regressor
+    was made from the measured torque, its noise-free instrument takes its place in the scores.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
