@@ -5,11 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.whitening import drift_p_value, find_filter
+from wearscope.closed_loop.selection.whitening import bridge_uncounted, drift_p_value, find_filter
 from wearscope.effects.base import load_effect
 
 
@@ -54,18 +54,42 @@ def test_the_filter_of_a_first_order_autoregression_is_its_own():
     np.testing.assert_allclose(taps, [1.0, -0.8, 0.0, 0.0, 0.0, 0.0], atol=0.04)
 
 
+def test_what_holds_of_a_run_holds_across_rows_that_do_not_count():
+    """Lines through the neighbours, the end values beyond: the same combination of columns in every row."""
+    rng = np.random.default_rng(5)
+    x, keep = rng.standard_normal((10, 3)), np.array([0, 1, 1, 0, 0, 0, 1, 1, 1, 0], dtype=bool)
+    bridged = bridge_uncounted(x, keep)
+    np.testing.assert_array_equal(bridged[keep], x[keep])
+    np.testing.assert_allclose(bridged[3:6], x[2] + np.outer([0.25, 0.5, 0.75], x[6] - x[2]))
+    np.testing.assert_array_equal(bridged[[0, 9]], x[[1, 8]])
+    weights = np.array([2.0, -1.0, 0.5])
+    np.testing.assert_allclose(bridge_uncounted(x @ weights[:, None], keep), bridged @ weights[:, None])
+    np.testing.assert_array_equal(bridge_uncounted(x, np.ones(10, dtype=bool)), x)
+    assert not bridge_uncounted(x, np.zeros(10, dtype=bool)).any()
+
+
 def test_silence_is_left_alone():
     assert find_filter([np.zeros(100)] * 3, 5).tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
-def test_slow_effects_are_not_significant_beside_a_walk(record, search_of):
+def count_in_turns(assembly, on, off):
+    """The same model where rows count `on` in a row and then `off` do not, as about rests of a joint."""
+    counts = np.arange(len(assembly.target)) % (on + off) < on
+    layout = assembly.layout
+    for joint in range(assembly.target.shape[1]):
+        layout = layout.restrict(joint, counts)
+    return Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
+
+
+@pytest.mark.parametrize("off", [0, 12], ids=["whole", "with_gaps"])
+def test_slow_effects_are_not_significant_beside_a_walk(record, search_of, off):
     """p-values of effects that are not there: small ones are rare, where block by block they are frequent."""
     beside, plain = [], []
     for seed in range(4):
         folder = record(seed=seed, extra_torque=walk)
         search = search_of(folder)
         shutil.rmtree(folder)
-        assembly = search.assemble(())
+        assembly = count_in_turns(search.assemble(()), 25, off)
         for candidate in search.candidates(assembly, (), (0, 1)):
             if candidate.effect.name not in ("gravity_counterbalance", "joint_spring", "viscous_asymmetry"):
                 continue

@@ -17,6 +17,8 @@ STRETCH = {False: 10 * ARC_MINUTE, True: 1e-4}
 """Largest RMS deflection of a joint under its load [rad or m]."""
 GAIN, DELAY, SHORTEST_DELAY = 0.12, 0.012, 0.2
 """Largest error of a drive's gain; longest delay [s]; shortest delay in samples."""
+LOSS = 0.4
+"""Largest friction of a gear over its load: more does not drive back."""
 MASS, PAYLOAD = 0.3, 0.5
 """Largest relative error of a link's mass, and of the payload's."""
 SHARES = {
@@ -54,6 +56,8 @@ def limit_amplitude(recording: "Recording", plant: Term | Structural, effect: st
         most = GAIN
     elif effect == "time_delay":
         most, least = DELAY, SHORTEST_DELAY / recording.recipe.rate
+    elif effect == "load_dependent_friction":
+        most = LOSS
     elif effect == "payload_error":
         most = PAYLOAD * machine.payload_mass
     elif effect == "inertial_error":

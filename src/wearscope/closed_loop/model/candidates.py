@@ -8,7 +8,7 @@ from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.inertials import find_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect, Signals
+from wearscope.effects.base import Effect, Signals, TransmissionEffect
 
 #: Columns that are made at once, so that full-rate regressors of many shapes need little memory.
 _AT_ONCE = 64
@@ -88,10 +88,10 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
     """
     train = prepared.runs_for("train")
     signals = [run.signals for run in train]
-    if ModelTerm(effect, joint, (), ()).is_deflection:
+    if isinstance(effect, TransmissionEffect):
+        edge = prepared.band.jump if effect.abrupt else prepared.band.gear
         signals = [
-            replace(run.signals, transmitted=low_pass(run.signals.load, run.band.gear, run.band.rate))
-            for run in train
+            replace(run.signals, transmitted=low_pass(run.signals.load, edge, run.band.rate)) for run in train
         ]
     parts = [reduce_columns(effect, joint, shapes, run, s) for run, s in zip(train, signals, strict=True)]
     named = tuple(tuple(float(x) for x in shape) for shape in shapes)

@@ -17,6 +17,11 @@ _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
+#: Share of the held-out loss from which a standard term is kept where only this share of the runs agree.
+_LARGE, _MOSTLY = 0.1, 2.0 / 3.0
+#: Standard errors by which a gear's plain friction, which every joint has, must gain there, and any other
+#: standard term anywhere.
+_EXPECTED, _POSSIBLE = 1.0, 3.0
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
 _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
@@ -94,15 +99,29 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     Where most of the loss is gained in all of them there is no noise to ask about: what differs then is how
     far each part runs away without the term.
     """
+    plain = e.term.effect.is_plain_friction
     gain, error = summed(-e.change)
-    sure = gain > _ERRORS * error or (min(e.share, e.fitted) >= _BEYOND_CHANCE and e.agreement == 1.0)
+    agrees = e.agreement >= (policy.agreeing if by_run else 1.0)
+    beyond = min(e.share, e.fitted) >= _BEYOND_CHANCE and e.agreement == 1.0
+    sure = gain > (_ERRORS if plain else _POSSIBLE) * error or beyond
+    large = is_large(e) and e.agreement >= _MOSTLY
+    likely = large and gain > (_EXPECTED if plain else _POSSIBLE) * error
     return (
         e.sine >= _ABSORBED
         and e.share >= policy.standard_share
         and e.torque >= policy.material_torque
-        and e.agreement >= (policy.agreeing if by_run else 1.0)
-        and sure
+        and ((agrees and sure) or likely)
     )
+
+
+def is_large(e: Evidence) -> bool:
+    """Whether a standard term explains much, of the rows that are fitted and of those that are not."""
+    return min(e.share, e.fitted) >= _LARGE
+
+
+def is_plain(e: Evidence) -> bool:
+    """Whether a term is plain friction, which every joint has, and explains much."""
+    return e.term.effect.is_plain_friction and is_large(e)
 
 
 def find_fast(speed: np.ndarray, kept: np.ndarray) -> np.ndarray | None:

@@ -176,13 +176,16 @@ class Search:
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def is_needed(self, beside: Assembly, e: Evidence) -> bool:
-        """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it."""
+        """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
+
+        Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
+        """
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
         believable = all(low <= b <= high for b, (low, high) in low_high)
         return (
             believable
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and not self.drifts(beside, e)
+            and (rule.is_plain(e) or not self.drifts(beside, e))
         )
 
     def extend(self, found: list[Found]) -> list[Found]:
@@ -251,7 +254,8 @@ class Search:
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
-        if rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
+        beyond = rule.is_beyond_chance(e, self.problem.layout.folds.by_run)
+        if beyond and not e.term.effect.empirical:
             return False
         tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
         return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
@@ -275,13 +279,13 @@ class Search:
     def revise(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, with all others in the model, whether it is needed and the best."""
         for f in sorted(found, key=lambda f: f.evidence.gain):
-            others = [k for k in found if k is not f]
+            others = self.absorb(f, [k for k in found if k is not f])
             beside = self.assemble(others)
             if f.effect.standard:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
                 # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
                 imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
-                if not imitated and not self.is_needed(beside, own):
+                if not imitated and not self.is_refined(f, others) and not self.is_needed(beside, own):
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
@@ -296,6 +300,25 @@ class Search:
                     self.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
                 found = [again if k is f else k for k in found]
         return found
+
+    def is_refined(self, f: Found, others: Sequence[Found]) -> bool:
+        """Whether a term at the same joint refines this one, and nothing else there that stays."""
+        here = [k.effect for k in others if k.joint == f.joint]
+        return any(not k.has_parent([*self.problem.given, *here]) for k in here)
+
+    def absorb(self, f: Found, others: list[Found]) -> list[Found]:
+        """The other terms, with one that contains a standard term in the form in which it has its part too.
+
+        A spring's or balancer's torque at rest is no offset of the torque beside it.
+        """
+        whole = next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
+        if whole is None or not f.effect.standard:
+            return others
+        rest = [k for k in others if k is not whole]
+        again = self.ask_again(self.assemble(rest), rest, whole)
+        if again is None or again.effect is not whole.effect:
+            return others
+        return [again if k is whole else k for k in others]
 
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.

@@ -44,17 +44,19 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     keep = layout.keep[:, joint]
     own = chosen.rows[chosen.candidate.joints.index(joint)]
     model, y = assembly.columns[joint], assembly.target[:, joint]
-    both = np.concatenate([model, own], axis=1)
+    # A generic term takes a drift into itself: what is left beside it would say nothing of one.
+    both = model if chosen.candidate.effect.empirical else np.concatenate([model, own], axis=1)
     ridge = np.zeros(both.shape[1])
     ridge[: model.shape[1]] = np.diag(assembly.prior)[assembly.at[joint]] * assembly.sigma[joint] ** 2
     x = both * keep[:, None]
     gram = x.T @ x
     gram += np.diag(ridge + 1e-10 * np.diag(gram) + 1e-300)
-    left = np.where(keep, y - both @ np.linalg.solve(gram, x.T @ y), 0.0)
-    sums = layout.pack(left).sum(axis=1)
+    left = y - both @ np.linalg.solve(gram, x.T @ y)
+    sums = layout.pack(np.where(keep, left, 0.0)).sum(axis=1)
     if find_memory(sums, layout.run_of) <= 1:
         return 0.0
-    runs = layout.unpack(left)
+    kept = layout.unpack(keep)
+    runs = [bridge_uncounted(r[:, None], k)[:, 0] for r, k in zip(layout.unpack(left), kept, strict=True)]
     length = int(min(_LENGTH * min(len(r) for r in runs), _LONGEST))
     if length < 2:
         return 1.0
@@ -62,8 +64,9 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     levels = np.zeros((len(y), len(runs)))
     for r, (start, stop) in enumerate(pairwise(np.cumsum([0, *(len(run) for run in runs)]))):
         levels[start:stop, r] = 1.0
-    every = np.concatenate([model, levels, own, y[:, None]], axis=1) * keep[:, None]
-    filtered = np.concatenate([signal.lfilter(whiten, 1.0, part, axis=0) for part in layout.unpack(every)])
+    every = layout.unpack(np.concatenate([model, levels, own, y[:, None]], axis=1))
+    bridged = [bridge_uncounted(part, k) for part, k in zip(every, kept, strict=True)]
+    filtered = np.concatenate([signal.lfilter(whiten, 1.0, part, axis=0) for part in bridged])
     settled = np.concatenate([np.arange(len(r)) >= length for r in runs])
     filtered *= (keep & settled)[:, None]
     p = model.shape[1] + len(runs)
@@ -84,6 +87,23 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     scores = layout.pack(clean * residual[:, None]).sum(axis=1)
     observed, chance = flip_scores(scores[:, None, :], inner[None], flips)
     return float(stats.norm.sf(score_chance(observed, chance)))
+
+
+def bridge_uncounted(x: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """Columns (M, P) of a run with straight lines across the rows (M,) that do not count.
+
+    The torque and every regressor alike, so that their relation holds there too: zeros would put steps into a
+    torque that drifts, and the same ones into the regressors.
+    """
+    at = np.flatnonzero(keep)
+    if len(at) in (0, len(keep)):
+        return x * keep[:, None]
+    rows = np.arange(len(keep))
+    after = np.minimum(np.searchsorted(at, rows), len(at) - 1)
+    before = np.maximum(after - (at[after] > rows), 0)
+    span = np.maximum(at[after] - at[before], 1)
+    share = np.clip((rows - at[before]) / span, 0.0, 1.0)[:, None]
+    return (1.0 - share) * x[at[before]] + share * x[at[after]]
 
 
 def find_filter(series: list[np.ndarray], length: int) -> np.ndarray:
