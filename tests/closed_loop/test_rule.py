@@ -57,7 +57,8 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         # What gains on held-out runs alone keeps the model from running away there.
         ({"p_value": 1.0, "share": 0.9, "fitted": 0.49}, Refusal.CHANCE),
         ({"p_value": 1.0, "share": 0.49, "fitted": 0.9}, Refusal.CHANCE),
-        ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "informing": 2}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.89, "fitted": 0.9, "informing": 2}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.9, "fitted": 0.9, "informing": 2}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "agreement": 0.99}, Refusal.CHANCE),
         ({"agreement": 0.75}, Refusal.DISAGREES),
         ({"agreement": 0.8}, Refusal.NONE),
@@ -120,12 +121,33 @@ def test_a_standard_term_without_which_the_parts_run_away_is_needed():
     """One part gains far more than the others: that is no scatter of a gain that could be nil."""
     change = np.full(40, -3.0)
     change[-1] = -4000.0
-    away = evidence("viscous", change=change, gain=4117.0, share=0.9, fitted=0.9)
+    away = evidence("rotor_inertia", change=change, gain=4117.0, share=0.9, fitted=0.9)
     gain, error = rule.summed(-change)
     assert gain < 2.0 * error
     assert rule.is_needed(away, POLICY, by_run=True)
     for changed in ({"share": 0.49}, {"fitted": 0.49}, {"agreement": 0.9}):
         assert not rule.is_needed(replace(away, **changed), POLICY, by_run=True), changed
+
+
+def test_friction_that_explains_much_is_kept_where_most_runs_agree():
+    """What every joint has is asked for one standard error there; what it may have, for three."""
+    for name, errors in (("viscous", 1.0), ("coulomb", 1.0), ("rotor_inertia", 3.0), ("torque_offset", 3.0)):
+        one = evidence(name, noise=1.0)
+        error = rule.summed(-one.change)[1]
+        for gain, kept in ((1.01 * errors * error, True), (0.99 * errors * error, False)):
+            e = evidence(name, gain=gain, noise=1.0, share=0.1, fitted=0.1, agreement=0.7)
+            assert rule.is_needed(e, POLICY, by_run=True) is kept, (name, gain)
+        e = evidence(name, noise=0.1, share=0.1, fitted=0.1, agreement=0.7)
+        for changed in ({"share": 0.09}, {"fitted": 0.09}, {"agreement": 0.66}, {"sine": 1e-4}):
+            assert not rule.is_needed(replace(e, **changed), POLICY, by_run=True), (name, changed)
+
+
+def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():
+    """An offset of two and a half standard errors is chance, as there are several joints to have one."""
+    error = rule.summed(-evidence(noise=1.0).change)[1]
+    for name, kept in (("coulomb", True), ("viscous", True), ("torque_offset", False), ("rotor_inertia", False)):
+        e = evidence(name, gain=2.5 * error, noise=1.0, share=0.03, fitted=0.03)
+        assert rule.is_needed(e, POLICY, by_run=True) is kept
 
 
 def test_the_rule_changes_nothing_it_is_given():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Planted, Recipe
+from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.joint_flexibility import is_solvable, softness, solve_gears
 from wearscope.closed_loop.model.prediction import predict_full, refit
@@ -80,6 +81,17 @@ def test_lost_motion_is_named_and_measured(tmp_path):
     )
     joint = verdict["joints"]["elbow"]
     assert joint["rms_after"] < joint["rms_before"]
+
+
+def test_lost_motion_is_found_where_the_motor_jumps_across_it(tmp_path):
+    """Along the motor's motion the load holds the jump twice differentiated, and reverses three times."""
+    plans = tuple(RunPlan("train" if k < 3 else "test", "fourier", k, 25.0) for k in range(4))
+    recipe = Recipe(duration=15.0, noise_level=0.003, plans=plans, bounded=False)
+    generate_dataset(tmp_path / "arm", "arm6", [Planted("backlash", "j2", 3.0)], 1, recipe)
+    verdict = diagnose(tmp_path / "arm").verdict
+    assert [(e["joint"], e["effect"], e["status"]) for e in verdict["verdict"]] == [
+        ("j2", "backlash", "confirmed")
+    ]
 
 
 @pytest.mark.xfail(

@@ -17,6 +17,8 @@ _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
 _BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
+#: The same where two runs or parts inform.
+_BEYOND_DOUBT = 0.9
 #: Share of the held-out loss from which a standard term is kept where only this share of the runs agree.
 _LARGE, _MOSTLY = 0.1, 2.0 / 3.0
 #: Standard errors by which a gear's plain friction, which every joint has, must gain there, and any other
@@ -85,12 +87,13 @@ def judge(
 
 
 def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
-    """Whether every one of three or more informing runs is predicted far better when held out.
+    """Whether every one of the informing runs is predicted far better when held out, of two nearly all.
 
     The same on the rows that are fitted: where only the held-out ones gain, the model runs away there.
     """
     least = _BEYOND_CHANCE if by_run else _BEYOND_CHANCE_ALONE
-    return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 3
+    least = least if e.informing >= 3 else _BEYOND_DOUBT
+    return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
 
 
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
