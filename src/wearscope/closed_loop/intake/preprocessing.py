@@ -37,6 +37,8 @@ from wearscope.robots.urdf_file import write_urdf
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
+#: Ends of a recording that are left out, in periods of the motion filter's cut-off.
+_END_PERIODS = 1.0
 #: Fewest rows of a run after the filters.
 _LEAST_ROWS = 40
 
@@ -190,8 +192,9 @@ def finish_run(
     motion: MovingJoints,
 ) -> PreparedRun:
     """Signals of one run and the rows of it that count."""
+    made = differentiate_run(source.run, rate, band.motion, motion.top_speed)
+    source, made = cut_ends(source, made, int(_END_PERIODS * rate / band.motion))
     run = source.run
-    made = differentiate_run(run, rate, band.motion, motion.top_speed)
     signals, known, rest = _make_signals(source, made, rate, band, factor, inertia, reversals)
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
@@ -214,6 +217,23 @@ def finish_run(
         resting=resting,
         factor=factor,
     )
+
+
+def cut_ends(source: Source, made: Motion, count: int) -> tuple[Source, Motion]:
+    """A recording and its motion without `count` samples at either end.
+
+    Where a recording starts or stops in motion, the motion filter does not know what comes before or after:
+    the acceleration there is wrong by its own size, and the common filter would carry that far into the run.
+    """
+    count = min(count, max(len(made.t) // 2 - _LEAST_ROWS, 0))
+    if not count:
+        return source, made
+    part = slice(count, len(made.t) - count)
+    run = source.run.cut(part.start, part.stop)
+    motion = replace(
+        made, t=made.t[part], q=made.q[part], v=made.v[part], a=made.a[part], temperature=made.temperature[part]
+    )
+    return replace(source, run=run, faulty=source.faulty[part], lost=source.lost[part]), motion
 
 
 def _make_signals(
