@@ -1,4 +1,4 @@
-"""Viscous friction that grows with the square of the speed."""
+"""Viscous friction that grows with the square of the speed, as churned oil has it: it takes power."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
 from wearscope.effects.motions import SPEEDS
@@ -12,7 +12,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 EFFECT = Effect(
     name="quadratic_viscous",
     form="curvature v abs(v)",
-    coefficients=(Parameter("curvature", "{torque} s^2/{position}^2"),),
+    coefficients=(Parameter("curvature", "{torque} s^2/{position}^2", lower=0.0),),
     source="Hamon et al. 2010, IEEE IROS: friction with speed-squared term",
     depends_on=("qd_{joint}",),
     row=_row,

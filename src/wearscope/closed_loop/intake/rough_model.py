@@ -127,7 +127,8 @@ def bridge_rest(
     """Torque (N, n) with the rough model's in place of what holds a joint at rest.
 
     Static friction may have any value there, which no regressor follows; a filter carries it into the motion
-    before and after.
+    before and after. The rigid body's torque is taken as it is: where others move it, a run in which the
+    joint itself moves tells nothing of its factor.
 
     Parameters
     ----------
@@ -138,8 +139,9 @@ def bridge_rest(
     sign = np.where(rest, 0.0, np.sign(v))
     bridged = tau.copy()
     for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
-        x, moves = rough_columns(known[:, j], a[:, j], sign[:, j], v[:, j]), ~rest[:, j]
-        theta = fit_rough([x[moves]], [tau[moves, j]])
+        body, moves = known[:, j], ~rest[:, j]
+        x = rough_columns(body, a[:, j], sign[:, j], v[:, j])[:, 1:]
+        theta = fit_rough([x[moves]], [tau[moves, j] - body[moves]])
         # Not shifted to meet its neighbours: friction that grows towards rest is in them and ends with them.
-        bridged[rest[:, j], j] = x[rest[:, j]] @ theta
+        bridged[rest[:, j], j] = body[rest[:, j]] + x[rest[:, j]] @ theta
     return bridged

@@ -11,6 +11,9 @@ from wearscope.closed_loop.intake.prepared import Prepared
 _BLOCK_PERIODS = 4.0
 #: Shortest block [s]; most blocks and folds.
 _SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
+#: Of a single run: parts in which a joint should move, share of its motion over an even one from which it does,
+#: shortest stretch [blocks].
+_ENOUGH, _MOVES_IN, _SHORTEST_STRETCH = 4, 0.25, 2
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,11 @@ def make_blocks(prepared: Prepared) -> list[Block]:
     return blocks
 
 
-def make_folds(blocks: list[Block], files: list[str]) -> Folds:
+def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None = None) -> Folds:
     """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side.
+
+    Where a joint of a single run moves in one of them only, as when joints move one after the other, each
+    fifth is several stretches of the run, as few as give every joint its share.
 
     Parameters
     ----------
@@ -70,6 +76,8 @@ def make_folds(blocks: list[Block], files: list[str]) -> Folds:
     files : list of str
         File of each training run: pieces of one recording are held out together. Of more than
         `_MOST_FOLDS` recordings, several are held out at once.
+    motion : ndarray (B, n), optional
+        How much of each joint's motion lies in each block.
     """
     unit = np.unique(files, return_inverse=True)[1][[block.run for block in blocks]]
     runs = int(unit.max()) + 1
@@ -78,6 +86,8 @@ def make_folds(blocks: list[Block], files: list[str]) -> Folds:
     for r in range(runs):
         own = np.flatnonzero(unit == r)
         parts[own] = share * r + np.arange(len(own)) * share // len(own)
+    if runs == 1 and motion is not None:
+        parts = _spread_parts(motion, share)
     if runs > 1:
         folds = min(runs, _MOST_FOLDS)
         test = np.array([unit * folds // runs == k for k in range(folds)])
@@ -87,3 +97,24 @@ def make_folds(blocks: list[Block], files: list[str]) -> Folds:
     near[:, 1:] |= test[:, :-1]
     near[:, :-1] |= test[:, 1:]
     return Folds(~near, test, False, parts, False)
+
+
+def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:
+    """Part (B,) of each block of a single run, in which every joint moves in enough of them if that can be."""
+    blocks = len(motion)
+    best = np.arange(blocks) * count // blocks
+    if not motion.any():
+        return best
+    shares = motion[:, motion.any(axis=0)] / motion.sum(axis=0)[motion.any(axis=0)]
+
+    def count_least(parts: np.ndarray) -> int:
+        of_part = np.array([shares[parts == k].sum(axis=0) for k in range(count)])
+        return int((of_part > _MOVES_IN / count).sum(axis=0).min())
+
+    times = 1
+    while count_least(best) < _ENOUGH and blocks // (count * (times + 1)) >= _SHORTEST_STRETCH:
+        times += 1
+        parts = np.arange(blocks) * count * times // blocks % count
+        if count_least(parts) > count_least(best):
+            best = parts
+    return best

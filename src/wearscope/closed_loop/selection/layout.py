@@ -5,8 +5,16 @@ from functools import cached_property
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.filtering import rows
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, make_blocks, make_folds
+
+
+def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
+    """Path (n,) of every joint over some rows of a run that count."""
+    at = rows(run.band, len(run.signals.t))
+    speed = np.abs(run.signals.v[at][start:stop])
+    return np.asarray((speed * run.keep[start:stop]).sum(axis=0))
 
 
 @dataclass(frozen=True)
@@ -27,8 +35,9 @@ class Layout:
     @classmethod
     def of(cls, prepared: Prepared) -> "Layout":
         """Layout of a prepared data set."""
-        blocks = make_blocks(prepared)
-        return cls(prepared, blocks, make_folds(blocks, [run.file for run in prepared.runs_for("train")]))
+        blocks, train = make_blocks(prepared), prepared.runs_for("train")
+        motion = np.array([measure_motion(train[b.run], b.start, b.stop) for b in blocks])
+        return cls(prepared, blocks, make_folds(blocks, [run.file for run in train], motion))
 
     @cached_property
     def index(self) -> np.ndarray:

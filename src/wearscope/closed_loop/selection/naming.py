@@ -80,7 +80,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         ]
         near = [search.refine(beside, e) for e in near]
         inside = find_confidence_set([own, *near], search.policy)
-        able = [e for e in inside if e is own or e.refusal is Refusal.NONE]
+        able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE])
         opposing = [e for e in able if opposes_gravity(search.problem, e)]
         name = rule.simplest(able, opposing) if able and not f.effect.standard else own
         found = [Found(name.chosen, name) if k is f else k for k in found]

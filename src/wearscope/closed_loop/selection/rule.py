@@ -27,11 +27,16 @@ _EXPECTED, _POSSIBLE = 1.0, 3.0
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
 _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
+#: How much more of that a name must remove where a single run was recorded, whose parts have its motion in common.
+_ALONE = 2.5
 #: Share of the material torque that a term must add to what the model's other terms could give.
 _OWN = 1.0 / 3.0
 #: Share of a joint's largest speed above which it is away from its reversals, and of its rows that must be;
 #: factor within which a delay must be the same there: else it is the form of a reversal, or of a loop.
 _FAST, _ALIKE = 0.2, 1.6
+#: Loss of the rows that are fitted that one of several terms leaves, over what the best of them leaves, from
+#: which it is not as good, whatever held-out runs say.
+_FAR_MORE = 4.0
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -65,7 +70,8 @@ def judge(
     # Asked so that what is NaN is refused.
     if not e.sine >= _ABSORBED:
         return Refusal.ABSORBED
-    whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else 1.0)
+    alone = 1.0 if by_run else _ALONE
+    whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else alone)
     torque = policy.material_torque * (_GENERIC_TORQUE if generic else 1.0)
     own = e.torque >= torque and e.torque * e.sine >= _OWN * torque
     if not (e.share >= share and own and e.whole >= whole):
@@ -189,9 +195,19 @@ def simplest(tied: Iterable[Evidence], opposing: Sequence[Evidence] = ()) -> Evi
     return min(tied, key=lambda e: (e.complexity, fits_purpose(e), -e.gain))
 
 
+def fit_alike(tied: Sequence[Evidence]) -> list[Evidence]:
+    """Those of some terms that leave of the rows that are fitted not far more than the best of them.
+
+    Where few runs go far, held-out ones may lie beyond the others and tell nothing apart.
+    """
+    least = min((1.0 - e.fitted for e in tied), default=0.0)
+    return [e for e in tied if 1.0 - e.fitted <= _FAR_MORE * max(least, 1e-12)]
+
+
 def choose(able: Sequence[Evidence]) -> Evidence | None:
-    """The simplest of those terms that held-out runs cannot tell from the one that gains most."""
+    """The simplest of those terms that neither held-out runs nor the fit tell from the one that gains most."""
     if not able:
         return None
     best = max(able, key=lambda e: e.gain)
-    return simplest([e for e in able if e is best or (touches(e, best) and not separates(best, e))])
+    tied = [e for e in able if e is best or (touches(e, best) and not separates(best, e))]
+    return simplest(fit_alike(tied))

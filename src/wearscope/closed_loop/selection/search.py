@@ -7,7 +7,7 @@
 3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -277,7 +277,12 @@ class Search:
         return refine(self.problem, assembly, e, self.flips)
 
     def revise(self, found: list[Found]) -> list[Found]:
-        """Ask of each term again, with all others in the model, whether it is needed and the best."""
+        """Ask of each term again, with all others in the model, whether it is needed and the best.
+
+        Where a term at its joint was dropped or replaced, it must pass as new: it may have stood for that one's
+        form.
+        """
+        changed: set[int] = set()
         for f in sorted(found, key=lambda f: f.evidence.gain):
             others = self.absorb(f, [k for k in found if k is not f])
             beside = self.assemble(others)
@@ -285,18 +290,21 @@ class Search:
                 own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
                 # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
                 imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
+                imitated = imitated and find_whole(f, others) is None
                 if not imitated and not self.is_refined(f, others) and not self.is_needed(beside, own):
                     self.progress(f"{own.term.label} is dropped: not needed beside the others")
                     found = others
                 else:
                     found = [Found(k.chosen, own) if k is f else k for k in found]
                 continue
-            again = self.ask_again(beside, others, f)
+            again = self.ask_again(beside, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
             if again is None:
                 self.progress(f"{f.evidence.term.label} is dropped: not needed beside the others")
                 found = others
+                changed.add(f.joint)
             else:
                 if again.effect is not f.effect:
+                    changed.add(f.joint)
                     self.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
                 found = [again if k is f else k for k in found]
         return found
@@ -311,7 +319,7 @@ class Search:
 
         A spring's or balancer's torque at rest is no offset of the torque beside it.
         """
-        whole = next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
+        whole = find_whole(f, others)
         if whole is None or not f.effect.standard:
             return others
         rest = [k for k in others if k is not whole]
@@ -328,15 +336,27 @@ class Search:
         own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
         return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
 
-    def ask_again(self, beside: Assembly, others: list[Found], f: Found) -> Found | None:
-        """A term again beside all others: itself, what is better, or None."""
+    def ask_again(
+        self, beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
+    ) -> Found | None:
+        """A term again beside all others: itself, what is better, or None.
+
+        Parameters
+        ----------
+        beside : Assembly
+            Of the others.
+        others : list of Found
+        f : Found
+        keeping : collection of Refusal
+            What may be said of it where it stays.
+        """
         own = self.weigh_again(beside, f)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
         n = self.problem.prepared.n
         offered = self.candidates(beside, others, sorted({*joints, n - 1}))
         offered = [c for c in offered if set(c.joints) & set(joints)]
         refused = self.judge(own)
-        keeps = refused in _KEEPING
+        keeps = refused in keeping
         least = match_gain(beside, own) if keeps else self.find_least(beside)
         weighed = self.weigh_all(beside, offered, least)
         able = [e for e in weighed if e.refusal is Refusal.NONE]
@@ -395,6 +415,11 @@ class Search:
                 }
             )
         self._step += 1
+
+
+def find_whole(f: Found, others: Iterable[Found]) -> Found | None:
+    """The term among others at the same joint that contains one."""
+    return next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
 
 
 def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float]:
