@@ -95,7 +95,9 @@ def test_pieces_are_runs_of_one_file_with_the_same_rows(record):
     assert [run.label for run in split.runs[:2]] == ["runs/r0.parquet#1", "runs/r0.parquet#2"]
     assert len({run.label for run in split.runs}) == len(split.runs) == 6
     assert len(split.runs_for("test")) == 2 and split.runs[1].file == split.runs[0].file
-    assert split.runs[1].signals.t[0] == pytest.approx(1060 / 200)
+    end = split.runs[0].signals.t[0]
+    assert end == pytest.approx(1.0 / split.band.motion, abs=1 / 200)
+    assert split.runs[1].signals.t[0] == pytest.approx(1060 / 200 + end)
     one, piece = whole.runs[0].signals, split.runs[1].signals
     inner = slice(200, len(piece.t) - 200)
     at = np.searchsorted(one.t, piece.t[inner] - 1e-6)

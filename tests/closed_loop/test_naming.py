@@ -111,9 +111,10 @@ def test_names_are_compared_on_one_scale(two_effects, pose):
     found = search.run()
     named, _ = name_terms(search, found)
     assert {f.effect.name for f in named} == {"stribeck", "torque_ripple"}
-    base = {round(f.evidence.gain + f.evidence.left, 3) for f in named if f.effect.name == "stribeck"}
+    (base,) = (f.evidence.gain + f.evidence.left for f in named if f.effect.name == "stribeck")
     beside = search.assemble([f for f in named if f.effect.name != "stribeck"])
-    assert base == {round(float(np.nansum(beside.joint_losses[:, 0])), 3)}
+    # The other one's shape is refined in turn.
+    assert base == pytest.approx(float(np.nansum(beside.joint_losses[:, 0])), rel=1e-3)
 
 
 def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):

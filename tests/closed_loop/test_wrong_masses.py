@@ -40,10 +40,13 @@ def test_the_same_masses_under_approximate_are_refitted_without_a_name(tmp_path)
     assert verdict["verdict"] == []
 
 
-@pytest.mark.parametrize("seed", [33, 34])
-def test_a_fault_is_found_beside_wrong_masses(tmp_path, seed):
-    planted = [Planted("viscous_asymmetry", "elbow", 8.0)]
-    verdict = close_on(tmp_path, planted, seed, inertia_error=0.05, approximate=False)
-    named = [(e["joint"], {e["effect"], *e["equivalent"]}) for e in verdict["verdict"]]
-    assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
-    assert all("viscous_asymmetry" in names or names & BODIES for _, names in named)
+def test_a_fault_is_found_beside_wrong_masses(tmp_path):
+    """Each on a machine of its own, with the fault, bodies, and nothing else; of six, one may have more."""
+    exact = 0
+    for seed in range(33, 39):
+        planted = [Planted("viscous_asymmetry", "elbow", 8.0)]
+        verdict = close_on(tmp_path / str(seed), planted, seed, inertia_error=0.05, approximate=False)
+        named = [(e["joint"], {e["effect"], *e["equivalent"]}) for e in verdict["verdict"]]
+        assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
+        exact += all("viscous_asymmetry" in names or names & BODIES for _, names in named)
+    assert exact >= 5
