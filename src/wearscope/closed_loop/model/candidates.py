@@ -1,5 +1,6 @@
 """Candidates: an effect at a joint with all shapes worth trying, as rows of regressors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,7 @@ class Candidate:
         Shape of the model term that each alternative stands for.
     joints : tuple of int
         Joints at which the effect is felt.
-    rows : tuple of ndarray (M, S*m)
+    rows : sequence of ndarray (M, S*m)
         Reduced regressors of all training runs, one below the other, by joint of `joints`.
     penalty : ndarray (m, m) or None
         Prior precision of the coefficients.
@@ -38,7 +39,7 @@ class Candidate:
     joint: int
     shapes: tuple[tuple[float, ...], ...]
     joints: tuple[int, ...]
-    rows: tuple[np.ndarray, ...]
+    rows: Sequence[np.ndarray]
     penalty: np.ndarray | None = None
     tried: float = 1.0
 
@@ -49,6 +50,8 @@ class Candidate:
 
     def at(self, shape: int) -> "Candidate":
         """The same with one shape only."""
+        if len(self.shapes) == 1:
+            return self
         own = slice(shape * self.count, (shape + 1) * self.count)
         return replace(self, shapes=(self.shapes[shape],), rows=tuple(x[:, own] for x in self.rows))
 
