@@ -1,4 +1,4 @@
-"""Columns of the generic term that find no room are made again: the same bits, and memory that is given back."""
+"""Columns of the generic term that find no room are made again, the same bits; room is given back."""
 
 import gc
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.inertials import find_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, Signals
@@ -96,7 +98,7 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
             replace(run.signals, transmitted=low_pass(run.signals.load, run.band.gear, run.band.rate))
             for run in train
         ]
-    parts = [reduce_columns(effect, joint, shapes, run, s) for run, s in zip(train, signals, strict=True)]
+    parts = map_runs(partial(reduce_columns, effect, joint, shapes), train, signals)
     named = tuple(tuple(float(x) for x in shape) for shape in shapes)
     stacked = np.concatenate(parts)
     if not effect.spread:

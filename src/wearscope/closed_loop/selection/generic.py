@@ -8,6 +8,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.model.room import MadeRows, Room
@@ -30,7 +31,7 @@ _OUTSIDE = 3.0
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
 #: Bytes of its columns that are kept.
-_ROOM = 3 * 2**28
+_ROOM = 2**29
 
 
 class GenericTerms:
@@ -96,8 +97,8 @@ def _evaluate(effect: Effect, signals: Signals, joint: int, shape: np.ndarray) -
 
 def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndarray) -> np.ndarray:
     """Columns (M, m) of one shape (1, k) along runs, through the common filter."""
-    parts = [reduce_columns(effect, joint, shapes, run)[:, : int(shapes[0, -1])] for run in runs]
-    return np.concatenate(parts)
+    parts = map_runs(partial(reduce_columns, effect, joint, shapes), runs)
+    return np.concatenate([x[:, : int(shapes[0, -1])] for x in parts])
 
 
 def weigh_generic(

@@ -8,12 +8,14 @@ than assumed.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
@@ -236,7 +238,7 @@ def _fit_joints(
 def _reduce(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
     """Columns (M, m) of a term along the signals of runs."""
     made, shape = chosen.candidate, np.array(chosen.candidate.shapes)
-    parts = [reduce_columns(made.effect, made.joint, shape, run) for run in runs]
+    parts = map_runs(partial(reduce_columns, made.effect, made.joint, shape), runs)
     return np.concatenate(parts)[:, list(chosen.subset)]
 
 
