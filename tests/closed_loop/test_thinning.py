@@ -11,7 +11,7 @@ import yaml
 from wearscope.closed_loop.diagnosis import diagnose, find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.intake.thinning import Budget, choose_stretches, thin_dataset
+from wearscope.closed_loop.intake.thinning import Budget, choose_stretches, prepare_thinned, thin_dataset
 from wearscope.differentiation import differentiate
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
@@ -109,6 +109,16 @@ def test_pieces_keep_their_file_and_their_time(dataset):
         np.testing.assert_allclose(run.signals.q, whole.q[rows], atol=2e-3)
     used = sum(run.signals.t[-1] - run.signals.t[0] for run in prepared.runs)
     assert used == pytest.approx(sum(b - a for r in thinned.runs for a, b in r.stretches), rel=0.01)
+
+
+def test_rows_of_the_common_filter_have_a_budget_too(dataset):
+    whole = prepare_thinned(dataset)
+    rows = 2 * sum(len(run.t) for run in whole.runs_for("train"))
+    assert not [note for note in whole.notes if "more is recorded" in note]
+    less = prepare_thinned(dataset, Budget(joint_rows=0.4 * rows))
+    left = 2 * sum(len(run.t) for run in less.runs_for("train"))
+    assert 0.25 * rows < left <= 0.4 * rows
+    assert [note for note in less.notes if "more is recorded" in note]
 
 
 def test_an_effect_that_few_stretches_excite_is_named_and_the_notes_say_what_is_left_out(rarely_wide):

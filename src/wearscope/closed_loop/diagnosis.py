@@ -15,8 +15,7 @@ from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.intake.thinning import Budget, thin_dataset
+from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
@@ -209,7 +208,7 @@ def diagnose(
         path = Path(dataset)
         dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
     declared, own = load_named_effects(dataset, effects, allow_code)
-    prepared = prepare(thin_dataset(dataset, budget))
+    prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)
     progress("; ".join(prepared.notes))
     problem = Problem(prepared, declared, own)

@@ -16,7 +16,8 @@ import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.filtering import low_pass
-from wearscope.closed_loop.intake.preprocessing import normalise_robot
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.preprocessing import normalise_robot, prepare
 from wearscope.closed_loop.intake.sources import Source, clean_record, widest_reach
 
 #: Cut-off of the motion that is looked at, and the rate that it is looked at with [Hz].
@@ -36,21 +37,22 @@ _KIND = np.float32
 class Budget:
     """How much of the runs is used.
 
-    Memory and time of the loop grow with the seconds and, in reading, with the samples of all joints. Seven
-    joints, 35 training runs of 60 s at 1 kHz are used whole.
+    Memory and time of the loop grow with each of these. Seven joints, 35 training runs of 60 s at 1 kHz are
+    used whole.
 
     Attributes
     ----------
-    joint_seconds, joint_samples : float
-        Of the training runs, summed over the joints.
+    joint_seconds, joint_samples, joint_rows : float
+        Of the training runs, summed over the joints: as recorded, and after the common filter.
     tested : float
-        Share of both that the test runs may have besides.
+        Share of these that the test runs may have besides.
     stretch : float
         Usual length of a stretch [s].
     """
 
     joint_seconds: float = 16_000.0
     joint_samples: float = 16e6
+    joint_rows: float = 600_000.0
     tested: float = 0.45
     stretch: float = 20.0
 
@@ -80,6 +82,16 @@ class Stretch:
     def seconds(self) -> float:
         """Its length."""
         return self.stop - self.start
+
+
+def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
+    """`prepare` of what `thin_dataset` leaves, thinned again where the common filter keeps too many rows."""
+    budget = budget or Budget()
+    prepared = prepare(thin_dataset(dataset, budget))
+    if prepared.n * sum(len(run.t) for run in prepared.runs_for("train")) <= budget.joint_rows:
+        return prepared
+    by_second = prepared.band.rate / prepared.band.stride
+    return prepare(thin_dataset(dataset, replace(budget, joint_seconds=budget.joint_rows / by_second)))
 
 
 def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
