@@ -211,8 +211,9 @@ def diagnose(
     prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)
     progress("; ".join(prepared.notes))
-    problem = Problem(prepared, declared, own)
-    search = Search(problem, policy, progress)
+    search = Search(Problem(prepared, declared, own), policy, progress)
+    # Along other reversals all is made anew, and what was there before can go.
+    del prepared
     found = search.run()
     found, left = explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), found)
     found, equivalent = name_terms(search, found)
