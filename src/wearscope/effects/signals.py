@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 #: Bytes of slopes that are kept of one run.
-_KEPT = 2**23
+_KEPT = 2**22
 
 
 @dataclass
