@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.intake.thinning import Budget
+from wearscope.closed_loop.selection import generic, rule
 from wearscope.closed_loop.selection.policy import Policy
 
 PAGE = Path(__file__).parents[2] / "docs" / "closed-loop.md"
@@ -22,3 +23,16 @@ def test_numbers_that_can_be_set():
 def test_numbers_that_cannot_be_set():
     stated = {name: value for name, value in stated_numbers().items() if name.startswith("_")}
     assert stated == {name: value for name, value in vars(rule).items() if re.fullmatch(r"_[A-Z_]+", name)}
+
+
+def test_how_much_of_the_runs_is_used():
+    text = PAGE.read_text(encoding="utf-8")
+    found = re.findall(r"^\| `(joint_\w+)`[^|]*\| ([\d,]+)", text, re.MULTILINE)
+    stated = {name: float(value.replace(",", "")) for name, value in found}
+    budget = Budget()
+    names = ("joint_seconds", "joint_samples", "joint_rows")
+    assert stated == {name: getattr(budget, name) for name in names}
+    shares = re.findall(r"^\| `joint_seconds`.*\| (\d+) % \|$", text, re.MULTILINE)
+    assert shares == [f"{100 * budget.tested:.0f}"]
+    assert f"stretches of about {budget.stretch:.0f} s" in " ".join(text.split())
+    assert f"({generic._ROOM >> 20} MiB)" in text

@@ -8,7 +8,7 @@ from wearscope.closed_loop.intake.data_folder import check_file, find_inside
 from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import list_breaches, list_conflicts, read_fields
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.intake.thinning import prepare_thinned
 
 
 def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
@@ -44,7 +44,7 @@ def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
     if dataset is None:
         return found
     found.attempt(lambda: load_named_effects(dataset, (), allow_code))
-    prepared = found.attempt(lambda: prepare(dataset))
+    prepared = found.attempt(lambda: prepare_thinned(dataset))
     if prepared is not None:
         found.attempt(lambda: check_plausibility(prepared))
         found.notes += prepared.notes

@@ -15,7 +15,7 @@ from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
@@ -175,6 +175,7 @@ def diagnose(
     progress: Callable[[str], None] = lambda _: None,
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
+    budget: Budget | None = None,
 ) -> Diagnosis:
     """Name what the declared model of a measured machine lacks, correct it, and say how sure that is.
 
@@ -190,6 +191,8 @@ def diagnose(
         Files of own effects, candidates beside the vocabulary.
     allow_code : bool
         Whether effect files that the data set itself names may run.
+    budget : Budget, optional
+        How much of the runs is used, at most.
 
     Returns
     -------
@@ -205,14 +208,14 @@ def diagnose(
         path = Path(dataset)
         dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
     declared, own = load_named_effects(dataset, effects, allow_code)
-    prepared = prepare(dataset)
+    prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)
     progress("; ".join(prepared.notes))
-    problem = Problem(prepared, declared, own)
-    search = Search(problem, policy, progress)
+    search = Search(Problem(prepared, declared, own), policy, progress)
+    # Along other reversals all is made anew, and what was there before can go.
+    del prepared
     found = search.run()
-    terms = GenericTerms(search.problem.prepared, search.problem.joined)
-    found, left = explain_rest(search, terms, found)
+    found, left = explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), found)
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)
     problem = search.problem

@@ -71,6 +71,7 @@ def stack_rows(row: Callable, *arguments) -> np.ndarray:
         ROWS, types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _MATRIX, types.int64, types.int64
     ),
     cache=True,
+    nogil=True,
 )  # fmt: skip
 def _stack(rows, j, t, dt, sign, q, v, a, load, temperature, wear, shapes, n_states, p):
     """Regressors (N, S*p) of several shapes (S, k) side by side; the rest as `ROW` has it, by sample."""

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+#: Bytes of slopes that are kept of one run.
+_KEPT = 2**22
+
 
 @dataclass
 class Signals:
@@ -64,8 +67,14 @@ class Signals:
     _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint."""
+        """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint.
+
+        Those of the joints asked for last are kept.
+        """
         if joint not in self._slopes:
+            most = max(1, _KEPT // max(3 * self.load.nbytes, 1))
+            while len(self._slopes) >= most:
+                self._slopes.pop(next(iter(self._slopes)))
             move = np.zeros(self.q.shape[1])
             move[joint] = 1e-5
             along = self.rigid_body.inverse_dynamics

@@ -94,6 +94,7 @@ def judge_joints(
         for run in prepared.runs_for("test")
     ]
     features = [_features(run) for run in train]
+    repeats = _list_train_repeats(prepared)
     states = []
     for j in range(prepared.n):
         corrected = any(a.term.joint == j for a in named)
@@ -106,7 +107,7 @@ def judge_joints(
         seen = [
             *_from_generic(prepared, left, j),
             *_from_trees(features, own, keep, prepared, j),
-            *_from_repeats(prepared, own, keep),
+            *_from_repeats(repeats, own, keep),
             *_from_lines([x[:, j] for x in full], prepared.band.rate, rms),
             *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
         ]
@@ -193,17 +194,22 @@ def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: i
     return sums if len(sums) > 1 else np.array([part.sum() for part in np.array_split(gain, 2)])
 
 
-def _from_repeats(prepared: Prepared, own: list[np.ndarray], keep: list[np.ndarray]) -> list[_Seen]:
-    """What repeats when the motion does."""
+def _list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
+    """Pairs of training runs, among themselves, that follow the same trajectory."""
     train = [i for i, run in enumerate(prepared.runs) if run.use == "train"]
     place = {i: k for k, i in enumerate(train)}
+    return [(place[a], place[b]) for a, b in find_repeats(prepared) if a in place and b in place]
+
+
+def _from_repeats(
+    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray]
+) -> list[_Seen]:
+    """What repeats when the motion does, from pairs of runs."""
     seen = []
-    for a, b in find_repeats(prepared):
-        if a not in place or b not in place:
-            continue
-        x, y = own[place[a]], own[place[b]]
+    for a, b in repeats:
+        x, y = own[a], own[b]
         short = min(len(x), len(y))
-        both = keep[place[a]][:short] & keep[place[b]][:short]
+        both = keep[a][:short] & keep[b][:short]
         if both.sum() < 100:
             continue
         x, y = x[:short][both], y[:short][both]

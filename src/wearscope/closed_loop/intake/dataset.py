@@ -46,6 +46,10 @@ class RunRecord:
         Span of each joint's position.
     load : callable
         Reads the recording: one `Run`, before its gaps split it.
+    seconds : float
+        From its first row to its last.
+    stretches : tuple of (float, float) or None
+        Times since the first row between which it is used; all of it where None.
     """
 
     file: str
@@ -54,6 +58,8 @@ class RunRecord:
     session: str | None
     reach: np.ndarray
     load: Callable[[], Run]
+    seconds: float = 0.0
+    stretches: tuple[tuple[float, float], ...] | None = None
 
 
 @dataclass
@@ -161,7 +167,8 @@ def _read_records(folder: Path, fields: DatasetFields) -> tuple[list[RunRecord],
         split_at_gaps(run, fields.sample_rate, str(folder / run.file))
         signatures.append(sign_run(run, fields.sample_rate))
         load = partial(_read_run, folder, entry, fields)
-        records.append(RunRecord(run.file, run.use, run.payload, run.session, np.ptp(run.q, axis=0), load))
+        reach, seconds = np.ptp(run.q, axis=0), float(run.t[-1])
+        records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, load, seconds))
     _check_torques(folder, signatures, fields)
     return records, signatures
 

@@ -110,6 +110,13 @@ class Prepared:
         """The same data set with directions of motion that change in another way."""
         return replace(self, runs=[_reverse_over(run, reversals) for run in self.runs], reversals=reversals)
 
+    def try_reversals(self, reversals: Reversals) -> list[PreparedRun]:
+        """Training runs with directions of motion that change in another way, for an effect's columns alone.
+
+        What yet another way would change in them is not made.
+        """
+        return [_reverse_over(run, reversals, tried=True) for run in self.runs_for("train")]
+
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
     """Rotor inertias (n,) that the data set declares and gives; zero where it does not."""
@@ -125,8 +132,8 @@ def take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tup
     return reversals.soften(v, sharp), reversals.vary(v, sharp)
 
 
-def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
-    """A run with directions of motion that change in another way.
+def _reverse_over(run: PreparedRun, reversals: Reversals, tried: bool = False) -> PreparedRun:
+    """A run with directions of motion that change in another way; without `reversal` where it is only tried.
 
     They are taken at the recording's rate, as at first: speeds are smooth between the samples kept.
     """
@@ -136,6 +143,9 @@ def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
         every = np.arange(at[-1] + 1)
         v = interpolate.CubicSpline(at, v)(every)
         rest = rest[every // run.factor]
+    if tried:
+        sign = decimate(reversals.soften(v, np.where(rest, 0.0, np.sign(v))), run.factor)
+        return replace(run, signals=replace(run.signals, sign=sign, reversal=None))
     sign, reversal = take_direction(v, rest, reversals)
     signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
     return replace(run, signals=signals)

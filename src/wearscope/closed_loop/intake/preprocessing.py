@@ -57,7 +57,7 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     InputError
         Where no training run moves, a channel is broken beyond correction, or no moving link has a mass.
     """
-    urdf, told = _normalise(urdf_source or dataset.urdf, dataset)
+    urdf, told = normalise_robot(urdf_source or dataset.urdf, dataset)
     notes = [*dataset.notes, *told]
     sources = clean_runs(dataset, urdf, notes)
     sources, motion = leave_out_rest(dataset, sources, notes)
@@ -79,8 +79,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     return Prepared(dataset, urdf, runs, band, motion.moving, notes, reversals, motion.top_speed)
 
 
-def _normalise(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
-    """Normalised URDF and what was corrected in it; refused where no moving link has a mass."""
+def normalise_robot(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
+    """Normalised URDF of a robot and what was corrected in it; refused where no moving link has a mass."""
     tree, told = normalise_tree(source, dataset.joints, strict=False)
     if all(tree.links[joint.child].mass <= TINY_MASS for joint in tree.joints):
         raise InputError(f"{source}: no link that the joints move has a mass; give the URDF its <inertial>s.")

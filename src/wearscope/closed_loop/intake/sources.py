@@ -1,14 +1,16 @@
 """Cleaned recordings, and which joints and runs of them move."""
 
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wearscope.closed_loop.intake.cleaning import clean_run
 from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
-from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 
@@ -71,10 +73,17 @@ def is_carried(dataset: Dataset, payload: PayloadFields | None) -> bool:
     return (payload is not None and payload.mass > 0.0) or not any(mass > 0.0 for mass in masses)
 
 
+def widest_reach(dataset: Dataset) -> np.ndarray:
+    """Largest span (n,) of each joint's position in the runs."""
+    return np.max([record.reach for record in dataset.runs], axis=0)
+
+
 def clean_runs(
     dataset: Dataset, urdf: str, notes: list[str], reach: np.ndarray | None = None
 ) -> list[Source]:
     """Read every recording, split it at its gaps, bring it to a uniform grid and clean it.
+
+    Of a recording of which only stretches are used, these are left.
 
     Parameters
     ----------
@@ -85,25 +94,49 @@ def clean_runs(
     reach : ndarray (n,), optional
         Span of each joint's position in other runs, which counts too.
     """
-    slides = [unit == "m" for unit in dataset.position_unit]
-    rate = dataset.fields.sample_rate
-    own = np.max([record.reach for record in dataset.runs], axis=0)
+    own = widest_reach(dataset)
     reach = own if reach is None else np.maximum(own, reach)
     sources = []
     for record in dataset.runs:
-        where = str(dataset.folder / record.file)
-        pieces, told = split_at_gaps(record.load(), rate, where)
-        notes += told
-        for piece in pieces:
-            uniform = resample(piece, rate)
-            cleaned = clean_run(uniform, dataset.joints, slides, where, reach, dataset.accepted)
-            notes += cleaned.notes
-            lost = mark_losses(cleaned.run)
-            body = rigid_body_of(urdf, dataset, cleaned.run)
-            sources.append(
-                Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))
-            )
+        made = clean_record(dataset, record, urdf, reach, notes)
+        sources += made if record.stretches is None else _cut_stretches(made, record.stretches)
     return sources
+
+
+def clean_record(
+    dataset: Dataset, record: RunRecord, urdf: str, reach: np.ndarray, notes: list[str]
+) -> list[Source]:
+    """One recording as `clean_runs` has it, whole."""
+    slides = [unit == "m" for unit in dataset.position_unit]
+    rate, where = dataset.fields.sample_rate, str(dataset.folder / record.file)
+    pieces, told = split_at_gaps(record.load(), rate, where)
+    notes += told
+    sources = []
+    for piece in pieces:
+        uniform = resample(piece, rate)
+        cleaned = clean_run(uniform, dataset.joints, slides, where, reach, dataset.accepted)
+        notes += cleaned.notes
+        lost = mark_losses(cleaned.run)
+        body = rigid_body_of(urdf, dataset, cleaned.run)
+        sources.append(
+            Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))
+        )
+    return sources
+
+
+def _cut_stretches(sources: list[Source], stretches: tuple[tuple[float, float], ...]) -> list[Source]:
+    """What lies between times, as pieces; copies, so that the rest of the recording can go."""
+    cut: list[Source] = []
+    for source in sources:
+        for start, stop in stretches:
+            first, after = np.searchsorted(source.run.t, [start - 1e-9, stop - 1e-9]).tolist()
+            t = source.run.t[first:after]
+            if len(t) < LEAST_ROWS or t[-1] - t[0] < LEAST_TIME:
+                continue
+            run = replace(deepcopy(source.run.cut(first, after)), piece=len(cut) + 1)
+            faulty, lost = source.faulty[first:after].copy(), source.lost[first:after].copy()
+            cut.append(replace(source, run=run, faulty=faulty, lost=lost))
+    return cut
 
 
 def leave_out_rest(

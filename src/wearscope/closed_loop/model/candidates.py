@@ -1,11 +1,14 @@
 """Candidates: an effect at a joint with all shapes worth trying, as rows of regressors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.inertials import find_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, Signals, TransmissionEffect
@@ -26,7 +29,7 @@ class Candidate:
         Shape of the model term that each alternative stands for.
     joints : tuple of int
         Joints at which the effect is felt.
-    rows : tuple of ndarray (M, S*m)
+    rows : sequence of ndarray (M, S*m)
         Reduced regressors of all training runs, one below the other, by joint of `joints`.
     penalty : ndarray (m, m) or None
         Prior precision of the coefficients.
@@ -38,7 +41,7 @@ class Candidate:
     joint: int
     shapes: tuple[tuple[float, ...], ...]
     joints: tuple[int, ...]
-    rows: tuple[np.ndarray, ...]
+    rows: Sequence[np.ndarray]
     penalty: np.ndarray | None = None
     tried: float = 1.0
 
@@ -49,6 +52,8 @@ class Candidate:
 
     def at(self, shape: int) -> "Candidate":
         """The same with one shape only."""
+        if len(self.shapes) == 1:
+            return self
         own = slice(shape * self.count, (shape + 1) * self.count)
         return replace(self, shapes=(self.shapes[shape],), rows=tuple(x[:, own] for x in self.rows))
 
@@ -93,7 +98,7 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
         signals = [
             replace(run.signals, transmitted=low_pass(run.signals.load, edge, run.band.rate)) for run in train
         ]
-    parts = [reduce_columns(effect, joint, shapes, run, s) for run, s in zip(train, signals, strict=True)]
+    parts = map_runs(partial(reduce_columns, effect, joint, shapes), train, signals)
     named = tuple(tuple(float(x) for x in shape) for shape in shapes)
     stacked = np.concatenate(parts)
     if not effect.spread:

@@ -89,7 +89,7 @@ def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.n
     wider = Reversals(today.width * np.exp(_STEP), today.form)
     ways = [(wider, 1.0 / _STEP)] + [(today.change_form(k), 1.0) for k in range(1, len(FORMS))]
     for way, (reversals, factor) in enumerate(ways if at else ()):
-        for r, run in enumerate(prepared.reverse_over(reversals).runs_for("train")):
+        for r, run in enumerate(prepared.try_reversals(reversals)):
             for term, span in zip(model.entries, model.spans, strict=True):
                 if (
                     term.joint not in at

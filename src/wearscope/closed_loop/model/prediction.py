@@ -18,6 +18,9 @@ from wearscope.effects.base import MeasurementEffect, Signals
 
 #: Passes of the fit where a term acts on what the others predict.
 _PASSES = 4
+#: Runs repeat each other whose positions differ by less than this share of the reach, RMS; time between the
+#: samples that are compared first [s].
+_SAME, _LOOK = 0.01, 0.5
 
 
 @dataclass
@@ -181,17 +184,25 @@ def bootstrap_rms(
 def find_repeats(prepared: Prepared) -> list[tuple[int, int]]:
     """Pairs of runs that follow the same trajectory under the same payload."""
     pairs = []
-    runs = prepared.runs
+    runs, moving = prepared.runs, prepared.moving
     payload = {run.file: run.payload for run in prepared.dataset.runs}
+    motions = [run.signals.q[:, moving] for run in runs]
+    reaches = [np.maximum(np.ptp(q, axis=0), 1e-9) for q in motions]
+    step = max(1, int(_LOOK * prepared.band.rate))
+    looks = [np.ascontiguousarray(q[::step]) for q in motions]
     for i in range(len(runs)):
         for k in range(i + 1, len(runs)):
-            a, b = runs[i].signals.q, runs[k].signals.q
+            a, b = motions[i], motions[k]
             short = min(len(a), len(b))
             if short < 0.9 * max(len(a), len(b)) or payload[runs[i].file] != payload[runs[k].file]:
                 continue
-            reach = np.maximum(np.ptp(a, axis=0), 1e-9)
-            apart = np.sqrt(np.mean((a[:short] - b[:short]) ** 2, axis=0)) / reach
-            if np.all(apart[prepared.moving] < 0.01):
+            most = short * (_SAME * reaches[i]) ** 2
+            # A few samples that are further apart than all may be end most comparisons.
+            few = min(len(looks[i]), len(looks[k]), -(-short // step))
+            if np.any(((looks[i][:few] - looks[k][:few]) ** 2).sum(axis=0) > (1.0 + 1e-9) * most):
+                continue
+            apart = np.sqrt(np.mean((a[:short] - b[:short]) ** 2, axis=0)) / reaches[i]
+            if np.all(apart < _SAME):
                 pairs.append((i, k))
     return pairs
 

@@ -1,20 +1,23 @@
 """The generic term, `unknown`: what no name explains, as a spline of one or two signals at a joint."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.search import Search
-from wearscope.effects.base import Signals
+from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
@@ -27,19 +30,23 @@ _DOUBTED, _CLEARLY = 0.7, 1.5
 _OUTSIDE = 3.0
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
+#: Bytes of its columns that are kept.
+_ROOM = 2**29
 
 
 class GenericTerms:
-    """Candidates of the generic term, made once a joint.
+    """Candidates of the generic term.
 
     Parameters
     ----------
     prepared : Prepared
     joined : Signals
         Of all training runs.
+    room : int
+        Bytes of columns that are kept; the others are made again when they are asked for.
     """
 
-    def __init__(self, prepared: Prepared, joined: Signals) -> None:
+    def __init__(self, prepared: Prepared, joined: Signals, room: int = _ROOM) -> None:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
@@ -47,36 +54,51 @@ class GenericTerms:
         self.thinned = join_signals(
             replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in self.runs
         )
-        self._rough: dict[int, list[Candidate]] = {}
-        self._exact: dict[Candidate, Candidate] = {}
+        self._room = Room(room)
+        self._rough: dict[tuple[int, int], MadeRows] = {}
+        self._exact: dict[tuple[int, tuple[float, ...]], Candidate] = {}
+        self._shapes: dict[int, np.ndarray] = {}
 
-    def roughly(self, joint: int) -> list[Candidate]:
+    def roughly(self, joint: int) -> Iterator[Candidate]:
         """Candidates at a joint, from the signals at the rows: every signal and product, at every level."""
-        if joint not in self._rough:
-            self._rough[joint] = list(self._make(joint))
-        return self._rough[joint]
-
-    def exactly(self, rough: Candidate) -> Candidate:
-        """The same from the full-rate signals, through the common filter."""
-        if rough not in self._exact:
-            shape = np.array(rough.shapes)
-            parts = [reduce_columns(self.effect, rough.joint, shape, run) for run in self.runs]
-            self._exact[rough] = self._wrap(rough.joint, shape[0], np.concatenate(parts)[:, : rough.count])
-        return self._exact[rough]
-
-    def _make(self, joint: int) -> Iterator[Candidate]:
-        for shape in self.effect.shapes(self.joined, joint):
+        if joint not in self._shapes:
+            self._shapes[joint] = self.effect.shapes(self.joined, joint)
+        for number, shape in enumerate(self._shapes[joint]):
             knots = int(shape[-1])
-            x = self.effect.columns(self.thinned, joint, shape)[:, :knots]
+            if (joint, number) not in self._rough:
+                make = partial(_evaluate, self.effect, self.thinned, joint, shape)
+                self._rough[joint, number] = MadeRows(self._room, make)
+            x = self._rough[joint, number][0]
             for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
                 named = shape.copy()
                 named[-1] = level
-                yield self._wrap(joint, named, x if level == knots else x @ coarsen(knots, level))
+                yield self._wrap(joint, named, [x if level == knots else x @ coarsen(knots, level)])
 
-    def _wrap(self, joint: int, shape: np.ndarray, columns: np.ndarray) -> Candidate:
-        weight = float(np.mean((columns**2).sum(axis=0)))
-        penalty = weight * regularise(columns.shape[1])
-        return Candidate(self.effect, joint, (tuple(float(v) for v in shape),), (joint,), (columns,), penalty)
+    def exactly(self, rough: Candidate) -> Candidate:
+        """The same from the full-rate signals, through the common filter."""
+        key = (rough.joint, rough.shapes[0])
+        if key not in self._exact:
+            shape = np.array(rough.shapes)
+            make = partial(_reduce, self.effect, self.runs, rough.joint, shape)
+            rows = MadeRows(self._room, make)
+            self._exact[key] = self._wrap(rough.joint, shape[0], rows)
+        return self._exact[key]
+
+    def _wrap(self, joint: int, shape: np.ndarray, rows: Sequence[np.ndarray]) -> Candidate:
+        weight = float(np.mean((rows[0] ** 2).sum(axis=0)))
+        penalty = weight * regularise(rows[0].shape[1])
+        return Candidate(self.effect, joint, (tuple(float(v) for v in shape),), (joint,), rows, penalty)
+
+
+def _evaluate(effect: Effect, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
+    """Columns (M, m) of one shape along signals."""
+    return np.ascontiguousarray(effect.columns(signals, joint, shape)[:, : int(shape[-1])])
+
+
+def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndarray) -> np.ndarray:
+    """Columns (M, m) of one shape (1, k) along runs, through the common filter."""
+    parts = map_runs(partial(reduce_columns, effect, joint, shapes), runs)
+    return np.concatenate([x[:, : int(shapes[0, -1])] for x in parts])
 
 
 def weigh_generic(

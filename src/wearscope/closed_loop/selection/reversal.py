@@ -8,12 +8,14 @@ than assumed.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
+from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
@@ -138,15 +140,14 @@ class _Fitter:
         prepared, today = self.prepared, self.prepared.reversals
         widths = today.width.copy()
         top = self._find_top()
-        first = _fit_joints(prepared, self.assembly, self.frictions)
+        first = self._fit(today, self.frictions)
         least = {
             j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
             for j, fit in first.items()
         }
         for share in _STARTS:
             tried = np.where(prepared.moving, share * top, widths)
-            moved = prepared.reverse_over(Reversals(tried, today.form))
-            for j, fit in _fit_joints(moved, self.assembly, self.frictions).items():
+            for j, fit in self._fit(Reversals(tried, today.form), self.frictions).items():
                 if fit.loss < least[j]:
                     least[j], widths[j] = fit.loss, tried[j]
         return Reversals(widths, today.form)
@@ -161,8 +162,7 @@ class _Fitter:
         for _ in range(_STEPS + 1):
             if not moving:
                 break
-            moved = self.prepared.reverse_over(Reversals(widths, start.form))
-            fits = _fit_joints(moved, self.assembly, {j: self.frictions[j] for j in moving})
+            fits = self._fit(Reversals(widths, start.form), {j: self.frictions[j] for j in moving})
             for j, fit in fits.items():
                 if j in best and not fit.loss < best[j][0].loss:
                     # Half way back to what was better.
@@ -180,6 +180,13 @@ class _Fitter:
         for j, (_, width) in best.items():
             widths[j] = width
         return {j: fit for j, (fit, _) in best.items()}, Reversals(widths, start.form)
+
+    def _fit(self, reversals: Reversals, own: dict[int, list[int]]) -> dict[int, "_JointFit"]:
+        """Fits of joints whose own terms are evaluated along reversals."""
+        wider = Reversals(reversals.width * np.exp(_DIFFERENCE), reversals.form)
+        now = reversals is self.prepared.reversals
+        runs = self.prepared.runs_for("train") if now else self.prepared.try_reversals(reversals)
+        return _fit_joints(runs, self.prepared.try_reversals(wider), self.assembly, own)
 
     def _find_top(self) -> np.ndarray:
         runs = self.prepared.runs_for("train")
@@ -199,14 +206,16 @@ def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
     ]
 
 
-def _fit_joints(prepared: Prepared, assembly: Assembly, own: dict[int, list[int]]) -> dict[int, _JointFit]:
-    """Fit each joint's own terms along signals, and the change of its width, the terms of others held."""
-    train = prepared.runs_for("train")
-    today = prepared.reversals
-    moved = prepared.reverse_over(Reversals(today.width * np.exp(_DIFFERENCE), today.form)).runs_for("train")
+def _fit_joints(
+    runs: list[PreparedRun], moved: list[PreparedRun], assembly: Assembly, own: dict[int, list[int]]
+) -> dict[int, _JointFit]:
+    """Fit each joint's own terms along runs, and the change of its width, the terms of others held.
+
+    `moved` are the runs with widths that are wider by `_DIFFERENCE`.
+    """
     fits = {}
     for j, terms in own.items():
-        x = np.concatenate([_reduce(assembly.chosen[k], train) for k in terms], axis=1)
+        x = np.concatenate([_reduce(assembly.chosen[k], runs) for k in terms], axis=1)
         other = np.concatenate([_reduce(assembly.chosen[k], moved) for k in terms], axis=1)
         keep = assembly.layout.keep[:, j]
         # What is felt at several joints, or is of the record, is held; the reversal's own column is left out.
@@ -229,7 +238,7 @@ def _fit_joints(prepared: Prepared, assembly: Assembly, own: dict[int, list[int]
 def _reduce(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
     """Columns (M, m) of a term along the signals of runs."""
     made, shape = chosen.candidate, np.array(chosen.candidate.shapes)
-    parts = [reduce_columns(made.effect, made.joint, shape, run) for run in runs]
+    parts = map_runs(partial(reduce_columns, made.effect, made.joint, shape), runs)
     return np.concatenate(parts)[:, list(chosen.subset)]
 
 

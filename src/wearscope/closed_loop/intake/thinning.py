@@ -1,0 +1,300 @@
+"""Which stretches of the runs are used where there are more than memory and time allow.
+
+Training runs are cut into stretches, and those are kept whose motion informs most on what a joint's torque
+may depend on: the greedy choice that makes the determinant of the information largest (D-optimal design;
+Wynn 1970), per joint, the logarithms summed. Only positions, temperatures and time are looked at, never the
+torque that is to be explained: a choice by the outcome would favour what is found. Test runs judge, and are
+thinned evenly, not by information.
+"""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
+from wearscope.closed_loop.intake.filtering import low_pass
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.preprocessing import normalise_robot, prepare
+from wearscope.closed_loop.intake.sources import Source, clean_record, widest_reach
+
+#: Cut-off of the motion that is looked at, and the rate that it is looked at with [Hz].
+_CUTOFF, _RATE = 5.0, 25.0
+#: Share of its record's top speed below which a joint counts as at rest; temperature and time that a machine
+#: warms up to and in [deg C], [s].
+_SLOW, _WARM, _LONG = 0.01, 30.0, 1000.0
+#: Information that is there before the first stretch, of that of a usual one.
+_BEFORE = 1e-3
+#: Share of what may be used that one recording may take, and that goes to one of each session and payload.
+_OF_ONE, _OF_KINDS = 0.1, 0.5
+#: Information on one stretch by joint (n, F, F), in single precision: there can be tens of thousands.
+_KIND = np.float32
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much of the runs is used.
+
+    Memory and time of the loop grow with each of these. Seven joints, 35 training runs of 60 s at 1 kHz are
+    used whole.
+
+    Attributes
+    ----------
+    joint_seconds, joint_samples, joint_rows : float
+        Of the training runs, summed over the joints: as recorded, and after the common filter.
+    tested : float
+        Share of these that the test runs may have besides.
+    stretch : float
+        Usual length of a stretch [s].
+    """
+
+    joint_seconds: float = 16_000.0
+    joint_samples: float = 16e6
+    joint_rows: float = 600_000.0
+    tested: float = 0.45
+    stretch: float = 20.0
+
+    def seconds(self, dataset: Dataset, use: str) -> float:
+        """Seconds of all runs of one use that may be used."""
+        n, share = len(dataset.joints), self.tested if use == "test" else 1.0
+        return share * min(self.joint_seconds, self.joint_samples / dataset.fields.sample_rate) / n
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a recording.
+
+    Attributes
+    ----------
+    record : int
+        Number of the recording in the data set.
+    start, stop : float
+        Time since its first row [s].
+    """
+
+    record: int
+    start: float
+    stop: float
+
+    @property
+    def seconds(self) -> float:
+        """Its length."""
+        return self.stop - self.start
+
+
+def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
+    """`prepare` of what `thin_dataset` leaves, thinned again where the common filter keeps too many rows."""
+    budget = budget or Budget()
+    prepared = prepare(thin_dataset(dataset, budget))
+    if prepared.n * sum(len(run.t) for run in prepared.runs_for("train")) <= budget.joint_rows:
+        return prepared
+    by_second = prepared.band.rate / prepared.band.stride
+    return prepare(thin_dataset(dataset, replace(budget, joint_seconds=budget.joint_rows / by_second)))
+
+
+def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
+    """The data set, with the stretches of its runs that are used where these are more than a budget.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    budget : Budget, optional
+        `Budget()` where None.
+
+    Returns
+    -------
+    Dataset
+        The same object where the budget is kept; else with a note on what is left out.
+    """
+    budget = budget or Budget()
+    told: list[str] = []
+    used: dict[int, tuple[tuple[float, float], ...] | None] = {}
+    for use in ("train", "test"):
+        most, records = budget.seconds(dataset, use), dataset.runs_for(use)
+        whole = sum(record.seconds for record in records)
+        if whole <= most:
+            used |= {k: record.stretches for k, record in enumerate(dataset.runs) if record.use == use}
+            continue
+        stretches = [s for k, r in enumerate(dataset.runs) if r.use == use for s in _split(k, r, budget)]
+        if use == "train":
+            chosen = _choose_informing(dataset, stretches, most)
+            how = "stretches whose motion informs most, chosen without the torque,"
+        else:
+            count = max(1, int(most / max(s.seconds for s in stretches)))
+            at = np.unique(np.linspace(0, len(stretches) - 1, count).round().astype(int))
+            chosen, how = [stretches[k] for k in at], "evenly spaced stretches"
+        files = {s.record for s in chosen}
+        for k in files:
+            used[k] = _join([s for s in chosen if s.record == k])
+        seconds = sum(s.seconds for s in chosen)
+        told.append(
+            f"of {whole:.0f} s of {use} runs the {len(chosen)} {how} are used, {seconds:.0f} s of "
+            f"{len(files)} of {len(records)} recordings"
+        )
+    if not told:
+        return dataset
+    runs = [replace(record, stretches=used[k]) for k, record in enumerate(dataset.runs) if k in used]
+    note = f"more is recorded than memory and time allow: {'; '.join(told)}; the rest is left out."
+    return replace(dataset, runs=runs, notes=[*dataset.notes, note])
+
+
+def _split(number: int, record: RunRecord, budget: Budget) -> list[Stretch]:
+    """Stretches of one length that a recording consists of."""
+    count = max(1, round(record.seconds / budget.stretch))
+    edges = np.linspace(0.0, record.seconds, count + 1).tolist()
+    return [Stretch(number, a, b) for a, b in pairwise(edges)]
+
+
+def _join(stretches: list[Stretch]) -> tuple[tuple[float, float], ...]:
+    """Times of stretches of one recording in order, those that touch as one."""
+    joined: list[tuple[float, float]] = []
+    for s in sorted(stretches, key=lambda s: s.start):
+        if joined and joined[-1][1] == s.start:
+            joined[-1] = (joined[-1][0], s.stop)
+        else:
+            joined.append((s.start, s.stop))
+    return tuple(joined)
+
+
+def _choose_informing(dataset: Dataset, stretches: list[Stretch], most: float) -> list[Stretch]:
+    """Stretches of training runs, `most` seconds in all, that inform most."""
+    information = np.array(list(_survey(dataset, stretches)), dtype=_KIND)
+    runs = [dataset.runs[s.record] for s in stretches]
+    kinds = [f"{run.session} {run.payload}" for run in runs]
+    chosen = choose_stretches(
+        information,
+        np.array([s.seconds for s in stretches]),
+        np.array([s.record for s in stretches]),
+        np.unique(kinds, return_inverse=True)[1],
+        most,
+    )
+    return [stretches[k] for k in sorted(chosen)]
+
+
+def _survey(dataset: Dataset, stretches: list[Stretch]) -> Iterator[np.ndarray]:
+    """Information (n, F, F) on each stretch; recordings are read one at a time."""
+    reach, (urdf, _) = widest_reach(dataset), normalise_robot(dataset.urdf, dataset)
+    sources: list[tuple[Source, np.ndarray, np.ndarray]] = []
+    last = -1
+    for s in stretches:
+        if s.record != last:
+            made = clean_record(dataset, dataset.runs[s.record], urdf, reach, [])
+            sources = [(one, *list_features(one, dataset.fields.sample_rate)) for one in made]
+            last = s.record
+        found = np.zeros((len(dataset.joints), FEATURES, FEATURES))
+        for _, t, x in sources:
+            inside = x[(t >= s.start) & (t < s.stop)]
+            found += np.einsum("tjf,tjg->jfg", inside, inside)
+        yield found.astype(_KIND)
+
+
+FEATURES = 17
+"""Features of a joint that information is on."""
+
+
+def list_features(source: Source, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a joint's torque may depend on, of a cleaned recording: times (M,) and features (M, n, FEATURES).
+
+    The motion is that below 5 Hz; the torque is not looked at.
+    """
+    run = source.run
+    step = max(1, round(rate / _RATE))
+    q = low_pass(run.q, _CUTOFF, rate)
+    v = np.gradient(q, 1.0 / rate, axis=0)
+    a = np.gradient(v, 1.0 / rate, axis=0)
+    t, q, v, a = run.t[::step], q[::step], v[::step], a[::step]
+    load = source.body.inverse_dynamics(q, v, a)
+    sign = np.where(np.abs(v) > _SLOW * np.abs(v).max(axis=0), np.sign(v), 0.0)
+    warm = np.zeros_like(q) if run.temperature is None else np.nan_to_num(run.temperature[::step] - _WARM)
+    time = np.broadcast_to((t / _LONG)[:, None], q.shape)
+    one = np.ones_like(q)
+    features = (
+        one, sign, v, v * np.abs(v), v**2, q, q**2, q * sign, a, load, np.abs(load) * sign, load * v,
+        warm, warm * sign, warm * v, time, time * sign,
+    )  # fmt: skip
+    return t, np.stack(features, axis=2)
+
+
+def choose_stretches(
+    information: np.ndarray, seconds: np.ndarray, record: np.ndarray, kind: np.ndarray, most: float
+) -> list[int]:
+    """Stretches that make the information largest, in the order of their choice.
+
+    Of each kind the best one first, then greedily by what each adds to the logarithm of the determinants for
+    each of its seconds. One recording gives a tenth at most (more where there are fewer than ten), as long as
+    others have something to give.
+
+    Parameters
+    ----------
+    information : ndarray (S, n, F, F)
+    seconds : ndarray (S,)
+    record, kind : ndarray (S,) of int
+        Recording of each; its session and payload.
+    most : float
+        Seconds that may be chosen.
+    """
+    choice = _Choice(information, seconds, record, most)
+    for one in np.unique(kind):
+        own = np.flatnonzero(kind == one)
+        best = own[np.argmax([choice.gain(int(k)) for k in own])]
+        if choice.used + seconds[best] <= _OF_KINDS * most:
+            choice.take(int(best))
+    of_one = max(_OF_ONE, 1.0 / len(np.unique(record))) * most
+    for share in (max(of_one, float(seconds.max())), np.inf):
+        choice.fill(share)
+    return choice.taken
+
+
+class _Choice:
+    """Stretches taken so far, and the information that they give."""
+
+    def __init__(self, information: np.ndarray, seconds: np.ndarray, record: np.ndarray, most: float) -> None:
+        usual = np.mean(np.einsum("sjff->sjf", information), axis=0, dtype=float)
+        self.scale = 1.0 / np.sqrt(np.where(usual > 0.0, usual, 1.0))
+        self.information, self.seconds, self.record, self.most = information, seconds, record, most
+        self.known = np.tile(_BEFORE * np.eye(information.shape[2]), (information.shape[1], 1, 1))
+        self.size = self._measure(self.known)
+        self.taken: list[int] = []
+        self.used = 0.0
+        self._of = dict.fromkeys(record.tolist(), 0.0)
+
+    @staticmethod
+    def _measure(known: np.ndarray) -> float:
+        return float(np.linalg.slogdet(known)[1].sum())
+
+    def _scaled(self, k: int) -> np.ndarray:
+        return self.information[k] * self.scale[:, :, None] * self.scale[:, None, :]
+
+    def gain(self, k: int) -> float:
+        """What a stretch adds for each of its seconds."""
+        return (self._measure(self.known + self._scaled(k)) - self.size) / float(self.seconds[k])
+
+    def take(self, k: int) -> None:
+        """Use a stretch."""
+        self.known = self.known + self._scaled(k)
+        self.size = self._measure(self.known)
+        self.taken.append(k)
+        self.used += float(self.seconds[k])
+        self._of[int(self.record[k])] += float(self.seconds[k])
+
+    def fill(self, share: float) -> None:
+        """Take the best of what is left, at most `share` seconds of a recording.
+
+        What a stretch adds only falls as others are taken, so that an old figure is a bound (Minoux 1978).
+        """
+        taken = set(self.taken)
+        left = [k for k in range(len(self.seconds)) if k not in taken]
+        queue = [(-self.gain(k), k) for k in left]
+        heapq.heapify(queue)
+        while queue:
+            _, k = heapq.heappop(queue)
+            length = float(self.seconds[k])
+            if self.used + length > self.most or self._of[int(self.record[k])] + length > share:
+                continue
+            now = -self.gain(k)
+            if queue and now > queue[0][0]:
+                heapq.heappush(queue, (now, k))
+                continue
+            self.take(k)

@@ -1,0 +1,74 @@
+"""Columns that are made again when they are asked for, where there is no room to keep them."""
+
+import weakref
+from collections.abc import Callable, Sequence
+from typing import overload
+
+import numpy as np
+
+
+class Room:
+    """Memory that columns may take: those that come first stay, and of the others the last ones made.
+
+    Parameters
+    ----------
+    size : int
+        Bytes.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.left = size
+        self._last: tuple[weakref.ref[MadeRows], np.ndarray] | None = None
+
+    def keep(self, owner: "MadeRows", rows: np.ndarray) -> bool:
+        """Whether rows stay as long as their owner does."""
+        if rows.nbytes <= self.left:
+            self.left -= rows.nbytes
+            weakref.finalize(owner, self._give_back, rows.nbytes)
+            return True
+        self._last = (weakref.ref(owner), rows)
+        return False
+
+    def find_last(self, owner: "MadeRows") -> np.ndarray | None:
+        """Rows of an owner, where they were the last that found no room."""
+        return self._last[1] if self._last is not None and self._last[0]() is owner else None
+
+    def _give_back(self, size: int) -> None:
+        self.left += size
+
+
+class MadeRows(Sequence[np.ndarray]):
+    """Columns (M, m) of a candidate that is felt at one joint, as its `rows`.
+
+    Parameters
+    ----------
+    room : Room
+    make : callable
+        Gives the columns, the same bits at every call.
+    """
+
+    def __init__(self, room: Room, make: Callable[[], np.ndarray]) -> None:
+        self._room, self._make = room, make
+        self._kept: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return 1
+
+    @overload
+    def __getitem__(self, index: int) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[np.ndarray]: ...
+
+    def __getitem__(self, index: int | slice) -> np.ndarray | list[np.ndarray]:
+        return [self._take()][index]
+
+    def _take(self) -> np.ndarray:
+        if self._kept is not None:
+            return self._kept
+        rows = self._room.find_last(self)
+        if rows is None:
+            rows = self._make()
+            if self._room.keep(self, rows):
+                self._kept = rows
+        return rows

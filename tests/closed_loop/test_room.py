@@ -1,0 +1,57 @@
+"""Columns of the generic term that find no room are made again, the same bits; room is given back."""
+
+import gc
+
+import numpy as np
+
+from wearscope.closed_loop.model.room import MadeRows, Room
+from wearscope.closed_loop.selection.generic import GenericTerms, weigh_generic
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Search
+
+
+def test_what_comes_first_stays_and_gives_its_room_back():
+    made = []
+
+    def make(k):
+        made.append(k)
+        return np.full((10, 1), float(k))
+
+    room = Room(100)
+    one, two, three = (MadeRows(room, lambda k=k: make(k)) for k in range(3))
+    assert one[0][0, 0] == 0.0
+    assert room.left == 20
+    for rows in (two, two, three, two, one):
+        assert len(rows) == 1
+        rows[0]
+    # The first stays; of the others the last one does.
+    assert made == [0, 1, 2, 1]
+    del one, rows
+    gc.collect()
+    assert room.left == 100
+
+
+def test_another_owner_never_gets_the_rows_of_one_that_is_gone():
+    room = Room(0)
+    for k in range(200):
+        assert MadeRows(room, lambda k=k: np.full((3, 1), float(k)))[0][0, 0] == k
+
+
+def test_evidence_on_the_generic_term_does_not_depend_on_the_room(record, pose):
+    def bend(t, q, v, a, rng):
+        return 6.0 * np.sin(3.0 * q)
+
+    problem = pose(record(extra_torque=bend, seed=5, runs=4, duration=6.0))
+    search = Search(problem, Policy(flips=99))
+    assembly = search.assemble(())
+    found = []
+    for size in (0, 2**20, 2**30):
+        terms = GenericTerms(problem.prepared, problem.joined, room=size)
+        found.append([weigh_generic(search, terms, assembly, [0, 1]) for _ in range(2)][-1])
+    assert len(found[0]) > 5
+    for other in found[1:]:
+        for a, b in zip(found[0], other, strict=True):
+            assert a.term.shape == b.term.shape
+            np.testing.assert_array_equal(a.change, b.change)
+            np.testing.assert_array_equal(a.beta, b.beta)
+            np.testing.assert_array_equal(a.chosen.rows[0], b.chosen.rows[0])
