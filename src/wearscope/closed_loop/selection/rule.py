@@ -27,6 +27,9 @@ _EXPECTED, _POSSIBLE = 1.0, 3.0
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
 _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
+#: Share of its joint's held-out loss above which a generic term gains by other joints, whose model runs away where
+#: a run is held out.
+_ALL = 1.05
 #: How much more of that a name must remove where a single run was recorded, whose parts have its motion in common.
 _ALONE = 2.5
 #: Share of the material torque that a term must add to what the model's other terms could give.
@@ -87,7 +90,7 @@ def judge(
     if not e.p_value <= level and not is_beyond_chance(e, by_run):
         return Refusal.CHANCE
     # Parts of one run resemble each other more than runs do: all must agree.
-    if not e.agreement >= (policy.agreeing if by_run else 1.0):
+    if not e.agreement >= (policy.agreeing if by_run else 1.0) or (generic and e.share > _ALL):
         return Refusal.DISAGREES
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
 
@@ -146,9 +149,12 @@ def find_fast(speed: np.ndarray, kept: np.ndarray) -> np.ndarray | None:
 
 
 def is_alike(e: Evidence, other: Evidence) -> bool:
-    """Whether a term's first coefficient is the same on other rows, within a factor."""
+    """Whether a delay is the same away from reversals, within a factor.
+
+    Reversals may hide more of one that is there than it may lose away from them: its square.
+    """
     ratio = float(other.beta[0]) / float(e.beta[0])
-    return 1.0 / _ALIKE <= ratio <= _ALIKE
+    return 1.0 / _ALIKE <= ratio <= _ALIKE**2
 
 
 def summed(values: np.ndarray) -> tuple[float, float]:
