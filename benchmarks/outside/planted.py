@@ -1,0 +1,137 @@
+"""What a case is: machine, regime, plants; and the truth that its data set holds."""
+
+import zlib
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.outside import forms
+
+PLAIN = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+#: Effects that are no torque simply added, with their size's meaning.
+STRUCTURAL = {
+    "joint_elasticity": "resonance with the motor held [Hz]",
+    "backlash": "half the lost motion [arc minutes, or mm/100]",
+    "presliding_hysteresis": "deflection at which it slides, over the joint's largest speed [s]",
+    "payload_error": "[kg]",
+    "inertial_error": "share by which the joint's link is heavier than stated",
+    "rotor_inertia_error": "share of the stated rotor inertia",
+    "torque_constant_error": "gain of the recorded torque, less one",
+    "time_delay": "[ms] by which the recorded torque is late",
+}
+#: Names that hold of the whole robot, wherever the verdict puts them.
+ROBOT_WIDE = ("payload_error", "inertial_error")
+#: What only steps finer than the recording's show.
+FINE = ("joint_elasticity", "backlash", "presliding_hysteresis")
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Something that the declared model lacks.
+
+    Attributes
+    ----------
+    effect : str
+        Of `forms.FORMS` or `STRUCTURAL`.
+    joint : int
+    size : float
+        RMS of what plain terms cannot give of it, over the noise's standard deviation; of structural ones as
+        `STRUCTURAL` says.
+    """
+
+    effect: str
+    joint: int
+    size: float
+
+    @property
+    def added(self):
+        """Whether it is a torque added to the others."""
+        return self.effect in forms.FORMS
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case; `generator.make_case` writes it.
+
+    Attributes
+    ----------
+    name, arm : str
+    plants : tuple of Plant
+    declared : tuple of str
+    inertials : str
+        trusted or approximate.
+    stated : float
+        Standard deviation of the stated link masses' errors, as a share.
+    noise : str
+        A kind of `noise.make_noise`.
+    level : float
+        Noise's standard deviation over the joint's RMS torque.
+    rate : float
+        [Hz]
+    train, test : tuple of (str, float)
+        Kind of motion and seconds.
+    loop : float
+        Disturbance in the position loop over the joint's largest torque; negative where the motion is given.
+    counts : int
+        Of the encoder a turn of the motor; 0 for none.
+    speed : bool
+        Whether the recording has speeds.
+    width : float
+        Speed over which friction changes its sign, over the joint's largest.
+    drives : bool
+        Whether the data set states rotor inertias.
+    load : float
+        Declared payload of every second run [kg].
+    seed : int
+    """
+
+    name: str
+    arm: str
+    plants: tuple = ()
+    declared: tuple = PLAIN
+    inertials: str = "trusted"
+    stated: float = 0.0
+    noise: str = "white"
+    level: float = 0.01
+    rate: float = 200.0
+    train: tuple = (("fourier", 25.0), ("points", 30.0), ("points", 25.0), ("fourier", 25.0))
+    test: tuple = (("points", 25.0), ("fourier", 20.0))
+    loop: float = -1.0
+    counts: int = 4096
+    speed: bool = False
+    width: float = 0.006
+    drives: bool = True
+    load: float = 0.0
+    seed: int = 0
+
+    def generator(self, *path):
+        """Random numbers of one purpose."""
+        return np.random.default_rng(
+            np.random.SeedSequence([zlib.crc32(self.name.encode()), self.seed, *path])
+        )
+
+    @property
+    def fine(self):
+        """Steps of the simulation a sample."""
+        steps = self.loop >= 0 or any(plant.effect in FINE for plant in self.plants)
+        return max(1, round(4000.0 / self.rate)) if steps else 1
+
+
+@dataclass
+class Truth:
+    """What a case holds.
+
+    Attributes
+    ----------
+    must, may : set of (int, str)
+        Joint and effect that have to be found; that are there, but too small to be asked for.
+    outside : set of int
+        Joints with an effect that no name fits.
+    notes : list of str
+        Sizes as they came out.
+    """
+
+    must: set = field(default_factory=set)
+    may: set = field(default_factory=set)
+    outside: set = field(default_factory=set)
+    notes: list = field(default_factory=list)
