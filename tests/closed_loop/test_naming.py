@@ -206,3 +206,13 @@ def test_an_effect_of_several_joints_is_compared_with_any_but_a_plain_joint_s_ow
         assert own.term.effect.standard is standard
         given, beside = named(own, spread)
         assert ("payload_error" in {given, *beside}) is not standard
+
+
+def test_a_term_of_another_joint_is_no_name():
+    own, here = evidence("quadratic_viscous", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
+    there = replace(
+        here, chosen=replace(here.chosen, candidate=replace(here.chosen.candidate, joint=1, joints=(1,)))
+    )
+    given, beside = named(own, here)
+    assert "joint_spring" in {given, *beside}
+    assert named(own, there) == ("quadratic_viscous", [])

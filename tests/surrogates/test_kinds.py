@@ -115,6 +115,15 @@ def test_draws_scatter_as_the_kind_states(process):
         np.testing.assert_allclose(drawn.std(axis=0), deviation, rtol=0.1)
 
 
+def test_one_point_asked_for_many_times_has_one_value_a_draw(process):
+    """Its covariance is singular: a multiple of a matrix of ones."""
+    mean, deviation = process.predict(NEW[:1])
+    drawn = process.draw(np.repeat(NEW[:1], 20, axis=0), np.random.default_rng(0), 500)
+    assert np.ptp(drawn, axis=1).max() < 1e-3 * process.scale
+    np.testing.assert_allclose(drawn[:, 0].std(), deviation[0], rtol=0.1)
+    np.testing.assert_allclose(drawn[:, 0].mean(), mean[0], atol=0.2 * deviation[0])
+
+
 def test_a_cusp_at_nominal_is_met_by_bending_the_factor_that_has_it():
     y = noisy(cusp, noise=0.005)
     plain, bent = fit_gaussian_process(Z, y), fit_gaussian_process(Z, y, 0.0, 3, 0.0)
