@@ -1,4 +1,5 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ from scipy import special
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
+from wearscope.surrogates import selection
 from wearscope.surrogates.kinds import gaussian_process
 from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, _signal, fit_gaussian_process
 from wearscope.surrogates.kinds.likelihood import Likelihood
@@ -143,6 +145,27 @@ def test_a_polynomial_is_taken_only_where_it_is_clearly_better():
         assert fits[chosen.kind] > fits[best] - 1.0
     only, _ = choose_surrogate(Z, noisy(cubic), NAMES, NOMINAL, ["quadratic"])
     assert only.kind == "quadratic"
+
+
+@pytest.mark.parametrize(
+    ("polynomial", "process", "chosen"),
+    [(95.0, 94.5, "gaussian_process"), (95.0, 93.5, "quadratic"), (95.0, 97.0, "gaussian_process")],
+)
+def test_a_process_less_than_one_per_cent_behind_is_taken(monkeypatch, polynomial, process, chosen):
+    y = noisy(cubic)
+
+    def fit_as_well(kind, fit):
+        """What leaves the stated fit: left-out values part of the way from the mean to y."""
+        fitted = object.__new__(GaussianProcess) if kind == "gaussian_process" else SimpleNamespace()
+        fitted.kind, fitted.left_out_deviation = kind, np.ones(len(y))
+        fitted.left_out = y.mean() + fit / 100.0 * (y - y.mean())
+        return lambda *given: fitted
+
+    monkeypatch.setattr(selection, "fit_quadratic", fit_as_well("quadratic", polynomial))
+    monkeypatch.setattr(selection, "fit_gaussian_process", fit_as_well("gaussian_process", process))
+    best, fits = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic", "gaussian_process"])
+    assert fits == pytest.approx({"quadratic": polynomial, "gaussian_process": process})
+    assert best.kind == chosen
 
 
 def test_the_spread_brings_left_out_values_into_their_intervals():
