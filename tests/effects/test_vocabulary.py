@@ -168,6 +168,18 @@ def test_complexity_counts_coefficients_and_fitted_shapes():
         assert EFFECTS[name].complexity(EFFECTS[name].subsets()[0]) == count, name
 
 
+def test_a_body_counts_as_a_mass_and_three_moments_whatever_a_fit_chooses_of_it():
+    """Links concerned besides, and which of them; so an error of one link is no simpler than a payload."""
+    payload, links = EFFECTS["payload_error"], EFFECTS["inertial_error"].for_robot(6)
+    assert {payload.complexity(one) for one in payload.subsets()} == {4}
+    names = [p.name for p in links.coefficients]
+    plain = [[names.index(name) for name in one] for one in links.variants]
+    full = [[names.index(name) for name in one] for one in links.extensions]
+    assert [links.complexity(one) for one in plain] == [5] * 6
+    assert sorted(links.complexity(one) for one in full) == [5] * 6 + [25] * 2
+    assert links.complexity(plain[0] + plain[5]) == 9
+
+
 def test_wrong_links_are_asked_one_by_one_then_together():
     effect = EFFECTS["inertial_error"].for_robot(3)
     assert effect is EFFECTS["inertial_error"].for_robot(3)
