@@ -203,6 +203,7 @@ def test_a_value_that_never_changes_is_a_constant():
     chosen, fits = choose_surrogate(Z, np.full(len(Z), 0.3), NAMES, NOMINAL)
     assert (chosen.kind, chosen.status, fits) == ("constant", "constant", {})
     np.testing.assert_array_equal(chosen.predict(NEW), 0.3)
+    assert choose_surrogate(Z, np.zeros(len(Z)), NAMES, NOMINAL)[0].kind == chosen.kind
     low, high = chosen.prediction_interval(NEW)
     np.testing.assert_array_equal(low, high)
     assert (chosen.draw(NEW, np.random.default_rng(0), 3) == 0.3).all()
@@ -213,6 +214,14 @@ def test_too_few_runs_are_refused():
         choose_surrogate(Z[:8], cubic(Z[:8]), NAMES, NOMINAL)
     assert isinstance(fit_gaussian_process(Z[:12], cubic(Z[:12])), GaussianProcess)
     assert ChosenSurrogate(None, tuple(NAMES), 1.0, 2.0).sigma == 0.0
+
+
+@pytest.mark.parametrize("fit", [fit_polynomial_chaos, fit_gaussian_process])
+def test_fewest_runs_are_as_stated(fit):
+    """Four a linear term for polynomial chaos; as many as factors and four for a process."""
+    fewest = {fit_polynomial_chaos: 4 * (1 + len(NAMES)), fit_gaussian_process: len(NAMES) + 4}[fit]
+    assert fit(Z[: fewest - 1], cubic(Z[: fewest - 1])) is None
+    assert fit(Z[:fewest], cubic(Z[:fewest])) is not None
 
 
 def test_drawn_responses_lie_about_the_mean_with_the_stated_error():
