@@ -40,9 +40,11 @@ test-how-to: setup
 test-kills: cluster
 	$(BIN)/python -m pytest -m long -rs tests/workflow $(ARGS)
 
-# The smallest study through a SLURM of one node, started for it: docs/cluster.md. Skips, saying why, where it cannot.
+# The smallest study through a SLURM of one node, started for it, and through a stand-in for Kubernetes:
+# docs/cluster.md. Skips, saying why, where it cannot.
 test-cluster: cluster
-	$(BIN)/python -m pytest -m "long or not long" -rs tests/workflow/test_cluster.py $(ARGS)
+	$(BIN)/python -m pytest -m "long or not long" -rs tests/workflow/test_cluster.py \
+		tests/workflow/test_kubernetes.py $(ARGS)
 
 # Snakemake's executors and storage for clusters, beside the locked packages.
 cluster: setup

@@ -36,15 +36,8 @@ SELECTION = "src/wearscope/closed_loop/selection"
 ROOMS = {
     **{
         room: ([f"src/wearscope/{room}"], [f"tests/{room}"])
-        for room in ("detectors", "designs", "surrogates", "evaluation", "simulation")
+        for room in ("detectors", "designs", "effects", "surrogates", "evaluation", "simulation")
     },
-    "effects": (
-        ["src/wearscope/effects"],
-        [
-            f"tests/effects/test_{name}.py"
-            for name in "regressors simulated_torque unknown vocabulary names_stay_inside own_effect".split()
-        ],
-    ),
     "naming": (
         [f"{SELECTION}/{name}.py" for name in "rule naming significance status policy".split()],
         [f"tests/closed_loop/test_{name}.py" for name in "rule significance status naming search".split()],

@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "workflow")]
+sys.path.insert(0, str(ROOT / "tests"))
 
 from clones import copy_tree  # noqa: E402
 from one_node_slurm import NoSlurm, start_slurm  # noqa: E402

@@ -207,3 +207,25 @@ def test_an_effect_of_several_joints_is_compared_with_any_but_a_plain_joint_s_ow
         assert own.term.effect.standard is standard
         given, beside = named(own, spread)
         assert ("payload_error" in {given, *beside}) is not standard
+
+
+def test_a_term_of_another_joint_is_no_name():
+    own, here = evidence("quadratic_viscous", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
+    there = replace(
+        here, chosen=replace(here.chosen, candidate=replace(here.chosen.candidate, joint=1, joints=(1,)))
+    )
+    given, beside = named(own, here)
+    assert "joint_spring" in {given, *beside}
+    assert named(own, there) == ("quadratic_viscous", [])
+
+
+def test_of_many_names_the_best_are_compared():
+    names = (
+        "viscous_asymmetry joint_spring torque_offset stribeck coulomb_asymmetry concave_viscous backlash "
+        "load_dependent_friction temperature_dependent_friction warm_up_drift presliding_hysteresis "
+        "torque_ripple rotor_inertia_error torque_constant_error"
+    ).split()
+    own = evidence("quadratic_viscous", losses(-1.0, 0))
+    for best in (names[0], names[-1]):
+        offered = [evidence(name, losses(-1.25 if name == best else -1.0, 0)) for name in names]
+        assert len(offered) > 12 and named(own, *offered) == (best, [])

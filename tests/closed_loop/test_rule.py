@@ -59,6 +59,7 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         ({"p_value": 1.0, "share": 0.49, "fitted": 0.9}, Refusal.CHANCE),
         ({"p_value": 1.0, "share": 0.89, "fitted": 0.9, "informing": 2}, Refusal.CHANCE),
         ({"p_value": 1.0, "share": 0.9, "fitted": 0.9, "informing": 2}, Refusal.NONE),
+        ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "informing": 3}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "agreement": 0.99}, Refusal.CHANCE),
         ({"agreement": 0.75}, Refusal.DISAGREES),
         ({"agreement": 0.8}, Refusal.NONE),

@@ -62,7 +62,15 @@ def test_half_of_the_hypercube_is_drawn_towards_nominal():
     # Uniform on 0..2 has the mean 1; its square over 2 has 2/3.
     assert away[0::2].mean() == pytest.approx(1.0, abs=0.1)
     assert away[1::2].mean() == pytest.approx(2 / 3, abs=0.1)
-    assert len(np.unique(z[:, 4])) <= 5
+
+
+def test_a_costly_factor_takes_the_nearest_of_its_levels():
+    """Of a uniform distribution over five levels: an eighth at either end, a quarter at each between."""
+    (costly,) = [k for k, factor in enumerate(PAPER_FACTORS) if factor.is_costly]
+    z = levels(filling_design(PAPER_FACTORS, points=800, question_points=0, replicates=0))[0::2, costly]
+    found, counts = np.unique(z, return_counts=True)
+    assert found.tolist() == [-2.0, -1.0, 0.0, 1.0, 2.0]
+    np.testing.assert_allclose(counts / len(z), [0.125, 0.25, 0.25, 0.25, 0.125], atol=0.03)
 
 
 def test_designs_depend_on_the_seed_alone_and_zero_is_one():

@@ -133,6 +133,8 @@ def test_nominal_design_repeats_z0():
         ("central_composite", {"generators": ["w5 f w1"]}, "write it as"),
         ("central_composite", {"generators": {"w9": "f w1"}}, "no factor 'w9'"),
         ("central_composite", {"generators": {"w5": "w4", "w4": "w3"}}, "'w4' is itself generated"),
+        ("central_composite", {"generators": {"w5": "f w1 f"}}, "'w5': name each base factor once"),
+        ("central_composite", {"generators": {"w5": "-"}}, "'w5': name each base factor once"),
         ("central_composite", {"star_level": 3}, "beyond its range"),
         ("inscribed", {"alpha": -1}, "alpha is -1"),
         ("latin_hypercube", {"points": 1}, "points is 1"),

@@ -6,7 +6,7 @@ import pytest
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
-from wearscope.detectors.wear_search import normal_equations
+from wearscope.detectors.wear_search import MAX_CONDITION, MIN_SHARE, _told_apart, normal_equations
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,
     FIRST_WEARS,
@@ -301,3 +301,21 @@ def test_a_column_that_is_the_sum_of_others_adds_nothing_to_a_basis():
     assert basis.shape == (4, 2)
     np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(basis @ basis.T, np.outer(a, a) / 2 + np.outer(b, b) / 25, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0), (3.0, 2000.0)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_wear_and_temperature_are_told_apart_up_to_a_condition_number(size, sign):
+    """Of their slopes, each brought to length one: that of [[1, c], [c, 1]], (1 + c)/(1 - c)."""
+    for condition in (1.0, 1e4, 0.1 * MAX_CONDITION, 10.0 * MAX_CONDITION, 1e3 * MAX_CONDITION):
+        alike = sign * (condition - 1.0) / (condition + 1.0)
+        matrix = np.array([[1.0, alike], [alike, 1.0]]) * np.outer(size, size)
+        told = _told_apart(matrix[0, 0], matrix[0, 1], matrix[1, 1], *size)
+        assert told == (condition < MAX_CONDITION)
+        if condition < 1e6:
+            assert np.linalg.cond(matrix / np.outer(size, size)) == pytest.approx(condition, rel=1e-6)
+    # Nothing is left of one slope's length by offset and payload.
+    left = 0.1 * MIN_SHARE
+    assert not _told_apart((left * size[0]) ** 2, 0.0, size[1] ** 2, *size)
+    assert not _told_apart(size[0] ** 2, 0.0, (left * size[1]) ** 2, *size)
+    assert _told_apart((100.0 * left * size[0]) ** 2, 0.0, size[1] ** 2, *size)

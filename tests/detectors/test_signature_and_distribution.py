@@ -101,6 +101,15 @@ def test_residual_energy_pairs_batches_of_another_rate_by_time():
             assert y == pytest.approx((scale - 1.0) ** 2, rel=1e-3, abs=1e-9)
 
 
+def test_what_a_batch_of_another_rate_has_beyond_the_signature_does_not_count():
+    t = np.arange(4000) / 250.0
+    detector = fitted("residual_energy", make_batch(5.0 + np.sin(t)))
+    for rate in (125.0, 500.0, 100.0):
+        longer = np.arange(int(20.0 * rate)) / rate
+        torque = np.where(longer <= t[-1], 5.0 + np.sin(longer), 1e6)
+        assert detector.test_quantity(make_batch(torque, rate=rate)) < 1e-9
+
+
 def make_moves(dwell, moves=6, samples=200):
     """Moves of one joint with rests of `dwell` samples between them."""
     phase = 2 * np.pi * (np.arange(samples) + 0.5) / samples
@@ -229,3 +238,9 @@ def test_the_grid_reaches_a_tenth_of_the_range_and_three_bandwidths_beyond_the_n
     torque = np.linspace(-40.0, 60.0, 2001)
     detector = fitted("distribution_distance", make_batch(torque), margin=0.1, bandwidth=2.5)
     assert detector.grid[[0, -1]] == pytest.approx([-40.0 - 10.0 - 7.5, 60.0 + 10.0 + 7.5])
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1.0, float("nan")])
+def test_a_kernel_without_width_is_refused(bandwidth):
+    with pytest.raises(ValueError, match="bandwidth must be positive"):
+        load_detector("distribution_distance", {"bandwidth": bandwidth})

@@ -207,6 +207,15 @@ def test_what_breaks_a_rule_is_told_in_one_sentence(write, old, new, said):
     assert message.startswith(str(path)) and message.endswith(".") and "\n" not in message
 
 
+def test_variants_and_extensions_are_tuples_of_coefficients(write):
+    two = GOOD.replace('"{torque}"),)', '"{torque}"), Parameter("slope", "{torque}"))')
+    two = two.replace("    out[0] =", "    out[1] = q[j]\n    out[0] =")
+    fields = 'variants=(("level",),), extensions=(("level", "slope"), ("slope",)),'
+    effect = load_effect(str(write(two.replace("row=_row,", f"row=_row, {fields}"))))
+    assert [list(one) for one in effect.subsets()] == [[0]]
+    assert effect.extensions == (("level", "slope"), ("slope",))
+
+
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(InputError, match=r"nothing.py: no such file; name a Python file that defines EFFECT"):
         load_effect("nothing.py", folder=tmp_path)

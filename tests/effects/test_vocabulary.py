@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.effects import motions
-from wearscope.effects.base import Effect, Parameter, load_effect
+from wearscope.effects.base import Effect, Parameter, Signals, load_effect
 from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
 from wearscope.effects.vocabulary import (
     candidate_effects,
@@ -168,6 +168,18 @@ def test_complexity_counts_coefficients_and_fitted_shapes():
         assert EFFECTS[name].complexity(EFFECTS[name].subsets()[0]) == count, name
 
 
+def test_a_body_counts_as_a_mass_and_three_moments_whatever_a_fit_chooses_of_it():
+    """Links concerned besides, and which of them; so an error of one link is no simpler than a payload."""
+    payload, links = EFFECTS["payload_error"], EFFECTS["inertial_error"].for_robot(6)
+    assert {payload.complexity(one) for one in payload.subsets()} == {4}
+    names = [p.name for p in links.coefficients]
+    plain = [[names.index(name) for name in one] for one in links.variants]
+    full = [[names.index(name) for name in one] for one in links.extensions]
+    assert [links.complexity(one) for one in plain] == [5] * 6
+    assert sorted(links.complexity(one) for one in full) == [5] * 6 + [25] * 2
+    assert links.complexity(plain[0] + plain[5]) == 9
+
+
 def test_wrong_links_are_asked_one_by_one_then_together():
     effect = EFFECTS["inertial_error"].for_robot(3)
     assert effect is EFFECTS["inertial_error"].for_robot(3)
@@ -273,3 +285,28 @@ def test_what_sessions_are_asked_for_has_a_place_of_its_own():
     assert [effect.changes for effect in session_effects()] == sorted(places)
     assert worn_effect().needs_wear and thermal_friction().is_thermal
     assert {effect.name for effect in plain_friction()} == {"coulomb", "viscous"}
+
+
+PASSIVE = {
+    "coulomb": {"level": 7.0},
+    "viscous": {"slope": 3.0},
+    "quadratic_viscous": {"curvature": 2.0},
+    "joint_spring": {"stiffness": 50.0, "preload": -4.0},
+    "friction_wear_temperature": {"eta0": 6.0, "eta3": 0.05, "eta5": 5.0, "eta6": 0.25},
+}
+
+
+def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
+    assert {name for name, effect in EFFECTS.items() if effect.passive} == PASSIVE.keys()
+    t = np.linspace(0.0, 1.0, 101)
+    q, v = 0.3 + np.sin(5.0 * t)[:, None], 5.0 * np.cos(5.0 * t)[:, None]
+    zero = np.zeros_like(q)
+    signals = Signals(t, q, v, zero, np.sign(v), zero, np.full_like(q, 40.0), zero)
+    for name, given in PASSIVE.items():
+        effect = EFFECTS[name]
+        values = {p.name: p.default if p in effect.shape else 0.0 for p in effect.parameters} | given
+        held = effect.passive(values, 40.0)
+        torque = held.get("friction", 0.0) * np.sign(v) + held.get("damping", 0.0) * v
+        torque += held.get("quadratic", 0.0) * v * np.abs(v)
+        torque += held.get("stiffness", 0.0) * q + held.get("preload", 0.0)
+        np.testing.assert_allclose(effect.torque(signals, 0, values), torque[:, 0], atol=1e-12, err_msg=name)

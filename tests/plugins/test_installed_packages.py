@@ -219,20 +219,27 @@ def test_identity_tells_version_and_content_of_the_whole_package(installed):
     assert plugins.identify_installed("friction_fit", "detectors") is None
 
 
-@pytest.mark.slow
-def test_study_names_what_is_installed(installed, tmp_path):
-    """The workflow's own checks, in processes of their own; another package makes them stale."""
+@pytest.fixture
+def run(tmp_path):
+    """The command wearscope in an empty folder, in a process of its own; what it says, stripped."""
 
-    def run(*command):
+    def call(*command):
         done = subprocess.run(
             [sys.executable, "-m", "wearscope", *command], cwd=tmp_path, capture_output=True, text=True,
             check=False, timeout=900,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
-        return done.stdout
+        return done.stdout.strip()
+
+    return call
+
+
+@pytest.mark.slow
+def test_study_names_what_is_installed(installed, run, tmp_path):
+    """The workflow's own checks, in processes of their own; another package makes them stale."""
 
     def stale():
-        return run("run", "mine", "--stage", "check", *options, "--dry-run").strip()
+        return run("run", "mine", "--stage", "check", *options, "--dry-run")
 
     options = ["--set", "closed_loop.effects=[hose_drag]"]
     run("new", "study", "mine", "--robot", "my_arm", "--cycle", "there_and_back", "--detector",
@@ -251,15 +258,7 @@ def test_study_names_what_is_installed(installed, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_loop_is_stale_once_an_effect_s_package_changed(installed, tmp_path):
-    def run(*command):
-        done = subprocess.run(
-            [sys.executable, "-m", "wearscope", *command], cwd=tmp_path, capture_output=True, text=True,
-            check=False, timeout=900,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
-        return done.stdout.strip()
-
+def test_a_loop_is_stale_once_an_effect_s_package_changed(installed, run):
     data = Path(wearscope.__file__).parent / "example_data"
     loop = ["diagnose", str(data), "--cores", "1", "--set", "closed_loop.effects=[hose_drag]"]
     run(*loop)

@@ -109,6 +109,23 @@ def test_coasting_joint_stops_and_stays(arms):
     assert np.all(trace.v[-500:] == 0.0)
 
 
+@pytest.mark.parametrize("drag", [10.0, 1e3, 1e5])
+def test_a_driven_joint_with_drag_comes_to_its_terminal_speed(arms, drag):
+    """m dv/dt = T - c v^2 from rest: v = sqrt(T/c) tanh(t sqrt(T c)/m), which may take a tenth of a step."""
+    stuck = [(j, "coulomb", {"level": 1e5}) for j in arms.JOINTS[:3]]
+    model = arms.make_arm([*stuck, ("side", "quadratic_viscous", {"curvature": drag})])
+    body, trace = coast(model, np.zeros(4), np.zeros(4), 400, torque=np.full(4, 1000.0), gravity=False)
+    assert np.all(trace.v[:, :3] == 0.0)
+    inertia = body.mass_matrix(np.zeros(4))[3, 3] + model.rotor_inertia[3]
+    final, rate = np.sqrt(1000.0 / drag), np.sqrt(1000.0 * drag) / inertia
+    wanted = final * np.tanh(rate * 1e-3 * np.arange(len(trace.v)))
+    settled = rate * 1e-3 * np.arange(len(trace.v)) > 5.0
+    assert np.abs(trace.v[:, 3] - wanted)[settled].max() < 5e-3 * final
+    if rate < 100.0:
+        assert np.abs(trace.v[:, 3] - wanted).max() < 1e-3 * final
+    assert trace.v[-1, 3] == pytest.approx(final, rel=1e-4)
+
+
 def test_torque_limit_holds_and_is_reached(arms):
     limit = [200.0, 260.0, 200.0, 200.0]
     reference = arms.swing(1.0)

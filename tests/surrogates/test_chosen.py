@@ -7,8 +7,10 @@ from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design, validation_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
-from wearscope.surrogates.chosen import choose_surrogates, noise_ceiling, read_chosen, read_noise
+from wearscope.surrogates.chosen import _state, choose_surrogates, noise_ceiling, read_chosen, read_noise
+from wearscope.surrogates.kinds.linear import fit_quadratic
 from wearscope.surrogates.planted import PAPER_OPTIONS
+from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.validation import model_fit
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
@@ -22,6 +24,9 @@ DESIGNS = {
 
 def curved(z):
     return 2 + z[:, 0] + 0.5 * np.exp(0.4 * z[:, 3])
+
+
+CUBE = DESIGNS["checking"][NAMES].to_numpy()
 
 
 def rough(z):
@@ -72,6 +77,18 @@ def test_the_fit_is_that_of_the_checking_runs_and_no_choice_sees_them(quantities
     ).iloc[0]
     assert again["parameters"] == row["parameters"] and again["spread"] == row["spread"]
     assert again["fit"] < 0 < row["fit"]
+
+
+@pytest.mark.parametrize(
+    ("fit", "lowest", "state"),
+    [
+        (98.0, 99.0, "reached"), (97.9, 97.0, "at ceiling"), (97.0, 97.0, "at ceiling"),
+        (96.9, 97.0, "short"), (97.0, np.nan, "short"),
+    ],
+)  # fmt: skip
+def test_a_goal_and_a_ceiling_are_reached_from_their_values_on(fit, lowest, state):
+    surrogate = ChosenSurrogate(fit_quadratic(CUBE, curved(CUBE), NAMES), tuple(NAMES))
+    assert _state(surrogate, fit, lowest, 98.0) == state
 
 
 def test_noise_and_ceiling_come_from_replicates(quantities, chosen):

@@ -130,6 +130,13 @@ def test_prediction_intervals_hold_new_values():
     assert np.mean(inside) == pytest.approx(0.9, abs=0.025)
 
 
+@pytest.mark.parametrize("value", [0.0, -3.0, 1e-300])
+def test_any_value_that_does_not_change_is_constant(value):
+    surrogate = fit_surrogate(Z, np.full(45, value), NAMES, "full")
+    assert surrogate.status == "constant"
+    np.testing.assert_array_equal(surrogate.predict(Z), value)
+
+
 def test_a_constant_detector_is_said_to_be_constant():
     surrogate = fit_surrogate(Z, np.full(45, 0.1), NAMES, "full")
     assert surrogate.status == "constant"

@@ -1,4 +1,5 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ from scipy import special
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
+from wearscope.surrogates import selection
 from wearscope.surrogates.kinds import gaussian_process
 from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, _signal, fit_gaussian_process
 from wearscope.surrogates.kinds.likelihood import Likelihood
@@ -115,6 +117,15 @@ def test_draws_scatter_as_the_kind_states(process):
         np.testing.assert_allclose(drawn.std(axis=0), deviation, rtol=0.1)
 
 
+def test_one_point_asked_for_many_times_has_one_value_a_draw(process):
+    """Its covariance is singular: a multiple of a matrix of ones."""
+    mean, deviation = process.predict(NEW[:1])
+    drawn = process.draw(np.repeat(NEW[:1], 20, axis=0), np.random.default_rng(0), 500)
+    assert np.ptp(drawn, axis=1).max() < 1e-3 * process.scale
+    np.testing.assert_allclose(drawn[:, 0].std(), deviation[0], rtol=0.1)
+    np.testing.assert_allclose(drawn[:, 0].mean(), mean[0], atol=0.2 * deviation[0])
+
+
 def test_a_cusp_at_nominal_is_met_by_bending_the_factor_that_has_it():
     y = noisy(cusp, noise=0.005)
     plain, bent = fit_gaussian_process(Z, y), fit_gaussian_process(Z, y, 0.0, 3, 0.0)
@@ -134,6 +145,27 @@ def test_a_polynomial_is_taken_only_where_it_is_clearly_better():
         assert fits[chosen.kind] > fits[best] - 1.0
     only, _ = choose_surrogate(Z, noisy(cubic), NAMES, NOMINAL, ["quadratic"])
     assert only.kind == "quadratic"
+
+
+@pytest.mark.parametrize(
+    ("polynomial", "process", "chosen"),
+    [(95.0, 94.5, "gaussian_process"), (95.0, 93.5, "quadratic"), (95.0, 97.0, "gaussian_process")],
+)
+def test_a_process_less_than_one_per_cent_behind_is_taken(monkeypatch, polynomial, process, chosen):
+    y = noisy(cubic)
+
+    def fit_as_well(kind, fit):
+        """What leaves the stated fit: left-out values part of the way from the mean to y."""
+        fitted = object.__new__(GaussianProcess) if kind == "gaussian_process" else SimpleNamespace()
+        fitted.kind, fitted.left_out_deviation = kind, np.ones(len(y))
+        fitted.left_out = y.mean() + fit / 100.0 * (y - y.mean())
+        return lambda *given: fitted
+
+    monkeypatch.setattr(selection, "fit_quadratic", fit_as_well("quadratic", polynomial))
+    monkeypatch.setattr(selection, "fit_gaussian_process", fit_as_well("gaussian_process", process))
+    best, fits = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic", "gaussian_process"])
+    assert fits == pytest.approx({"quadratic": polynomial, "gaussian_process": process})
+    assert best.kind == chosen
 
 
 def test_the_spread_brings_left_out_values_into_their_intervals():
@@ -171,6 +203,7 @@ def test_a_value_that_never_changes_is_a_constant():
     chosen, fits = choose_surrogate(Z, np.full(len(Z), 0.3), NAMES, NOMINAL)
     assert (chosen.kind, chosen.status, fits) == ("constant", "constant", {})
     np.testing.assert_array_equal(chosen.predict(NEW), 0.3)
+    assert choose_surrogate(Z, np.zeros(len(Z)), NAMES, NOMINAL)[0].kind == chosen.kind
     low, high = chosen.prediction_interval(NEW)
     np.testing.assert_array_equal(low, high)
     assert (chosen.draw(NEW, np.random.default_rng(0), 3) == 0.3).all()
@@ -181,6 +214,14 @@ def test_too_few_runs_are_refused():
         choose_surrogate(Z[:8], cubic(Z[:8]), NAMES, NOMINAL)
     assert isinstance(fit_gaussian_process(Z[:12], cubic(Z[:12])), GaussianProcess)
     assert ChosenSurrogate(None, tuple(NAMES), 1.0, 2.0).sigma == 0.0
+
+
+@pytest.mark.parametrize("fit", [fit_polynomial_chaos, fit_gaussian_process])
+def test_fewest_runs_are_as_stated(fit):
+    """Four a linear term for polynomial chaos; as many as factors and four for a process."""
+    fewest = {fit_polynomial_chaos: 4 * (1 + len(NAMES)), fit_gaussian_process: len(NAMES) + 4}[fit]
+    assert fit(Z[: fewest - 1], cubic(Z[: fewest - 1])) is None
+    assert fit(Z[:fewest], cubic(Z[:fewest])) is not None
 
 
 def test_drawn_responses_lie_about_the_mean_with_the_stated_error():

@@ -10,6 +10,7 @@ from wearscope.errors import InputError
 from wearscope.surrogates.fitting import fit_surrogate, fit_surrogates
 from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import (
+    diagnose,
     fault_effect,
     fit_table,
     lack_of_fit,
@@ -64,6 +65,27 @@ def test_press_is_the_sum_of_leave_one_out_errors(planted):
     residual = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
     assert press(phi, residual) == pytest.approx(total)
     assert leverage(phi).sum() == pytest.approx(22)
+
+
+@pytest.mark.parametrize("model", ["main", "simplified", "full"])
+def test_diagnostics_are_those_of_statsmodels(model):
+    rng = np.random.default_rng(6)
+    y = 2.0 + Z[:, 0] + 0.5 * Z[:, 3] ** 2 + 0.3 * rng.standard_normal(45)
+    found = diagnose(fit_surrogate(Z, y, NAMES, model), Z, y, Z_V, Z_V[:, 0])
+    phi = model_matrix(Z, NAMES, model_terms(model, NAMES))
+    least_squares = sm.OLS(y, phi).fit()
+    influence = least_squares.get_influence()
+    expected = {
+        "sigma": np.sqrt(least_squares.scale),
+        "dof": least_squares.df_resid,
+        "r2": 1.0 - least_squares.ssr / np.sum((y - y.mean()) ** 2),
+        "r2_adjusted": 1.0 - least_squares.scale / np.var(y, ddof=1),
+        "r2_predicted": 1.0 - influence.ess_press / np.sum((y - y.mean()) ** 2),
+        "press": influence.ess_press,
+        "leverage_max": influence.hat_matrix_diag.max(),
+        "condition": least_squares.condition_number,
+    }
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
 def test_press_is_nan_where_one_point_alone_determines_a_term():

@@ -3,7 +3,6 @@
 A few kills run with the rest of the tests, as many as the review asks for with `make test-kills`.
 """
 
-import importlib.util
 import os
 import random
 import shutil
@@ -12,11 +11,8 @@ import subprocess
 import time
 from pathlib import Path
 
+import clones
 import pytest
-
-_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
-clones = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(clones)
 
 
 @pytest.fixture(scope="module")

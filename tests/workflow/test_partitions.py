@@ -1,19 +1,14 @@
 """A study of many robots, run by partitions: the same tables, planned in a moment."""
 
-import importlib.util
 import re
 import subprocess
 import time
-from pathlib import Path
 
+import clones
 import pytest
 import yaml
 
 from wearscope.integrity import find_damage
-
-_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
-clones = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(clones)
 
 TABLES = ("test_quantities", "failed_simulations", "surrogates", "snr", "ranking", "sensitivity")
 SCOPES = ("scope", "group_scope", "scope_disagreement")

@@ -1,6 +1,5 @@
 """What is missing or damaged is found before it is used, named, and made again by the same command."""
 
-import importlib.util
 import json
 import os
 import re
@@ -9,12 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import clones
 import pytest
 import yaml
 
-_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
-clones = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(clones)
 RESULTS = Path("results/tiny")
 RECORDING = RESULTS / "traces/medium/short_moves/identification/point=7/recording.parquet"
 

@@ -13,16 +13,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from clones import ROOT, TINY, command, copy_tree, digests, run, run_well, stale
 
 from wearscope import tables
 
-ROOT = Path(__file__).parents[2]
-TINY = "tests/workflow/tiny"
 CONTRACT = {
     "test_quantities.parquet": "robot cycle axis fda set point f w3 w5 y",
     "surrogates.parquet": "robot cycle axis fda model term theta theta_normalised stderr",
@@ -39,14 +36,9 @@ CONTRACT = {
 }
 
 
-_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
-clones = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(clones)
 _SPEC = importlib.util.spec_from_file_location("data_dictionary", ROOT / "docs" / "site" / "dictionary.py")
 dictionary = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(dictionary)
-copy_tree, command, run, run_well = clones.copy_tree, clones.command, clones.run, clones.run_well
-stale, digests = clones.stale, clones.digests
 
 
 @pytest.fixture(scope="module")
@@ -277,121 +269,8 @@ def test_archive_holds_the_study(finished, tmp_path):
         assert (tmp_path / "out" / name).read_bytes() == content
 
 
-def refuse(folder: Path, config: dict, *words: str, target: str = "check") -> str:
-    """The run ends before any simulation, with one sentence that holds the words."""
-    (folder / "bad.yaml").write_text(yaml.safe_dump(config))
-    done = run(folder, target, study="bad.yaml")
-    assert done.returncode == 1
-    lines = [line for line in done.stderr.splitlines() if all(word in line for word in words)]
-    assert lines, done.stderr[-3000:]
-    assert "Traceback" not in done.stderr
-    assert not list(folder.glob("results/bad/traces"))
-    return lines[0]
-
-
-@pytest.fixture(scope="module")
-def clone(tmp_path_factory) -> Path:
-    return copy_tree(tmp_path_factory.mktemp("bad-input"))
-
-
-@pytest.fixture
-def bad() -> dict:
-    config = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    config["study"] = "bad"
-    return config
-
-
-@pytest.mark.parametrize(
-    ("target", "rules"),
-    [
-        ("design", {"make_design", "design"}),
-        ("simulate", {"make_design", "check_cycle", "screen_robot", "simulate_points", "simulate"}),
-    ],
-)
-def test_stage_needs_only_what_is_before_it(clone, target, rules):
-    assert stale(clone, target) == rules
-
-
-def test_unknown_key_is_told(clone, bad):
-    bad["snr"] = {"runz": 10}
-    refuse(clone, bad, "config: snr.runz is no known setting", "did you mean runs?")
-
-
-def test_unknown_robot_is_told(clone, bad):
-    bad["robots"] = ["huge"]
-    refuse(clone, bad, "robots", "huge", "medium")
-
-
-def test_temperature_below_the_friction_law_is_told(clone, bad):
-    bad["factors"]["w3"] = {**bad["factors"]["w3"], "range": [10, 70]}
-    refuse(clone, bad, "w3", "10", "axis_1")
-
-
-def without_wear(clone: Path) -> str:
-    """A model with plain friction, as a closed loop leaves it, beside the study's."""
-    medium = clone / "config" / "robots" / "medium"
-    model = yaml.safe_load((medium / "model.yaml").read_text())
-    model["effects"] = [
-        {"joint": joint, "effect": effect, "parameters": values, "source": "fitted"}
-        for joint in model["joints"]
-        for effect, values in (("coulomb", {"level": 40.0}), ("viscous", {"slope": 10.0}))
-    ]
-    (clone / "plain.yaml").write_text(yaml.safe_dump(model))
-    shutil.copy(medium / "robot.urdf", clone / "robot.urdf")
-    return "plain.yaml"
-
-
-def test_factor_that_moves_no_torque_is_told(clone, bad):
-    bad["robots"] = [without_wear(clone)]
-    refuse(clone, bad, "factors.f", "wear moves no recorded torque", "robot 'plain'", "carry_over")
-    bad["carry_over"] = {"plain": {"source": "medium", "effects": ["wear"]}}
-    refuse(clone, bad, "factors.w3", "temperature moves no recorded torque", "screening: drop")
-
-
-def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
-    bad |= {"robots": [without_wear(clone)], "carry_over": {"plain": "medium"}, "study": "borrowed"}
-    (clone / "borrowed.yaml").write_text(yaml.safe_dump(bad))
-    run_well(clone, "check", study="borrowed.yaml")
-    text = (clone / "results" / "borrowed" / "robots" / "plain.yaml").read_text()
-    assert text.count("assumed: true") == 1 + 6  # wear of the axis asked for, temperature everywhere
-    screening = tables.read_table(clone / "results" / "borrowed" / "screening" / "plain.parquet")
-    assert screening["moves"].all() and not screening["dropped"].any()
-
-
-def test_two_models_are_reevaluated(clone, bad):
-    small = {"points": 8, "local_points": 6, "question_points": 2, "replicates": 2, "checking_points": 4}
-    bad |= {"study": "two", "reevaluate": {"before": ["medium"], "after": [without_wear(clone)], **small}}
-    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
-    run_well(clone, "reevaluate", cores=2, study="two.yaml")
-    results = clone / "results" / "two"
-    table = tables.read_table(results / "reevaluation.parquet")
-    assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
-    wanted = "robot cycle axis fda question truth p_changed before before_low before_high after after_low"
-    assert set(wanted.split()) <= set(table.columns)
-    assert table["truth"].isna().all() and (results / "reevaluation" / "report.html").is_file()
-    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
-    assert stale(clone, "reevaluate", study="two.yaml") <= {"reevaluate"}
-
-
-@pytest.mark.long
-def test_the_quick_study_reevaluates_its_demonstration_to_the_end(clone):
-    settings = yaml.safe_load((clone / "config" / "quick.yaml").read_text())
-    (clone / "quick.yaml").write_text(yaml.safe_dump(settings | {"reevaluate": {"enabled": True}}))
-    text = run_well(clone, cores=2, study="quick.yaml")
-    assert re.search(r"^(\d+) of \1 steps", text, re.MULTILINE)
-    results = clone / "results" / "quick"
-    table = tables.read_table(results / "reevaluation.parquet")
-    assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
-    answered = table[~table["withheld"]]
-    assert len(answered) and answered[["before", "after", "truth"]].notna().all(axis=None)
-    ranked = tables.read_table(results / "reevaluation_ranking.parquet")
-    pair = ranked.groupby(["robot", "cycle", "axis"])[["before", "after", "truth"]].sum()
-    assert np.allclose(pair, 1.0)  # of two detectors one ranks above the other
-    assert (results / "reevaluation" / "report.html").is_file()
-    assert stale(clone, study="quick.yaml") == set()
-
-
-def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, clone):
+def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, tmp_path):
+    clone = copy_tree(tmp_path / "at-once")
     settings = yaml.safe_load((clone / TINY / "config.yaml").read_text()) | {"simulation": {"chunk": 1000}}
     (clone / "whole.yaml").write_text(yaml.safe_dump(settings))
     text = run_well(clone, "test_quantities", study="whole.yaml")
@@ -403,39 +282,6 @@ def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finis
     assert len(recordings) > 30
     for name in [*recordings, "test_quantities.parquet"]:
         assert (ours / name).read_bytes() == (theirs / name).read_bytes()
-
-
-def test_infeasible_cycle_is_told(clone, bad):
-    text = (clone / TINY / "short_moves.py").read_text()
-    far = "far = plan.finish()\n    return Reference(far.t, far.q + 5.0, far.v, far.a)"
-    (clone / "too_far.py").write_text(text.replace("return plan.finish()", far))
-    bad["cycles"] = ["too_far.py"]
-    refuse(
-        clone, bad, "test-cycle 'too_far' on robot 'medium'", "beyond its limit", "slow the test-cycle down"
-    )
-
-
-def test_urdf_without_inertia_is_told(clone, bad):
-    shutil.copytree(clone / "config" / "robots" / "medium", clone / "light", dirs_exist_ok=True)
-    urdf = clone / "light" / "robot.urdf"
-    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), count=3, flags=re.DOTALL))
-    bad["robots"] = ["light"]
-    refuse(clone, bad, "robot.urdf", "inerti")
-
-
-def test_unestimable_design_is_told(clone, bad):
-    bad["design"] = {"kind": "full_factorial", "levels": 2}
-    refuse(clone, bad, "model 'full'", "aliased", target="design")
-
-
-def test_unknown_detector_is_told(clone, bad):
-    bad["detectors"] = {"A": "residual_enrgy"}
-    refuse(clone, bad, "residual_enrgy", "residual_energy")
-
-
-def test_refused_detector_option_is_told(clone, bad):
-    bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
-    refuse(clone, bad, "torque_change.py", "fail_abov")
 
 
 def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
@@ -488,71 +334,3 @@ def test_failed_simulation_is_counted_left_out_and_refused_above_the_share(finis
     assert surrogates["theta"].notna().all()
     assert tables.read_table(results / "snr.parquet")["snr_exact"].notna().all()
     assert tables.read_table(results / "scope.parquet")["p_d"].notna().all()
-
-
-def make_dataset(folder: Path, name: str) -> Path:
-    (folder / "runs").mkdir(parents=True)
-    (folder / "runs" / "a.parquet").write_bytes(b"")
-    (folder / "robot.urdf").write_text("<robot/>")
-    content = {"name": name, "robot": {"urdf": "robot.urdf"}, "runs": [{"file": "runs/a.parquet"}]}
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
-    return folder
-
-
-def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
-    folder = make_dataset(tmp_path / "machine", "my-robot")
-    text = run_well(clone, "-n", "closed_loop", "--config", f"dataset={folder}")
-    assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {
-        "close_loop",
-        "report_loop",
-        "closed_loop",
-        "total",
-    }
-    assert "Close the loop on" in text
-    text = run_well(clone, "-n", "results/closed_loop/my-robot/verdict.json", "--config", f"dataset={folder}")
-    assert "close_loop" in text
-
-
-def test_loop_depends_on_its_own_effects_and_on_all_of_its_code(clone, tmp_path):
-    folder = make_dataset(tmp_path / "machine", "my-robot")
-    content = yaml.safe_load((folder / "dataset.yaml").read_text())
-    lists = {"effects": ["mine.py", "gone.py"], "declared_effects": ["rigid_body", "declared.py"]}
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(content | lists))
-    for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
-        path.write_text("EFFECT = 0\n")
-    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    study["closed_loop"] = {"effects": [str(tmp_path / "candidate.py")]}
-    (clone / "own.yaml").write_text(yaml.safe_dump(study))
-    options = ["--config", f"dataset={folder}", "allow_code=true"]
-    inputs = run_well(clone, "--filegraph", "closed_loop", *options, study="own.yaml")
-    for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
-        assert str(path) in inputs
-    assert "gone.py" not in inputs
-    code = {path.relative_to(clone).as_posix() for path in clone.glob("src/wearscope/closed_loop/**/*.py")}
-    code |= {path.relative_to(clone).as_posix() for path in clone.glob("src/wearscope/effects/*.py")}
-    assert not [path for path in code if path not in inputs]
-
-
-def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
-    done = run(clone, "-n", "closed_loop", "--config", f"dataset={tmp_path / 'nowhere'}")
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "config: dataset:" in done.stderr and "a data set is a folder with a dataset.yaml" in done.stderr
-    done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'x', 'a/b')}")
-    assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
-    done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'y', '..')}")
-    assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
-
-
-def test_the_board_runs_by_command(clone):
-    """Every case is scored or shown as failed at its time limit, and every share has its interval."""
-    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    study["attribution_board"] = {"part": "development", "cases": 2, "limit": 60}
-    (clone / "board.yaml").write_text(yaml.safe_dump(study))
-    run_well(clone, "attribution_board", cores=2, study="board.yaml")
-    folder = clone / "results" / "attribution_board"
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["cases"] == 2 and summary["total"]["failed"]["cases"] == 2
-    low, high = summary["total"]["failed"]["ci95"]
-    assert 0.0 <= low < high <= 1.0
-    assert len(pd.read_parquet(folder / "cases.parquet")) == 2
-    assert (folder / "board.md").read_text().count("axis") > 0

@@ -1,10 +1,10 @@
 """The target `track` in a copy of the tree: files, what a new session costs, and what is refused."""
 
-import importlib.util
 import json
 import shutil
 from pathlib import Path
 
+import clones
 import pandas as pd
 import pytest
 import yaml
@@ -12,10 +12,6 @@ from session_machine import write_machine
 
 from wearscope import tables
 from wearscope.robots.model import load_model
-
-_SPEC = importlib.util.spec_from_file_location("workflow_clones", Path(__file__).with_name("clones.py"))
-clones = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(clones)
 
 pytestmark = pytest.mark.slow
 DAYS = [{"temperature": x} for x in (28.0, 42.0, 35.0)] + [{"temperature": 40.0}, {"wear": 0.2}]

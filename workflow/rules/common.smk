@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import yaml
+from snakemake.io import sourcecache_entry
 
 # The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
 HOME = str(Path(str(workflow.current_basedir)).parents[1])
@@ -124,8 +125,12 @@ CATEGORIES = {
 
 
 def here(files):
-    """Files that are no results: every job finds them in its own copy of the tree, no storage holds them."""
-    return [local(file) for file in files] if CARRIED else files
+    """Files that are no results: every job finds them in its own copy of the tree, no storage holds them.
+
+    Flagged as `workflow.source_path` flags a file. With `local` Snakemake would run each of their jobs itself,
+    and send none to the cluster.
+    """
+    return [sourcecache_entry(file, file) for file in files] if CARRIED else files
 
 
 # Style sheets and templates of figures and page, which no import shows.

@@ -1,44 +1,31 @@
 """The design points of all models of one side of a reevaluation."""
 
-import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
 
-from job import count_progress, run_job
+from job import run_job
+from simulating import digest_inputs, simulate
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation.chunk import Plan, simulate_chunk
+from wearscope.simulation.chunk import Plan
 
 
-def simulate(name, sets):
+def simulate_model(name, sets):
     """Simulate a model's points; return what became of them, by test-cycle and set."""
     path = Path(given.models).parent / "models" / f"{name}.yaml"
-    common = hashlib.sha256(json.dumps(params.installed).encode())
-    for file in [path, path.with_suffix(".urdf"), *given.code]:
-        common.update(Path(file).read_bytes())
+    common = digest_inputs(params.installed, [path, path.with_suffix(".urdf"), *given.code])
     model = load_model(path, strict=False, allow_code=params.allow_code).wearing(params.worn)
     outcomes = {}
     for label, reference in params.cycles.items():
         # One name for all: the sensors' noise is the same, so that models differ by themselves alone.
         plan = Plan("reevaluation", label, params.kinds, params.seed, params.step, params.sample_rate)
+        cycle, traces, where = load_cycle(reference), folder / name / label, f", {name}, {label}"
         for one in sets:
             rows = tables.read_arrow(given[one]).to_pylist()
-            outcome = simulate_chunk(
-                folder / name / label,
-                one,
-                rows,
-                model,
-                load_cycle(reference),
-                plan,
-                common.hexdigest(),
-                count_progress(say, len(rows), f"{one} points of {name}, {label}"),
-                params.time_limit,
-            )
-            for point, reason in outcome.failed.items():
-                say(f"{name}, {one} point {point} failed: {reason}")
+            outcome = simulate(say, traces, one, rows, model, cycle, plan, common, params.time_limit, where)
             outcomes.setdefault(label, {})[one] = asdict(outcome)
     return outcomes
 
@@ -51,7 +38,7 @@ with run_job(snakemake) as say:
         if reason or name.partition("-")[0] != side:
             continue
         try:
-            traces[name] = simulate(name, params.sets if name == side else params.few_sets)
+            traces[name] = simulate_model(name, params.sets if name == side else params.few_sets)
         except InputError as error:
             if name == side:
                 raise

@@ -1,45 +1,31 @@
 """Chunks of the design points of one robot and test-cycle."""
 
-import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
 
-from job import count_progress, run_job
+from job import run_job
+from simulating import digest_inputs, simulate
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.carried import pack_recordings
-from wearscope.simulation.chunk import Plan, simulate_chunk
+from wearscope.simulation.chunk import Plan
 
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
     plan = Plan(w.robot, w.cycle, params.kinds, params.seed, params.step, params.sample_rate)
     model = load_model(params.robot, allow_code=params.allow_code).wearing(params.worn)
     cycle = load_cycle(params.cycle)
-    common = hashlib.sha256(json.dumps(params.installed).encode())
-    for file in [*snakemake.input.robot, *snakemake.input.code]:
-        common.update(Path(file).read_bytes())
+    common = digest_inputs(params.installed, [*snakemake.input.robot, *snakemake.input.code])
     listed = snakemake.input.design
     designs = {Path(file).stem: file for file in ([listed] if isinstance(listed, str) else listed)}
     outputs = list(map(Path, snakemake.output))
     for marker in (file for file in outputs if file.suffix == ".json"):
-        name = marker.parent.name
+        name, traces = marker.parent.name, marker.parents[1]
         first = int(marker.stem.rpartition("-")[2]) * params.size
         rows = tables.read_arrow(designs[name]).to_pylist()[first : first + params.size]
-        outcome = simulate_chunk(
-            marker.parents[1],
-            name,
-            rows,
-            model,
-            cycle,
-            plan,
-            common.hexdigest(),
-            count_progress(say, len(rows), f"points of {name}"),
-            params.time_limit,
-        )
-        for point, reason in outcome.failed.items():
-            say(f"{name} point {point} failed: {reason}")
+        outcome = simulate(say, traces, name, rows, model, cycle, plan, common, params.time_limit)
         packed = marker.with_suffix(".tar")
         if packed in outputs:
             pack_recordings(packed, outcome.fingerprints.keys() - outcome.failed.keys())

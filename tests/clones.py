@@ -4,9 +4,10 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 TINY = "tests/workflow/tiny"
 
 
@@ -49,6 +50,17 @@ def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> 
     return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
 
 
-def digests(folder: Path) -> dict[str, bytes]:
-    results = folder / "results" / "tiny"
+def read_tables(results: Path) -> dict[str, bytes]:
     return {path.relative_to(results).as_posix(): path.read_bytes() for path in results.rglob("*.parquet")}
+
+
+def digests(folder: Path) -> dict[str, bytes]:
+    return read_tables(folder / "results" / "tiny")
+
+
+def read_carried(results: Path) -> dict[str, bytes]:
+    """As `digests`, of results that a storage holds: recordings are in one file a chunk, and are unpacked."""
+    for pack in results.rglob("_chunk-*.tar"):
+        with tarfile.open(pack) as tar:
+            tar.extractall(pack.parent, filter="data")
+    return read_tables(results)

@@ -1,0 +1,19 @@
+"""A clone to try studies in, and a study to spoil."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from clones import ROOT, TINY, copy_tree
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory) -> Path:
+    return copy_tree(tmp_path_factory.mktemp("bad-input"))
+
+
+@pytest.fixture
+def bad() -> dict:
+    config = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
+    config["study"] = "bad"
+    return config

@@ -1,0 +1,76 @@
+"""What is wrong with a study is told in one sentence, before anything is simulated."""
+
+import re
+import shutil
+from pathlib import Path
+
+import yaml
+from clones import TINY, run
+from plain_robot import write_plain_robot
+
+
+def refuse(folder: Path, config: dict, *words: str, target: str = "check") -> str:
+    """The run ends before any simulation, with one sentence that holds the words."""
+    (folder / "bad.yaml").write_text(yaml.safe_dump(config))
+    done = run(folder, target, study="bad.yaml")
+    assert done.returncode == 1
+    lines = [line for line in done.stderr.splitlines() if all(word in line for word in words)]
+    assert lines, done.stderr[-3000:]
+    assert "Traceback" not in done.stderr
+    assert not list(folder.glob("results/bad/traces"))
+    return lines[0]
+
+
+def test_unknown_key_is_told(clone, bad):
+    bad["snr"] = {"runz": 10}
+    refuse(clone, bad, "config: snr.runz is no known setting", "did you mean runs?")
+
+
+def test_unknown_robot_is_told(clone, bad):
+    bad["robots"] = ["huge"]
+    refuse(clone, bad, "robots", "huge", "medium")
+
+
+def test_temperature_below_the_friction_law_is_told(clone, bad):
+    bad["factors"]["w3"] = {**bad["factors"]["w3"], "range": [10, 70]}
+    refuse(clone, bad, "w3", "10", "axis_1")
+
+
+def test_factor_that_moves_no_torque_is_told(clone, bad):
+    bad["robots"] = [write_plain_robot(clone)]
+    refuse(clone, bad, "factors.f", "wear moves no recorded torque", "robot 'plain'", "carry_over")
+    bad["carry_over"] = {"plain": {"source": "medium", "effects": ["wear"]}}
+    refuse(clone, bad, "factors.w3", "temperature moves no recorded torque", "screening: drop")
+
+
+def test_infeasible_cycle_is_told(clone, bad):
+    text = (clone / TINY / "short_moves.py").read_text()
+    far = "far = plan.finish()\n    return Reference(far.t, far.q + 5.0, far.v, far.a)"
+    (clone / "too_far.py").write_text(text.replace("return plan.finish()", far))
+    bad["cycles"] = ["too_far.py"]
+    refuse(
+        clone, bad, "test-cycle 'too_far' on robot 'medium'", "beyond its limit", "slow the test-cycle down"
+    )
+
+
+def test_urdf_without_inertia_is_told(clone, bad):
+    shutil.copytree(clone / "config" / "robots" / "medium", clone / "light", dirs_exist_ok=True)
+    urdf = clone / "light" / "robot.urdf"
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), count=3, flags=re.DOTALL))
+    bad["robots"] = ["light"]
+    refuse(clone, bad, "robot.urdf", "inerti")
+
+
+def test_unestimable_design_is_told(clone, bad):
+    bad["design"] = {"kind": "full_factorial", "levels": 2}
+    refuse(clone, bad, "model 'full'", "aliased", target="design")
+
+
+def test_unknown_detector_is_told(clone, bad):
+    bad["detectors"] = {"A": "residual_enrgy"}
+    refuse(clone, bad, "residual_enrgy", "residual_energy")
+
+
+def test_refused_detector_option_is_told(clone, bad):
+    bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
+    refuse(clone, bad, "torque_change.py", "fail_abov")
