@@ -118,16 +118,16 @@ def _step(
     slope as added armature. An iterate that would jump across zero speed stops there first, since the
     friction law turns steep at zero.
     """
-    level, viscous, width = law
+    level, viscous, width, square = law
     guess = v
     for _ in range(8):
-        reach = np.sqrt(guess**2 + width**2)
-        slope = level * width**2 / reach**3 + viscous
+        reach = np.sqrt(guess**2 + square)
+        slope = level * square / reach**3 + viscous
         rub = level * guess / reach + viscous * guess
         model.armature = rotor + STEP * slope
         after = v + STEP * pin.aba(model, data, q, v, drive - rub - slope * (v - guess))
         rub = rub + slope * (after - guess)
-        if np.all(np.abs(after - guess) < 0.1 * width + 0.01 * np.abs(guess)):
+        if (np.abs(after - guess) < 0.1 * width + 0.01 * np.abs(guess)).all():
             break
         guess = np.where(after * guess < 0, 0.0, after)
     return after, rub
@@ -170,6 +170,7 @@ def simulate_run(
     weight = np.diag(pin.crba(model, data, np.asarray(machine.centre))) + rotor
     stiff, damp = weight * bandwidth**2, weight * 2 * bandwidth
     width = 2e-4 * np.asarray(machine.speed)
+    square = width**2
     q, v = motion.q[0].copy(), motion.v[0].copy()
     passed = ahead[0].copy()
     command = ahead[0].copy()
@@ -193,7 +194,7 @@ def simulate_run(
             out["q"][row], out["v"][row], out["tau"][row] = q, v, (before + command) / 2
             out["secret"][row] = extra + (level - coulomb) * v / np.sqrt(v**2 + width**2)
             out["temperature"][row] = temperature
-        after, rub = _step(model, data, rotor, q, v, command - extra, (level, viscous, width))
+        after, rub = _step(model, data, rotor, q, v, command - extra, (level, viscous, width, square))
         passed = command - extra - rub - rotor * (after - v) / STEP
         v = after
         q = q + STEP * v

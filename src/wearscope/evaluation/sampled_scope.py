@@ -91,7 +91,7 @@ def tabulated_scope(
 
     Parameters
     ----------
-    values : array (1 + J, W)
+    values : array (..., 1 + J, W)
         Row 0 without the change of the fault, then with each change.
     nodes : array (W,)
         Coded levels of the nuisance, rising; beyond their ends the response is that at the end.
@@ -102,14 +102,16 @@ def tabulated_scope(
 
     Returns
     -------
-    array (S, J)
+    array (..., S, J)
     """
     edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
     weights = np.diff(ndtr(edges))
     left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
-    result = np.empty((len(sigmas), len(values) - 1))
-    _detect(np.ascontiguousarray(values), left, share, weights, false_alarm, result)
-    return result
+    tables = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
+    result = np.empty((len(tables), len(sigmas), values.shape[-2] - 1))
+    for table, detected in zip(tables, result, strict=True):
+        _detect(table, left, share, weights, false_alarm, detected)
+    return result.reshape(*values.shape[:-2], *result.shape[1:])
 
 
 def tabulated_kde(
@@ -155,9 +157,7 @@ def sampled_passes(
     away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
     left, share = interpolation(coarse, faults)
     away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-    return np.array(
-        [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
-    )
+    return tabulated_scope(mean + away, nodes, sigmas, false_alarm, centre) >= detection
 
 
 def sampled_scope_table(
