@@ -257,7 +257,8 @@ def search_wear(
                 )
                 gain = (cost - cost_there) / foreseen if foreseen > 0.0 else 1.0
                 wear, temperature, cost = wear_there, temperature_there, cost_there
-                here[:] = there
+                for k in range(count):  # the assignment of a whole array takes seconds to compile
+                    here[k] = there[k]
                 damping = max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), 1e-9)
                 break
             damping, growth = damping * growth, 2.0 * growth
