@@ -24,6 +24,7 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/scheduler.smk"
 include: "workflow/rules/design.smk"
 include: "workflow/rules/partitions.smk"
 include: "workflow/rules/simulate.smk"

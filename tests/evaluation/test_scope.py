@@ -21,7 +21,7 @@ from wearscope.evaluation.scope_exact import (
     tail_probability,
     threshold,
 )
-from wearscope.evaluation.scope_kde import bandwidth_factor, detection_probabilities
+from wearscope.evaluation.scope_kde import bandwidth_factor, bin_runs, detection_probabilities, draw_runs
 from wearscope.surrogates.fitting import surrogates_of
 from wearscope.surrogates.surrogate import Surrogate
 
@@ -104,7 +104,9 @@ def test_kernel_estimate_is_scipys():
     x0, x1 = rng.standard_normal(4000), rng.standard_normal(4000)
     null, alternative = np.array([0.0, 1.0, 0.4]), np.array([[2.0, 0.8, 0.4], [5.0, 0.5, -0.3]])
     for rule in ("scott", "silverman"):
-        got = detection_probabilities(null, alternative, x0, x1, 0.01, rule)
+        x, *weights = bin_runs(x0, x1)
+        powers = np.stack([np.ones_like(x), x, x * x])
+        got = detection_probabilities(null @ powers, alternative @ powers, *weights, len(x0), 0.01, rule)
         y0 = stats.gaussian_kde(null[0] + null[1] * x0 + null[2] * x0**2, rule)
         low, high = y0.dataset.min() - 2, y0.dataset.max() + 2
         for _ in range(40):
@@ -116,13 +118,24 @@ def test_kernel_estimate_is_scipys():
         assert bandwidth_factor(rule, 4000) == pytest.approx(y0.factor)
 
 
+def test_runs_are_drawn_once_a_row_and_keep_their_mean_and_spread_when_binned():
+    x, *weights = draw_runs(3, 5, 50_000)
+    assert draw_runs(3, 5, 50_000)[0] is x
+    other, *_ = draw_runs(3, 6, 50_000)
+    assert not np.array_equal(x, other)
+    for one in weights:
+        assert one.sum() == pytest.approx(1.0)
+        # Five standard errors of 50,000 runs.
+        assert abs(one @ x) < 0.023 and abs(one @ x**2 - 1.0) < 0.032
+
+
 def test_kernel_estimate_agrees_with_the_exact_scope_in_smooth_cases():
     deltas, sigmas = np.linspace(0, 2, 6), np.array([0.1, 0.3])
     theta = np.array([1.0, 1.0, 1.0])
     surrogate = Surrogate(("1", "f", "w3"), theta, np.zeros((3, 3)), 0.0, 9)
     null, alternatives = scope_quadratics(surrogate, "w3", deltas, sigmas)
     exact = exact_scope(null, alternatives)
-    kde = kde_scope(null, alternatives, runs=100_000, identity=["smooth"])
+    kde = kde_scope(null, alternatives, runs=100_000)
     # a kernel of 0.106 deviations widens a normal by 0.6 %; 1e5 runs leave 0.012 deviations on the threshold
     np.testing.assert_allclose(kde, exact, atol=0.02)
     assert np.array_equal(kde >= 0.99, exact >= 0.99)

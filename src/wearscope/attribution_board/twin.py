@@ -7,12 +7,14 @@ declare.
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import yaml
+from numba import njit
 from numpy.typing import NDArray
 
 from wearscope.attribution_board.disturbances import quantise
@@ -109,6 +111,26 @@ def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
     return coulomb, np.asarray(machine.viscous) * warm
 
 
+@njit(cache=True)
+def _rub(guess: Array, level: Array, viscous: Array, width: Array, rub: Array, slope: Array) -> None:
+    """Friction (n,) at speeds `guess` (n,) and its slope there."""
+    for j in range(len(guess)):
+        reach = math.sqrt(guess[j] ** 2 + width[j] ** 2)
+        slope[j] = level[j] * width[j] ** 2 / math.pow(reach, 3.0) + viscous[j]
+        rub[j] = level[j] * guess[j] / reach + viscous[j] * guess[j]
+
+
+@njit(cache=True)
+def _settle(after: Array, guess: Array, width: Array, rub: Array, slope: Array) -> tuple[bool, Array, Array]:
+    """Whether speeds (n,) have settled; the next guess (n,), and the friction (n,) at these speeds."""
+    settled, there, then = True, np.empty(len(guess)), np.empty(len(guess))
+    for j in range(len(guess)):
+        there[j] = rub[j] + slope[j] * (after[j] - guess[j])
+        settled = settled and abs(after[j] - guess[j]) < 0.1 * width[j] + 0.01 * abs(guess[j])
+        then[j] = 0.0 if after[j] * guess[j] < 0.0 else after[j]
+    return settled, then, there
+
+
 def _step(
     model: pin.Model, data: pin.Data, rotor: Array, q: Array, v: Array, drive: Array, law: tuple[Array, ...]
 ) -> tuple[Array, Array]:
@@ -119,18 +141,16 @@ def _step(
     friction law turns steep at zero.
     """
     level, viscous, width = law
-    guess = v
+    guess, rub, slope = v, np.empty_like(v), np.empty_like(v)
     for _ in range(8):
-        reach = np.sqrt(guess**2 + width**2)
-        slope = level * width**2 / reach**3 + viscous
-        rub = level * guess / reach + viscous * guess
+        _rub(guess, level, viscous, width, rub, slope)
         model.armature = rotor + STEP * slope
         after = v + STEP * pin.aba(model, data, q, v, drive - rub - slope * (v - guess))
-        rub = rub + slope * (after - guess)
-        if np.all(np.abs(after - guess) < 0.1 * width + 0.01 * np.abs(guess)):
+        settled, then, there = _settle(after, guess, width, rub, slope)
+        if settled:
             break
-        guess = np.where(after * guess < 0, 0.0, after)
-    return after, rub
+        guess = then
+    return after, there
 
 
 def simulate_run(

@@ -46,22 +46,23 @@ class Law(NamedTuple):
 
 
 class Form(NamedTuple):
-    """Sum of squares ``constant - 2 vector'x + x'matrix x`` for a curve x (K,) at the nodes.
+    """Sum of squares ``constant - 2 vector'x + x'(D - S S')x`` for a curve x (K,) at the nodes.
 
     Attributes
     ----------
-    matrix : ndarray (K, K)
+    diagonal, between : ndarray (K,), (K - 1,)
+        Of the tridiagonal matrix D, whose form is the sum of the curve's own squares over the samples.
+    seen : ndarray (K, k)
+        S, what the basis that is projected out takes of each node's part of the curve.
     vector : ndarray (K,)
     constant : float
-    diagonal, between : ndarray (K,), (K - 1,)
-        Of the tridiagonal matrix whose form is the sum of the curve's own squares over the samples.
     """
 
-    matrix: Array
-    vector: Array
-    constant: float
     diagonal: Array
     between: Array
+    seen: Array
+    vector: Array
+    constant: float
 
 
 def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
@@ -131,12 +132,20 @@ def evaluate_curves(law: Law, nodes: Array, places: Array) -> Array:
 
 
 @njit(cache=True)
-def _multiply(matrix, values, out):
-    """Product of a symmetric matrix (K, K) with values (K,)."""
-    out[:] = 0.0
-    for k in range(len(values)):
-        for i in range(len(values)):
-            out[i] += matrix[k, i] * values[k]
+def _weigh(form, a, b):
+    """Forms a'D b and a'(D - S S')b of two curves (K,)."""
+    last = len(a) - 1
+    own = form.diagonal[last] * a[last] * b[last]
+    for k in range(last):
+        own += form.diagonal[k] * a[k] * b[k] + form.between[k] * (a[k] * b[k + 1] + a[k + 1] * b[k])
+    left = own
+    for p in range(form.seen.shape[1]):
+        of_a, of_b = 0.0, 0.0
+        for k in range(len(a)):
+            of_a += form.seen[k, p] * a[k]
+            of_b += form.seen[k, p] * b[k]
+        left -= of_a * of_b
+    return own, left
 
 
 @njit(cache=True)
@@ -158,25 +167,18 @@ def normal_equations(
     tuple of float
         Matrix 11, 12 and 22; gradient 1 and 2; norms over the samples of the slopes, nothing taken away.
     """
-    product = np.empty(len(curve))
-    _multiply(form.matrix, curve, product)
-    left = product - form.vector
-    g1, g2 = _dot(slopes[0], left), _dot(slopes[1], left)
-    _multiply(form.matrix, slopes[0], product)
-    n11, n12 = _dot(slopes[0], product), _dot(slopes[1], product)
-    _multiply(form.matrix, slopes[1], product)
-    n22 = _dot(slopes[1], product)
-    norms = np.zeros(2)
-    for p in range(2):
-        s = slopes[p]
-        norms[p] = _dot(form.diagonal * s, s) + 2.0 * _dot(form.between * s[:-1], s[1:])
-    return n11, n12, n22, g1, g2, np.sqrt(norms[0]), np.sqrt(norms[1])
+    first, second = slopes[0], slopes[1]
+    own1, n11 = _weigh(form, first, first)
+    own2, n22 = _weigh(form, second, second)
+    n12 = _weigh(form, first, second)[1]
+    g1 = _weigh(form, first, curve)[1] - _dot(first, form.vector)
+    g2 = _weigh(form, second, curve)[1] - _dot(second, form.vector)
+    return n11, n12, n22, g1, g2, np.sqrt(own1), np.sqrt(own2)
 
 
 @njit(cache=True)
-def _cost(form, curve, work):
-    _multiply(form.matrix, curve, work)
-    return form.constant + _dot(work, curve) - 2.0 * _dot(form.vector, curve)
+def _cost(form, curve):
+    return form.constant + _weigh(form, curve, curve)[1] - 2.0 * _dot(form.vector, curve)
 
 
 @njit(cache=True)
@@ -218,15 +220,17 @@ def search_wear(
     slopes = np.empty((2, count))
     wear, temperature = start[0], start[1]
     _fill_curve(law, nodes, wear, temperature, here)
-    cost, damping = _cost(form, here, work), 1e-3
+    cost, damping = _cost(form, here), 1e-3
     for _ in range(iterations):
         _fill_curve(law, nodes, wear + STEPS[0], temperature, there)
         _fill_curve(law, nodes, wear - STEPS[0], temperature, work)
-        slopes[0] = (there - work) / (2.0 * STEPS[0])
+        for k in range(count):
+            slopes[0, k] = (there[k] - work[k]) / (2.0 * STEPS[0])
         ahead, behind = min(temperature + STEPS[1], highest), max(temperature - STEPS[1], lowest)
         _fill_curve(law, nodes, wear, ahead, there)
         _fill_curve(law, nodes, wear, behind, work)
-        slopes[1] = (there - work) / (ahead - behind)
+        for k in range(count):
+            slopes[1, k] = (there[k] - work[k]) / (ahead - behind)
         n11, n12, n22, g1, g2, size1, size2 = normal_equations(form, here, slopes)
         if not _told_apart(n11, n12, n22, size1, size2):
             return NOT_TOLD_APART, wear, temperature, cost
@@ -243,7 +247,7 @@ def search_wear(
             wear_there = wear + step1
             temperature_there = min(max(temperature + step2, lowest), highest)
             _fill_curve(law, nodes, wear_there, temperature_there, there)
-            cost_there = _cost(form, there, work)
+            cost_there = _cost(form, there)
             if cost_there <= cost:
                 moved1, moved2 = wear_there - wear, temperature_there - temperature
                 foreseen = -(
@@ -253,7 +257,8 @@ def search_wear(
                 )
                 gain = (cost - cost_there) / foreseen if foreseen > 0.0 else 1.0
                 wear, temperature, cost = wear_there, temperature_there, cost_there
-                here[:] = there
+                for k in range(count):  # the assignment of a whole array takes seconds to compile
+                    here[k] = there[k]
                 damping = max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), 1e-9)
                 break
             damping, growth = damping * growth, 2.0 * growth

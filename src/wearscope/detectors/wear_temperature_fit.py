@@ -234,7 +234,8 @@ def make_form(speed: Array, nodes: Array, residual: Array, basis: Array) -> Form
 
     The curve is interpolated linearly between nodes, so that the sum is a quadratic form in its values there;
     between nodes a ratio r apart, exp(-v/s) is missed by at most 0.07 (r - 1)^2. With S the interpolation and
-    P the projection that takes the basis away, it is c - 2 b'x + x'A x, A = S'P S, b = S'P r, c = r'P r.
+    P the projection that takes the basis B away, it is c - 2 b'x + x'A x, A = S'P S, b = S'P r, c = r'P r.
+    S'S is tridiagonal and S'B as wide as the basis, so A is not made: two curves are weighed in K steps.
 
     Parameters
     ----------
@@ -258,14 +259,15 @@ def make_form(speed: Array, nodes: Array, residual: Array, basis: Array) -> Form
     between = gather(left, left_share * right_share)[:-1]
     seen = np.column_stack([to_nodes(column) for column in basis.T])
     taken = basis.T @ residual
-    matrix = np.diag(diagonal) + np.diag(between, 1) + np.diag(between, -1) - seen @ seen.T
     constant = float(residual @ residual - taken @ taken)
-    return Form(matrix, to_nodes(residual) - seen @ taken, constant, diagonal, between)
+    return Form(diagonal, between, seen, to_nodes(residual) - seen @ taken, constant)
 
 
 def evaluate_form(form: Form, values: Array) -> Array:
     """Sum of squares (...) for curves (..., K) at the nodes."""
-    return form.constant + np.sum((values @ form.matrix - 2.0 * form.vector) * values, axis=-1)
+    own = values**2 @ form.diagonal + 2.0 * (values[..., 1:] * values[..., :-1]) @ form.between
+    taken = ((values @ form.seen) ** 2).sum(axis=-1)
+    return form.constant + own - taken - 2.0 * (values @ form.vector)
 
 
 def _find_valleys(cost: Array) -> NDArray[np.integer]:

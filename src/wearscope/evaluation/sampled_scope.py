@@ -1,7 +1,6 @@
 """Scope matrices (12) to (16) of a chosen surrogate, whose response along a nuisance is tabulated."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
 
 import numba
 import numpy as np
@@ -13,7 +12,7 @@ from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.scope import METHODS, check_setting, long_table
-from wearscope.evaluation.scope_kde import NODES, bandwidth_factor, bin_runs, binned_probabilities
+from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
 from wearscope.surrogates.fitting import cell_name
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 
@@ -92,7 +91,7 @@ def tabulated_scope(
 
     Parameters
     ----------
-    values : array (1 + J, W)
+    values : array (..., 1 + J, W)
         Row 0 without the change of the fault, then with each change.
     nodes : array (W,)
         Coded levels of the nuisance, rising; beyond their ends the response is that at the end.
@@ -103,25 +102,16 @@ def tabulated_scope(
 
     Returns
     -------
-    array (S, J)
+    array (..., S, J)
     """
     edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
     weights = np.diff(ndtr(edges))
     left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
-    result = np.empty((len(sigmas), len(values) - 1))
-    _detect(np.ascontiguousarray(values), left, share, weights, false_alarm, result)
-    return result
-
-
-@lru_cache(maxsize=256)
-def _draw_binned(seed: int, row: int, runs: int) -> tuple[Array, Array, Array]:
-    """Standard normal runs of one row of the grid: nodes (NODES,), and weights there under H0 and H1."""
-    rng = generator_for(seed, "scope", row)
-    runs0, runs1 = rng.standard_normal(runs), rng.standard_normal(runs)
-    low = min(runs0.min(), runs1.min())
-    step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
-    weights = [bin_runs(drawn, NODES, low, step) for drawn in (runs0, runs1)]
-    return low + step * np.arange(NODES), weights[0], weights[1]
+    tables = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
+    result = np.empty((len(tables), len(sigmas), values.shape[-2] - 1))
+    for table, detected in zip(tables, result, strict=True):
+        _detect(table, left, share, weights, false_alarm, detected)
+    return result.reshape(*values.shape[:-2], *result.shape[1:])
 
 
 def tabulated_kde(
@@ -134,21 +124,13 @@ def tabulated_kde(
     bandwidth: str = "silverman",
     centre: float = 0.0,
 ) -> Array:
-    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`.
-
-    All surrogates see the same runs of the nuisance (common random numbers), so that what differs between
-    them is not their luck.
-    """
+    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`."""
     result = np.empty((len(sigmas), len(values) - 1))
     for s, sigma in enumerate(sigmas):
-        at, weights0, weights1 = _draw_binned(seed, s, runs)
+        at, weights0, weights1 = draw_runs(seed, s, runs)
         left, share = interpolation(nodes, centre + sigma * at)
         y = values[:, left] + share * (values[:, left + 1] - values[:, left])
-        scale = 1e-12 * float(np.abs(y[0]).max())
-        binned_probabilities(
-            np.ascontiguousarray(y[0]), np.ascontiguousarray(y[1:]), weights0, weights1,
-            bandwidth_factor(bandwidth, runs), false_alarm, scale, result[s],
-        )  # fmt: skip
+        result[s] = detection_probabilities(y[0], y[1:], weights0, weights1, runs, false_alarm, bandwidth)
     return result
 
 
@@ -175,9 +157,7 @@ def sampled_passes(
     away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
     left, share = interpolation(coarse, faults)
     away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-    return np.array(
-        [tabulated_scope(mean + one, nodes, sigmas, false_alarm, centre) >= detection for one in away]
-    )
+    return tabulated_scope(mean + away, nodes, sigmas, false_alarm, centre) >= detection
 
 
 def sampled_scope_table(

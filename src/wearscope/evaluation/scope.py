@@ -72,7 +72,6 @@ def kde_scope(
     false_alarm: float = 0.01,
     runs: int = 100_000,
     seed: int = 0,
-    identity: Sequence[object] = (),
     bandwidth: str = "silverman",
 ) -> np.ndarray:
     """P_d (14) on the grid by Monte Carlo and kernel density estimates.
@@ -83,23 +82,24 @@ def kde_scope(
     alternatives : array (S, J, 3)
     false_alarm : float
     runs : int
-        Draws for each sigma and hypothesis; all fault changes at one sigma share those of H1.
+        Draws for each sigma and hypothesis; all fault changes at one sigma share those of H1, and all cells
+        and factors the same runs.
     seed : int
-    identity : sequence
-        What the draws are for: cell, factor.
     bandwidth : {"silverman", "scott"}
 
     Returns
     -------
     array (S, J)
     """
-    from wearscope.evaluation.scope_kde import detection_probabilities
+    from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs  # brings numba
 
     result = np.empty(alternatives.shape[:2])
     for s in range(len(null)):
-        rng = generator_for(seed, "scope", *identity, s)
-        runs0, runs1 = rng.standard_normal(runs), rng.standard_normal(runs)
-        result[s] = detection_probabilities(null[s], alternatives[s], runs0, runs1, false_alarm, bandwidth)
+        x, weights0, weights1 = draw_runs(seed, s, runs)
+        powers = np.stack([np.ones_like(x), x, x * x])
+        result[s] = detection_probabilities(
+            null[s] @ powers, alternatives[s] @ powers, weights0, weights1, runs, false_alarm, bandwidth
+        )
     return result
 
 
@@ -184,8 +184,7 @@ def scope_table(
                         detection,
                     )  # fmt: skip
                 else:
-                    identity = (cell_name(key), factor)
-                    p_d = kde_scope(null, alternatives, false_alarm, runs, seed, identity, bandwidth)
+                    p_d = kde_scope(null, alternatives, false_alarm, runs, seed, bandwidth)
                     sure = np.full(p_d.shape, np.nan)
                 blocks.append((key, factor, method, output_status(surrogate), p_d, sure))
         if report is not None:

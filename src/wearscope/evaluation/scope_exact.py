@@ -59,11 +59,14 @@ def tail_probability(quadratic: ArrayLike, h: ArrayLike) -> Array:
         near = np.where(half != 0, -lift / half, 0.0)
         far = np.where(c != 0, half / c, -np.inf)
     low, high = np.minimum(near, far), np.maximum(near, far)
-    between = ndtr(high) - ndtr(low)
-    outside = ndtr(low) + ndtr(-high)
+    up = c > 0
+    below, beyond = ndtr(low), ndtr(np.where(up, -high, high))
+    curved = np.where(inside, np.where(up, below + beyond, beyond - below), up.astype(float))
+    flat = c == 0
+    if not flat.any():
+        return curved
     straight = np.where(b > 0, ndtr(-near), (lift <= 0).astype(float))
-    curved = np.where(inside, np.where(c > 0, outside, between), (c > 0).astype(float))
-    return np.where(c == 0, straight, curved)
+    return np.where(flat, straight, curved)
 
 
 def spread(quadratic: ArrayLike) -> Array:

@@ -1,15 +1,19 @@
 """Detection probabilities by Monte Carlo and a Gaussian kernel density estimate, as in the paper.
 
-The runs of one (cell, factor, sigma, hypothesis) are drawn once. They are binned linearly in x, the standard
-normal that drives the nuisance, so that each bin is one weighted run; the tail of the kernel density estimate
-of the weighted runs is then a sum of normal tails, without a grid in y.
+The runs of one sigma and hypothesis are drawn once, for all cells and factors (common random numbers): what
+differs between detectors is not their luck. They are binned linearly in x, the standard normal that drives
+the nuisance, so that each bin is one weighted run; the tail of the kernel density estimate of the weighted
+runs is then a sum of normal tails, without a grid in y.
 """
 
 import math
+from functools import lru_cache
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from wearscope.designs.seeds import generator_for
 
 Array = NDArray[np.float64]
 NODES = 2048
@@ -17,7 +21,7 @@ BANDWIDTHS = {"scott": 1.0, "silverman": (4.0 / 3.0) ** 0.2}
 
 
 @numba.njit(cache=True)
-def bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
+def _bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
     """Weights (nodes,) of runs binned linearly onto low + k step; they sum to 1."""
     weights = np.zeros(nodes)
     for value in x:
@@ -34,11 +38,28 @@ def bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
     return weights / x.size
 
 
+def bin_runs(runs0: Array, runs1: Array) -> tuple[Array, Array, Array]:
+    """Nodes (M,) and the weights there of standard normal runs of H0 and of H1."""
+    low = min(runs0.min(), runs1.min())
+    step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
+    weights0, weights1 = (_bin_runs(runs, NODES, low, step) for runs in (runs0, runs1))
+    return low + step * np.arange(NODES), weights0, weights1
+
+
+@lru_cache(maxsize=256)
+def draw_runs(seed: int, row: int, runs: int) -> tuple[Array, Array, Array]:
+    """Runs of one row of the grid as `bin_runs` has them."""
+    rng = generator_for(seed, "scope", row)
+    return bin_runs(rng.standard_normal(runs), rng.standard_normal(runs))
+
+
 @numba.njit(cache=True)
-def _tail(y: Array, weights: Array, bandwidth: float, h: float) -> float:
-    """Tail above h of the kernel density estimate of weighted runs."""
+def _tail(y: Array, weights: Array, bandwidth: float, h: float, enough: float) -> float:
+    """Tail above h of the kernel density estimate of weighted runs; no further than above `enough`."""
     total = 0.0
     for k in range(y.size):
+        if total > enough:
+            break
         place = (y[k] - h) / bandwidth
         if place > 8.0:
             total += weights[k]
@@ -65,7 +86,9 @@ def _threshold(y: Array, weights: Array, bandwidth: float, probability: float) -
     high = y.max() + 9.0 * bandwidth
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if _tail(y, weights, bandwidth, middle) > probability:
+        if middle <= low or middle >= high:
+            break
+        if _tail(y, weights, bandwidth, middle, probability) > probability:
             low = middle
         else:
             high = middle
@@ -73,7 +96,7 @@ def _threshold(y: Array, weights: Array, bandwidth: float, probability: float) -
 
 
 @numba.njit(cache=True)
-def binned_probabilities(
+def _detect(
     null: Array,
     alternatives: Array,
     weights0: Array,
@@ -98,7 +121,7 @@ def binned_probabilities(
         if deviation <= scale:
             result[j] = 1.0 if y[0] >= h else 0.0
         else:
-            result[j] = _tail(y, weights1, factor * deviation, h)
+            result[j] = _tail(y, weights1, factor * deviation, h, np.inf)
 
 
 def bandwidth_factor(rule: str, runs: int) -> float:
@@ -112,8 +135,9 @@ def bandwidth_factor(rule: str, runs: int) -> float:
 def detection_probabilities(
     null: Array,
     alternatives: Array,
-    runs0: Array,
-    runs1: Array,
+    weights0: Array,
+    weights1: Array,
+    runs: int,
     false_alarm: float = 0.01,
     rule: str = "silverman",
 ) -> Array:
@@ -121,12 +145,13 @@ def detection_probabilities(
 
     Parameters
     ----------
-    null : array (3,)
-        A, B, C of y = A + B x + C x^2 under H0.
-    alternatives : array (J, 3)
+    null : array (M,)
+        Responses at the nodes of `bin_runs` under H0.
+    alternatives : array (J, M)
         The same under H1, for each fault change.
-    runs0, runs1 : array (n,)
-        Standard normal draws of H0 and of H1.
+    weights0, weights1 : array (M,)
+    runs : int
+        How many were binned.
     false_alarm : float
         P_f'.
     rule : {"silverman", "scott"}
@@ -135,15 +160,12 @@ def detection_probabilities(
     Returns
     -------
     array (J,)
+        Where the response scatters by no more than rounding, it is taken as fixed.
     """
-    low = min(runs0.min(), runs1.min())
-    step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
-    x = low + step * np.arange(NODES)
-    weights0, weights1 = bin_runs(runs0, NODES, low, step), bin_runs(runs1, NODES, low, step)
     result = np.empty(len(alternatives))
-    powers = np.stack([np.ones(NODES), x, x * x])
-    binned_probabilities(
-        null @ powers, np.ascontiguousarray(alternatives @ powers), weights0, weights1,
-        bandwidth_factor(rule, runs0.size), false_alarm, 1e-12 * float(np.abs(null).max()), result,
+    scale = 1e-12 * float(np.abs(null).max())
+    _detect(
+        np.ascontiguousarray(null), np.ascontiguousarray(alternatives), weights0, weights1,
+        bandwidth_factor(rule, runs), false_alarm, scale, result,
     )  # fmt: skip
     return result

@@ -1,6 +1,7 @@
 """`RobotModel`: everything the platform knows of a robot, as one YAML file with its URDF beside it."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -178,7 +179,7 @@ class RobotModel(Section):
 
     def rigid_body(self, payload: Payload | None = None) -> RigidBody:
         """Rigid-body dynamics with the given payload (none by default, see `declared_payload`)."""
-        return RigidBody(self._urdf_text, self.joints, self.gravity, payload)
+        return _make_body(self._urdf_text, tuple(self.joints), tuple(self.gravity)).with_payload(payload)
 
     def to_mapping(self) -> dict[str, Any]:
         """Content of the model file; what was left out stays out."""
@@ -188,6 +189,12 @@ class RobotModel(Section):
         """Return a checked copy with other fields, as the file has them, and, where given, another URDF."""
         text = self._urdf_text if urdf_text is None else urdf_text
         return make_model({**self.to_mapping(), **changes}, text, self.name)
+
+
+# Detectors ask for bodies at each recording: the URDF is parsed once a robot.
+@lru_cache(maxsize=16)
+def _make_body(urdf_text: str, joints: tuple[str, ...], gravity: tuple[float, ...]) -> RigidBody:
+    return RigidBody(urdf_text, joints, gravity)
 
 
 def make_model(

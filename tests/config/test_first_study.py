@@ -1,0 +1,27 @@
+"""The study that `benchmarks/workflow.py --first` times is the default study as it stood at first."""
+
+import importlib.util
+from pathlib import Path
+
+import yaml
+
+from wearscope.config import load_config
+
+_SPEC = importlib.util.spec_from_file_location(
+    "benchmark_workflow", Path(__file__).parents[2] / "benchmarks" / "workflow.py"
+)
+benchmark = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(benchmark)
+
+
+def test_the_first_study_asks_for_1128_simulations_and_the_full_model(tmp_path):
+    benchmark.write_first_study(tmp_path / "first.yaml")
+    study = load_config(yaml.safe_load((tmp_path / "first.yaml").read_text()))
+    points = study.design.count_points(study.factors)
+    cells = len(study.robots) * len(study.cycles)
+    audited = len(study.robots) * study.audit.cycles * study.count_audit_points()
+    assert cells * (2 * points + study.simulation.nominal_runs) + audited == 1128
+    assert list(study.detectors) == ["A", "B", "C", "D"]
+    assert not study.surrogates.filling.enabled and not study.direct.enabled and not study.reevaluate.enabled
+    assert study.audit.enabled and study.closed_loop.demonstration
+    assert {study.snr.model, study.scope.model} == {"full"}
