@@ -146,7 +146,12 @@ def test_friction_that_explains_much_is_kept_where_most_runs_agree():
 def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():
     """An offset of two and a half standard errors is chance, as there are several joints to have one."""
     error = rule.summed(-evidence(noise=1.0).change)[1]
-    for name, kept in (("coulomb", True), ("viscous", True), ("torque_offset", False), ("rotor_inertia", False)):
+    for name, kept in (
+        ("coulomb", True),
+        ("viscous", True),
+        ("torque_offset", False),
+        ("rotor_inertia", False),
+    ):
         e = evidence(name, gain=2.5 * error, noise=1.0, share=0.03, fitted=0.03)
         assert rule.is_needed(e, POLICY, by_run=True) is kept
 

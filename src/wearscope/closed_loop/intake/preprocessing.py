@@ -231,7 +231,12 @@ def cut_ends(source: Source, made: Motion, count: int) -> tuple[Source, Motion]:
     part = slice(count, len(made.t) - count)
     run = source.run.cut(part.start, part.stop)
     motion = replace(
-        made, t=made.t[part], q=made.q[part], v=made.v[part], a=made.a[part], temperature=made.temperature[part]
+        made,
+        t=made.t[part],
+        q=made.q[part],
+        v=made.v[part],
+        a=made.a[part],
+        temperature=made.temperature[part],
     )
     return replace(source, run=run, faulty=source.faulty[part], lost=source.lost[part]), motion
 

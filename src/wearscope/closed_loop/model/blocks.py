@@ -11,8 +11,8 @@ from wearscope.closed_loop.intake.prepared import Prepared
 _BLOCK_PERIODS = 4.0
 #: Shortest block [s]; most blocks and folds.
 _SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
-#: Of a single run: parts in which a joint should move, share of its motion over an even one from which it does,
-#: shortest stretch [blocks].
+#: Of a single run: parts in which a joint should move, share of its motion over an even one from which
+#: it does, shortest stretch [blocks].
 _ENOUGH, _MOVES_IN, _SHORTEST_STRETCH = 4, 0.25, 2
 
 
@@ -100,7 +100,7 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
 
 
 def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:
-    """Part (B,) of each block of a single run, in which every joint moves in enough of them if that can be."""
+    """Part (B,) of each block of a single run: every joint moves in enough of them, if that can be."""
     blocks = len(motion)
     best = np.arange(blocks) * count // blocks
     if not motion.any():

@@ -11,7 +11,8 @@ from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.search import Search, match_gain
+from wearscope.closed_loop.selection.revision import match_gain
+from wearscope.closed_loop.selection.search import Search
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12

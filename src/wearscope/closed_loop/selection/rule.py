@@ -27,10 +27,11 @@ _EXPECTED, _POSSIBLE = 1.0, 3.0
 #: How much more than a name the generic term must remove of what the standard model leaves, and must add to
 #: the torque.
 _GENERIC, _GENERIC_TORQUE = 10.0, 2.5
-#: Share of its joint's held-out loss above which a generic term gains by other joints, whose model runs away where
-#: a run is held out.
+#: Share of its joint's held-out loss above which a generic term gains by other joints, whose model runs away
+#: where a run is held out.
 _ALL = 1.05
-#: How much more of that a name must remove where a single run was recorded, whose parts have its motion in common.
+#: How much more of that a name must remove where a single run was recorded, whose parts have its motion in
+#: common.
 _ALONE = 2.5
 #: Share of the material torque that a term must add to what the model's other terms could give.
 _OWN = 1.0 / 3.0
@@ -211,7 +212,7 @@ def fit_alike(tied: Sequence[Evidence]) -> list[Evidence]:
 
 
 def choose(able: Sequence[Evidence]) -> Evidence | None:
-    """The simplest of those terms that neither held-out runs nor the fit tell from the one that gains most."""
+    """The simplest of those terms that neither held-out runs nor the fit tell from the best one."""
     if not able:
         return None
     best = max(able, key=lambda e: e.gain)

@@ -7,7 +7,7 @@
 3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
+from wearscope.closed_loop.selection.revision import revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -31,12 +32,8 @@ from wearscope.effects.base import MeasurementEffect
 _PASSES = 3
 #: Share of the best term's gain from which another one's shape is refined before they are compared.
 _NEAR = 0.5
-#: Sine of the angle to the other terms below which a standard term stays beside errors of bodies.
-_IMITATED = 0.05
 #: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
 _HOPELESS = 0.4
-#: What is said of a term that stays unless another one is better.
-_KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
 
@@ -157,7 +154,7 @@ class Search:
         self.standard_loss = losses * self.sigma**2
         found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
-            revised = self.revise(found)
+            revised = revise(self, found)
             grown = self.extend(revised)
             if _names(grown) == _names(found):
                 return grown
@@ -276,58 +273,6 @@ class Search:
         """The same term at its best continuous shape, its significance kept."""
         return refine(self.problem, assembly, e, self.flips)
 
-    def revise(self, found: list[Found]) -> list[Found]:
-        """Ask of each term again, with all others in the model, whether it is needed and the best.
-
-        Where a term at its joint was dropped or replaced, it must pass as new: it may have stood for that one's
-        form.
-        """
-        changed: set[int] = set()
-        for f in sorted(found, key=lambda f: f.evidence.gain):
-            others = self.absorb(f, [k for k in found if k is not f])
-            beside = self.assemble(others)
-            if f.effect.standard:
-                own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
-                # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
-                imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
-                imitated = imitated and find_whole(f, others) is None
-                if not imitated and not self.is_refined(f, others) and not self.is_needed(beside, own):
-                    self.progress(f"{own.term.label} is dropped: not needed beside the others")
-                    found = others
-                else:
-                    found = [Found(k.chosen, own) if k is f else k for k in found]
-                continue
-            again = self.ask_again(beside, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
-            if again is None:
-                self.progress(f"{f.evidence.term.label} is dropped: not needed beside the others")
-                found = others
-                changed.add(f.joint)
-            else:
-                if again.effect is not f.effect:
-                    changed.add(f.joint)
-                    self.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
-                found = [again if k is f else k for k in found]
-        return found
-
-    def is_refined(self, f: Found, others: Sequence[Found]) -> bool:
-        """Whether a term at the same joint refines this one, and nothing else there that stays."""
-        here = [k.effect for k in others if k.joint == f.joint]
-        return any(not k.has_parent([*self.problem.given, *here]) for k in here)
-
-    def absorb(self, f: Found, others: list[Found]) -> list[Found]:
-        """The other terms, with one that contains a standard term in the form in which it has its part too.
-
-        A spring's or balancer's torque at rest is no offset of the torque beside it.
-        """
-        whole = find_whole(f, others)
-        if whole is None or not f.effect.standard:
-            return others
-        rest = [k for k in others if k is not whole]
-        again = self.ask_again(self.assemble(rest), rest, whole)
-        if again is None or again.effect is not whole.effect:
-            return others
-        return [again if k is whole else k for k in others]
-
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
 
@@ -335,62 +280,6 @@ class Search:
         """
         own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
         return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
-
-    def ask_again(
-        self, beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
-    ) -> Found | None:
-        """A term again beside all others: itself, what is better, or None.
-
-        Parameters
-        ----------
-        beside : Assembly
-            Of the others.
-        others : list of Found
-        f : Found
-        keeping : collection of Refusal
-            What may be said of it where it stays.
-        """
-        own = self.weigh_again(beside, f)
-        joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
-        n = self.problem.prepared.n
-        offered = self.candidates(beside, others, sorted({*joints, n - 1}))
-        offered = [c for c in offered if set(c.joints) & set(joints)]
-        refused = self.judge(own)
-        keeps = refused in keeping
-        least = match_gain(beside, own) if keeps else self.find_least(beside)
-        weighed = self.weigh_all(beside, offered, least)
-        able = [e for e in weighed if e.refusal is Refusal.NONE]
-        if keeps:
-            chosen = rule.choose([own, *(self.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
-            if chosen is None or chosen is own or (
-                chosen.term.effect is not f.effect and not rule.separates(chosen, own)
-                and chosen.complexity >= own.complexity
-            ):  # fmt: skip
-                return Found(f.chosen, own)
-            return Found(chosen.chosen, chosen)
-        best = self.choose(beside, able)
-        return None if best is None else Found(best.chosen, best)
-
-    def drop_superfluous(self, found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
-        """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
-        for f in sorted(found, key=lambda f: f.evidence.gain):
-            if f.joint not in joints or id(f.chosen) in new:
-                continue
-            if f.effect.per_robot or f.effect.is_plain_friction:
-                continue
-            others = [k for k in found if k is not f]
-            beside = self.assemble(others)
-            own = self.weigh_again(beside, f)
-            if f.effect.standard:
-                needed = self.is_needed(beside, own)
-            elif f.effect.empirical:
-                needed = own.share >= self.policy.unknown_share
-            else:
-                needed = self.judge(own) is Refusal.NONE
-            if not needed:
-                self.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
-                found = others
-        return found
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
@@ -415,21 +304,6 @@ class Search:
                 }
             )
         self._step += 1
-
-
-def find_whole(f: Found, others: Iterable[Found]) -> Found | None:
-    """The term among others at the same joint that contains one."""
-    return next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
-
-
-def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float]:
-    """Reduction of the loss below which a candidate cannot stand in the place of a term.
-
-    Both on the rows that they are fitted on: what is held out of a few runs can lie far beyond the others.
-    """
-    sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
-    least = _HOPELESS * float(assembly.add(sums).gain.max())
-    return lambda _: least
 
 
 def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:

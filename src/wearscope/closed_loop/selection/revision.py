@@ -1,0 +1,151 @@
+"""The revision: each term of a model asked again beside all others, and what follows when one goes."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
+from wearscope.closed_loop.selection.found import Found
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.selection.search import Search
+
+#: Sine of the angle to the other terms below which a standard term stays beside errors of bodies.
+_IMITATED = 0.05
+#: Share of a term's gain from which what could stand in its place is refined; share of its gain on the rows
+#: that are fitted below which nothing can.
+_NEAR, _HOPELESS = 0.5, 0.4
+#: What is said of a term that stays unless another one is better.
+_KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
+
+
+def revise(search: "Search", found: list[Found]) -> list[Found]:
+    """Ask of each term again, with all others in the model, whether it is needed and the best.
+
+    Where a term at its joint was dropped or replaced, it must pass as new: it may have stood for that one's
+    form.
+    """
+    changed: set[int] = set()
+    for f in sorted(found, key=lambda f: f.evidence.gain):
+        if not any(k is f for k in found):
+            continue
+        others = absorb(search, f, [k for k in found if k is not f])
+        beside = search.assemble(others)
+        if f.effect.standard:
+            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.flips)
+            # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
+            imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
+            imitated = imitated and find_whole(f, others) is None
+            if not imitated and not is_refined(search, f, others) and not search.is_needed(beside, own):
+                search.progress(f"{own.term.label} is dropped: not needed beside the others")
+                found = others
+            else:
+                found = [Found(k.chosen, own) if k is f else k for k in found]
+            continue
+        again = ask_again(search, beside, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
+        if again is None:
+            search.progress(f"{f.evidence.term.label} is dropped: not needed beside the others")
+            found = others
+            changed.add(f.joint)
+        else:
+            if again.effect is not f.effect:
+                changed.add(f.joint)
+                search.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
+            found = [again if k is f else k for k in found]
+    return found
+
+
+def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
+    """Whether a term at the same joint refines this one, and nothing else there that stays."""
+    here = [k.effect for k in others if k.joint == f.joint]
+    return any(not k.has_parent([*search.problem.given, *here]) for k in here)
+
+
+def absorb(search: "Search", f: Found, others: list[Found]) -> list[Found]:
+    """The other terms, with one that contains a standard term in the form in which it has its part too.
+
+    A spring's or balancer's torque at rest is no offset of the torque beside it.
+    """
+    whole = find_whole(f, others)
+    if whole is None or not f.effect.standard:
+        return others
+    rest = [k for k in others if k is not whole]
+    again = ask_again(search, search.assemble(rest), rest, whole)
+    if again is None or again.effect is not whole.effect:
+        return others
+    return [again if k is whole else k for k in others]
+
+
+def ask_again(
+    search: "Search", beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
+) -> Found | None:
+    """A term again beside all others: itself, what is better, or None.
+
+    Parameters
+    ----------
+    beside : Assembly
+        Of the others.
+    others : list of Found
+    f : Found
+    keeping : collection of Refusal
+        What may be said of it where it stays.
+    """
+    own = search.weigh_again(beside, f)
+    joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
+    n = search.problem.prepared.n
+    offered = search.candidates(beside, others, sorted({*joints, n - 1}))
+    offered = [c for c in offered if set(c.joints) & set(joints)]
+    refused = search.judge(own)
+    keeps = refused in keeping
+    least = match_gain(beside, own) if keeps else search.find_least(beside)
+    weighed = search.weigh_all(beside, offered, least)
+    able = [e for e in weighed if e.refusal is Refusal.NONE]
+    if keeps:
+        chosen = rule.choose([own, *(search.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
+        if chosen is None or chosen is own or (
+            chosen.term.effect is not f.effect and not rule.separates(chosen, own)
+            and chosen.complexity >= own.complexity
+        ):  # fmt: skip
+            return Found(f.chosen, own)
+        return Found(chosen.chosen, chosen)
+    best = search.choose(beside, able)
+    return None if best is None else Found(best.chosen, best)
+
+
+def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
+    """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
+    for f in sorted(found, key=lambda f: f.evidence.gain):
+        if f.joint not in joints or id(f.chosen) in new:
+            continue
+        if f.effect.per_robot or f.effect.is_plain_friction:
+            continue
+        others = [k for k in found if k is not f]
+        beside = search.assemble(others)
+        own = search.weigh_again(beside, f)
+        if f.effect.standard:
+            needed = search.is_needed(beside, own)
+        elif f.effect.empirical:
+            needed = own.share >= search.policy.unknown_share
+        else:
+            needed = search.judge(own) is Refusal.NONE
+        if not needed:
+            search.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
+            found = others
+    return found
+
+
+def find_whole(f: Found, others: Iterable[Found]) -> Found | None:
+    """The term among others at the same joint that contains one."""
+    return next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
+
+
+def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float]:
+    """Reduction of the loss below which a candidate cannot stand in the place of a term.
+
+    Both on the rows that they are fitted on: what is held out of a few runs can lie far beyond the others.
+    """
+    sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
+    least = _HOPELESS * float(assembly.add(sums).gain.max())
+    return lambda _: least
