@@ -64,6 +64,8 @@ def _draw_regime(rng, kind):
         "counts": int(rng.choice([0, 1024, 4096, 65536])), "speed": bool(rng.random() < 0.25),
         "width": float(10 ** rng.uniform(-2.7, -1.6)), "drives": bool(rng.random() < 0.6),
     }  # fmt: skip
+    if noise == "hum" and regime["rate"] <= 125.0:  # a line that is sampled as an offset or a slow drift
+        regime["rate"] = 200.0
     if count == 1:
         regime["train"] = ((str(kinds[0]), 60.0),)
     draw = rng.random()
