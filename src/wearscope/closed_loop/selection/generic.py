@@ -16,7 +16,7 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.revision import drop_superfluous
+from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
@@ -191,8 +191,9 @@ def explain_rest(
             )
             found = [*found, Found(e.chosen, e)]
         if taken:
-            new = {id(e.chosen) for e in taken}
-            found = drop_superfluous(search, found, {e.joint for e in taken}, new)
+            new, there = {id(e.chosen) for e in taken}, {e.joint for e in taken}
+            found = drop_superfluous(search, found, there, new)
+            found = restore_friction(search, found, there)
     return found, left
 
 

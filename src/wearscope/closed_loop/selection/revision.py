@@ -136,6 +136,22 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new
     return found
 
 
+def restore_friction(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
+    """The terms found, with plain friction of joints that was dropped while what hid it had no term yet."""
+    for joint in sorted(joints):
+        beside = search.assemble(found)
+        for candidate in search.candidates(beside, found, [joint]):
+            if not candidate.effect.is_plain_friction:
+                continue
+            subset = tuple(int(k) for k in candidate.effect.subsets()[0])
+            own = weigh(beside, candidate, subset, search.flips)
+            if search.is_needed(beside, own):
+                search.progress(f"{own.term.label}: needed beside unknown structure")
+                found = [*found, Found(own.chosen, own)]
+                beside = search.assemble(found)
+    return found
+
+
 def find_whole(f: Found, others: Iterable[Found]) -> Found | None:
     """The term among others at the same joint that contains one."""
     return next((k for k in others if k.joint == f.joint and f.effect.name in k.effect.contains), None)
