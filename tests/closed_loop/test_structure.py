@@ -123,3 +123,15 @@ def test_a_product_of_two_positions_is_named_with_both(record):
     assert (entry["joint"], entry["effect"]) == ("a", "unknown")
     assert set(entry["depends_on"]) == {"q_a", "q_b"}
     assert verdict["joints"]["a"]["rms_after"] < 0.5 * verdict["joints"]["a"]["rms_before"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_one_run_names_that_fit_worse_than_a_signal_are_no_names(record, seed):
+    """Position times speed, which no name has: not a load's friction and a coupling that share it badly."""
+
+    def product(t, q, v, a, rng):
+        return np.column_stack([4.0 * q[:, 0] * v[:, 0], np.zeros_like(t)])
+
+    verdict = diagnose(record(seed=seed, extra_torque=product, runs=2, duration=40.0)).verdict
+    assert verdict["verdict"] == []
+    assert verdict["joints"]["a"]["state"] == "unexplained"

@@ -198,21 +198,26 @@ def explain_rest(
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
-    """Replace names that leave much of their joint's loss where a generic term leaves clearly less."""
+    """Replace names that leave much of their joint's loss where a generic term leaves clearly less.
+
+    Of a single run, which cannot give a generic term, such a name is dropped.
+    """
     for f in list(found):
         if f.effect.standard or f.evidence.share >= _DOUBTED:
             continue
         beside = search.assemble([k for k in found if k is not f])
-        able = [
-            e for e in weigh_generic(search, terms, beside, [f.evidence.joint]) if e.refusal is Refusal.NONE
-        ]
+        weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
+        able = [e for e in weighed if e.refusal in (Refusal.NONE, Refusal.ALONE)]
         if not able:
             continue
         e = choose_plainest(able)
         own = search.weigh_again(beside, f)
         if e.gain > _CLEARLY * own.gain and rule.separates(e, own):
-            search.progress(f"{f.evidence.term.label} is replaced by unknown structure")
-            found = [Found(e.chosen, e) if k is f else k for k in found]
+            alone = e.refusal is Refusal.ALONE
+            what = "dropped: structure without a name" if alone else "replaced by unknown structure"
+            search.progress(f"{f.evidence.term.label} is {what}")
+            instead = [] if alone else [Found(e.chosen, e)]
+            found = [k for old in found for k in (instead if old is f else [old])]
     return found
 
 
