@@ -28,6 +28,8 @@ _ERRORS = 3.0
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
 _LINE, _NEIGHBOURS = 40.0, 41
+#: Fewest periods of it in a run.
+_PERIODS = 8
 #: Highest peaks that are compared with what lies below them.
 _PEAKS = 20
 #: Test error over training error from which the model does not carry over to other motions, and the level at
@@ -242,7 +244,7 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
         window = signal.windows.hann(len(x))
         power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
         around = ndimage.median_filter(power, _NEIGHBOURS, mode="nearest")
-        first = max(3, int(0.3 * len(x) / rate))
+        first = _PERIODS
         ratio = power[first:] / np.maximum(around[first:], 1e-300)
         for k in first + np.argsort(-ratio)[:_PEAKS]:
             # Noise with a memory has more power below than the median of both sides says.

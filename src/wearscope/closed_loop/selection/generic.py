@@ -29,6 +29,8 @@ _MOST = 2
 _DOUBTED, _CLEARLY = 0.7, 1.5
 #: Standard errors by which structure that cannot be added must stand out of the noise of held-out losses.
 _OUTSIDE = 3.0
+#: Share of the loss of the rows that are fitted from which there is structure, whatever held-out runs say.
+_PLAINLY = 0.5
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
 #: Bytes of its columns that are kept.
@@ -224,9 +226,10 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
 def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
     gain, error = rule.summed(-e.change)
+    held_out = e.share >= search.policy.unknown_share and gain > _OUTSIDE * error
     return (
-        e.share >= search.policy.unknown_share
-        and gain > _OUTSIDE * error
+        # Runs of different kinds may disagree on the form of what most of the loss is.
+        (held_out or e.fitted >= _PLAINLY)
         and e.p_value <= search.policy.unknown_level
         and e.refusal is not Refusal.NONE
     )
