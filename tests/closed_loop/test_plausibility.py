@@ -209,7 +209,10 @@ ARM_FAULTS = {
         "'q_elbow' and 'tau_elbow' have the opposite sign of the URDF",
     ),
     "one_position": (turn("q_shoulder"), "column 'q_shoulder' has the opposite sign of the URDF"),
-    "one_motor_side": (scale("tau_elbow", 1 / 80), "'tau_elbow' is 0.0125 times .* looks like motor-side"),
+    "one_motor_side": (
+        scale("tau_elbow", 1 / 80),
+        "'tau_elbow' is 0.012[4-7] times .* looks like motor-side",
+    ),
     "one_in_degrees": (
         scale("q_elbow", 180 / np.pi),
         "column 'q_elbow' (looks like degrees|reaches .* if it is in degrees)",

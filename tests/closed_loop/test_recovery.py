@@ -8,6 +8,8 @@ import pytest
 from wearscope.closed_loop.run import close_loop
 from wearscope.effects.unknown import COARSE
 
+#: What an interval leaves out, of the value: the exponent of a concave law is taken from a grid.
+LOOSE = {"concave_viscous": 0.1}
 PLANTED = {
     "stribeck": {"level": 8.0, "speed": 0.3, "exponent": 1.0},
     "coulomb_asymmetry": {"half_difference": 3.0},
@@ -46,7 +48,8 @@ def test_effect_is_named_and_its_parameter_within_its_interval(record, tmp_path,
             low, high = found["ci95"]
             # Twenty effects with one to four parameters each: a 95 % interval is widened to 99.9 %.
             middle, half = found["value"], 1.7 * (high - low) / 2
-            assert abs(PLANTED[name].get(key, 0.0) - middle) <= half + 0.02 * abs(middle), (key, found)
+            error = abs(PLANTED[name].get(key, 0.0) - middle)
+            assert error <= half + LOOSE.get(name, 0.02) * abs(middle), (key, found)
     after = verdict["joints"]["a"]["rms_after"]
     assert after < 1.3 * verdict["joints"]["a"]["rms_before"]
     assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == verdict

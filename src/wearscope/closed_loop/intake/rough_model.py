@@ -13,6 +13,9 @@ from scipy import optimize
 #: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
 #: of a torque, the middle holds reversals and rest only.
 _MIDDLE = 0.5
+#: Span of the rigid body's torque while a joint moves, over that of the whole run, from which its factor is
+#: fitted.
+_TOLD = 0.1
 #: What the coefficients stand for.
 ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
 
@@ -127,8 +130,8 @@ def bridge_rest(
     """Torque (N, n) with the rough model's in place of what holds a joint at rest.
 
     Static friction may have any value there, which no regressor follows; a filter carries it into the motion
-    before and after. The rigid body's torque is taken as it is: where others move it, a run in which the
-    joint itself moves tells nothing of its factor.
+    before and after. Where others move the joint's load while it rests, its own motion may tell nothing of
+    the rigid body's factor, which is one then.
 
     Parameters
     ----------
@@ -140,8 +143,13 @@ def bridge_rest(
     bridged = tau.copy()
     for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
         body, moves = known[:, j], ~rest[:, j]
-        x = rough_columns(body, a[:, j], sign[:, j], v[:, j])[:, 1:]
-        theta = fit_rough([x[moves]], [tau[moves, j] - body[moves]])
+        x = rough_columns(body, a[:, j], sign[:, j], v[:, j])
+        told = np.ptp(body[moves]) >= _TOLD * np.ptp(body)
+        theta = np.zeros(x.shape[1])
+        theta[0] = 1.0
+        first = 0 if told else 1
+        left = tau[moves, j] - (0.0 if told else body[moves])
+        theta[first:] = fit_rough([x[moves, first:]], [left])
         # Not shifted to meet its neighbours: friction that grows towards rest is in them and ends with them.
-        bridged[rest[:, j], j] = body[rest[:, j]] + x[rest[:, j]] @ theta
+        bridged[rest[:, j], j] = x[rest[:, j]] @ theta
     return bridged

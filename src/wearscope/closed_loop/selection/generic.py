@@ -19,7 +19,7 @@ from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
-from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SIGNALS, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Most generic terms of a joint.
@@ -31,6 +31,8 @@ _DOUBTED, _CLEARLY = 0.7, 1.5
 _OUTSIDE = 3.0
 #: Share of the loss of the rows that are fitted from which there is structure, whatever held-out runs say.
 _PLAINLY = 0.5
+#: Codes of temperature and time among the signals.
+_SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
 #: Bytes of its columns that are kept.
@@ -223,13 +225,18 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     return found
 
 
+def is_slow(e: Evidence) -> bool:
+    """Whether a generic term depends on time or temperature, as any drift of a run seems to."""
+    return any(int(e.term.shape[k]) in _SLOW for k in (0, 5))
+
+
 def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
     gain, error = rule.summed(-e.change)
     held_out = e.share >= search.policy.unknown_share and gain > _OUTSIDE * error
     return (
         # Runs of different kinds may disagree on the form of what most of the loss is.
-        (held_out or e.fitted >= _PLAINLY)
+        (held_out or (e.fitted >= _PLAINLY and not is_slow(e)))
         and e.p_value <= search.policy.unknown_level
         and e.refusal is not Refusal.NONE
     )

@@ -251,11 +251,16 @@ class Search:
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
-        beyond = rule.is_beyond_chance(e, self.problem.layout.folds.by_run)
-        if beyond and not e.term.effect.empirical:
+        effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
+        if not effect.empirical and rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
             return False
-        tried = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
-        return tried * drift_p_value(assembly, e.chosen, e.joint, self.flips) > self.policy.family_level
+        level = self.policy.unknown_level if effect.empirical else self.policy.family_level
+        kinds = (
+            len(effect.shapes(self.problem.joined, e.joint))
+            if effect.empirical
+            else len(self.problem.effects)
+        )
+        return kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
 
     def is_of_reversals(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether what delays a joint's whole torque is another thing where the joint does not reverse."""
