@@ -77,7 +77,7 @@ def test_what_holds_a_joint_at_rest_is_replaced_by_what_it_would_need_without():
 
 
 def test_a_rest_is_bridged_though_the_joint_alone_moves_no_load():
-    """In a sweep a flange's rigid-body torque is round-off; while others move, it is not: no factor of it may be fitted."""
+    """In a sweep a flange's rigid-body torque is round-off: no factor of it may be fitted there."""
     t = np.arange(0.0, 10.0, 0.01)
     rest = (t > 5.0)[:, None]
     v = np.where(rest, 0.0, np.sin(3.0 * t)[:, None])
