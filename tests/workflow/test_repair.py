@@ -150,11 +150,11 @@ def test_hanging_detector_is_a_failed_point_of_the_study(study):
     place = "    def test_quantity(self, batch):\n"
     own.write_text(text.replace(place, place + hang))
     config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
-    (study / "limited.yaml").write_text(yaml.safe_dump({**config, "time_limit": 20}))
+    (study / "limited.yaml").write_text(yaml.safe_dump({**config, "time_limit": 40}))
     done = clones.run(study, "test_quantities", study="limited.yaml")
     # It hangs at each question: soon more points are lost than the study allows.
     assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "fda 'own', robot medium, cycle short_moves, axis 1: took longer than 20 s" in done.stderr
+    assert "fda 'own', robot medium, cycle short_moves, axis 1: took longer than 40 s" in done.stderr
 
 
 def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
