@@ -251,3 +251,23 @@ def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(
         assert calls["_solve"] == 1 + folds
         assert calls["add"] == 2 * (1 + folds)
     assert counted[25]["add"] < 3 * counted[4]["add"]
+
+
+def test_folds_of_one_run_give_joints_that_move_in_turn_their_share():
+    """Three joints, one after the other; where all move all the time, fifths are contiguous as ever."""
+    blocks = [Block(0, 10 * k, 10 * k + 10) for k in range(60)]
+    files = ["one.csv"]
+    in_turn = np.zeros((60, 3))
+    for j in range(3):
+        in_turn[20 * j : 20 * j + 20, j] = 1.0
+    together = make_folds(blocks, files, np.ones((60, 3)))
+    for folds in (together, make_folds(blocks, files), make_folds(blocks, files, np.zeros((60, 3)))):
+        np.testing.assert_array_equal(folds.parts, np.arange(60) // 12)
+    folds = make_folds(blocks, files, in_turn)
+    for j in range(3):
+        assert len(set(folds.parts[in_turn[:, j] > 0])) >= 4
+    assert sorted(np.bincount(folds.parts)) == [12] * 5
+    for train, test in zip(folds.train, folds.test, strict=True):
+        # A block's gap on either side, and every joint in what is fitted.
+        assert not (train[1:] & test[:-1]).any() and not (train[:-1] & test[1:]).any()
+        assert (in_turn[train].sum(axis=0) > 0).all()

@@ -103,11 +103,12 @@ def ask_again(
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
-        chosen = rule.choose([own, *(search.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
+        near = [e for e in able if e.gain > _NEAR * own.gain and rule.gains_there(e, own)]
+        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)])
         if chosen is None or chosen is own or (
             chosen.term.effect is not f.effect and not rule.separates(chosen, own)
             and chosen.complexity >= own.complexity
-        ):  # fmt: skip
+        ) or (chosen.term.effect is not f.effect and search.drifts(beside, chosen)):  # fmt: skip
             return Found(f.chosen, own)
         return Found(chosen.chosen, chosen)
     best = search.choose(beside, able)

@@ -41,6 +41,8 @@ _FAST, _ALIKE = 0.2, 1.6
 #: Loss of the rows that are fitted that one of several terms leaves, over what the best of them leaves, from
 #: which it is not as good, whatever held-out runs say.
 _FAR_MORE = 4.0
+#: Share of what a term gains at all its joints that another one must gain at the same ones to stand in its place.
+_THERE = 0.5
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -182,6 +184,15 @@ def find_critical(blocks: float) -> float:
 def touches(a: Evidence, b: Evidence) -> bool:
     """Whether two terms are felt at a common joint."""
     return bool(set(a.chosen.candidate.joints) & set(b.chosen.candidate.joints))
+
+
+def gains_there(e: Evidence, own: Evidence) -> bool:
+    """Whether a term may stand in the place of another: it gains where that one does.
+
+    A term that is felt at several joints would else compete with what is wrong at each of them.
+    """
+    common = sum(min(e.gains.get(j, 0.0), gain) for j, gain in own.gains.items() if gain > 0.0)
+    return common > _THERE * sum(gain for gain in own.gains.values() if gain > 0.0)
 
 
 def simplest(tied: Iterable[Evidence], opposing: Sequence[Evidence] = ()) -> Evidence:
