@@ -188,6 +188,10 @@ def explain_rest(
                 best = next((e for e in rest if not search.drifts(assembly, e)), None)
                 if best is not None:
                     left[joint] = best
+                    fewer = drop_explained(search, found, best)
+                    if len(fewer) < len(found):
+                        found = fewer
+                        joints.append(joint)
         search.record(weighed, taken)
         for e in taken:
             search.progress(
@@ -199,6 +203,15 @@ def explain_rest(
             found = drop_superfluous(search, found, there, new)
             found = restore_friction(search, found, there)
     return found, left
+
+
+def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
+    """The terms found without names that structure explains as well that is plainly there and cannot be added."""
+    if min(e.share, e.fitted) < _PLAINLY or e.agreement < 1.0:
+        return found
+    added = Found(e.chosen, e)
+    kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen)}, names=True)
+    return [f for f in kept if f is not added]
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:

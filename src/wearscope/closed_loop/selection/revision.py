@@ -32,7 +32,7 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
         if not any(k is f for k in found):
             continue
         others = absorb(search, f, [k for k in found if k is not f])
-        beside = search.assemble(others)
+        beside = search.assemble(others, f.effect.standard)
         if f.effect.standard:
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.flips)
             # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
@@ -60,7 +60,8 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
 def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
     """Whether a term at the same joint refines this one, and nothing else there that stays."""
     here = [k.effect for k in others if k.joint == f.joint]
-    return any(not k.has_parent([*search.problem.given, *here]) for k in here)
+    present = [*search.problem.declared, *search.problem.given, *here]
+    return any(not k.has_parent(present) for k in here)
 
 
 def absorb(search: "Search", f: Found, others: list[Found]) -> list[Found]:
@@ -115,15 +116,20 @@ def ask_again(
     return None if best is None else Found(best.chosen, best)
 
 
-def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
-    """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
+def drop_superfluous(
+    search: "Search", found: list[Found], joints: set[int], new: set[int], names: bool = False
+) -> list[Found]:
+    """Drop terms at joints that held-out runs no longer need beside new ones there (identities).
+
+    Of all of them, or of names alone.
+    """
     for f in sorted(found, key=lambda f: f.evidence.gain):
         if f.joint not in joints or id(f.chosen) in new:
             continue
-        if f.effect.per_robot or f.effect.is_plain_friction:
+        if f.effect.per_robot or f.effect.is_plain_friction or (names and f.effect.standard):
             continue
         others = [k for k in found if k is not f]
-        beside = search.assemble(others)
+        beside = search.assemble(others, f.effect.standard)
         own = search.weigh_again(beside, f)
         if f.effect.standard:
             needed = search.is_needed(beside, own)
@@ -140,7 +146,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new
 def restore_friction(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
     """The terms found, with plain friction of joints that was dropped while what hid it had no term yet."""
     for joint in sorted(joints):
-        beside = search.assemble(found)
+        beside = search.assemble(found, standard=True)
         for candidate in search.candidates(beside, found, [joint]):
             if not candidate.effect.is_plain_friction:
                 continue
@@ -149,7 +155,7 @@ def restore_friction(search: "Search", found: list[Found], joints: Collection[in
             if search.is_needed(beside, own):
                 search.progress(f"{own.term.label}: needed beside unknown structure")
                 found = [*found, Found(own.chosen, own)]
-                beside = search.assemble(found)
+                beside = search.assemble(found, standard=True)
     return found
 
 

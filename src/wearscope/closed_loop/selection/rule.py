@@ -12,7 +12,8 @@ from wearscope.closed_loop.selection.policy import Policy
 _ABSORBED = 1e-3
 #: Fewest blocks, effectively, that the evidence from a single run may lie in.
 _FEWEST_BLOCKS = 4.0
-#: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
+#: Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's torque:
+#: beyond, columns cancel each other, or other terms.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
@@ -84,7 +85,8 @@ def judge(
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL
-    if not generic and e.chosen.candidate.penalty is None and not e.cancellation <= _CANCELS:
+    # Its columns each other, or what it gives the torque of other terms.
+    if not generic and e.chosen.candidate.penalty is None and not max(e.cancellation, e.torque) <= _CANCELS:
         return Refusal.CANCELS
     if any(not low <= b <= high for b, (low, high) in zip(e.beta, bounds, strict=True)):
         return Refusal.BOUNDS
