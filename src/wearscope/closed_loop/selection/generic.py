@@ -132,9 +132,8 @@ def weigh_generic(
                 weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
-    wide = [(-np.inf, np.inf)] * LEVELS[-1]
     return [
-        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
+        replace(e, refusal=rule.judge(e, policy, [(-np.inf, np.inf)] * (len(e.beta) + len(e.term.shape)), 0.0, by_run, generic=True))
         for e in weighed
     ]
 

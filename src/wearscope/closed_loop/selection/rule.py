@@ -61,7 +61,7 @@ def judge(
         With its family-wise p-value.
     policy : Policy
     bounds : sequence of (float, float)
-        Believable bounds of its coefficients.
+        Believable bounds of its coefficients, then of its shape parameters.
     least : float
         Smallest believable size of its first coefficient.
     by_run : bool
@@ -88,7 +88,7 @@ def judge(
     # Its columns each other, or what it gives the torque of other terms.
     if not generic and e.chosen.candidate.penalty is None and not max(e.cancellation, e.torque) <= _CANCELS:
         return Refusal.CANCELS
-    if any(not low <= b <= high for b, (low, high) in zip(e.beta, bounds, strict=True)):
+    if any(not low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True)):
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
