@@ -133,7 +133,12 @@ def weigh_generic(
     tried = max(1.0, count / max(len(weighed), 1))
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     return [
-        replace(e, refusal=rule.judge(e, policy, [(-np.inf, np.inf)] * (len(e.beta) + len(e.term.shape)), 0.0, by_run, generic=True))
+        replace(
+            e,
+            refusal=rule.judge(
+                e, policy, [(-np.inf, np.inf)] * (len(e.beta) + len(e.term.shape)), 0.0, by_run, generic=True
+            ),
+        )
         for e in weighed
     ]
 
@@ -205,11 +210,12 @@ def explain_rest(
 
 
 def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
-    """The terms found without names that structure explains as well that is plainly there and cannot be added."""
+    """The terms found without names that are doubted, where structure that cannot be added explains as much."""
     if min(e.share, e.fitted) < _PLAINLY or e.agreement < 1.0:
         return found
     added = Found(e.chosen, e)
-    kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen)}, names=True)
+    sure = {id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= _DOUBTED}
+    kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen), *sure})
     return [f for f in kept if f is not added]
 
 

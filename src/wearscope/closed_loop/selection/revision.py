@@ -116,17 +116,12 @@ def ask_again(
     return None if best is None else Found(best.chosen, best)
 
 
-def drop_superfluous(
-    search: "Search", found: list[Found], joints: set[int], new: set[int], names: bool = False
-) -> list[Found]:
-    """Drop terms at joints that held-out runs no longer need beside new ones there (identities).
-
-    Of all of them, or of names alone.
-    """
+def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
+    """Drop terms at joints that held-out runs do not need beside new ones there; some are kept (identities)."""
     for f in sorted(found, key=lambda f: f.evidence.gain):
-        if f.joint not in joints or id(f.chosen) in new:
+        if f.joint not in joints or id(f.chosen) in kept:
             continue
-        if f.effect.per_robot or f.effect.is_plain_friction or (names and f.effect.standard):
+        if f.effect.per_robot or f.effect.is_plain_friction:
             continue
         others = [k for k in found if k is not f]
         beside = search.assemble(others, f.effect.standard)

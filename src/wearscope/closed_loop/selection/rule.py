@@ -12,8 +12,8 @@ from wearscope.closed_loop.selection.policy import Policy
 _ABSORBED = 1e-3
 #: Fewest blocks, effectively, that the evidence from a single run may lie in.
 _FEWEST_BLOCKS = 4.0
-#: Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's torque:
-#: beyond, columns cancel each other, or other terms.
+#: Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's
+#: torque: beyond, columns cancel each other, or other terms.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
@@ -42,7 +42,8 @@ _FAST, _ALIKE = 0.2, 1.6
 #: Loss of the rows that are fitted that one of several terms leaves, over what the best of them leaves, from
 #: which it is not as good, whatever held-out runs say.
 _FAR_MORE = 4.0
-#: Share of what a term gains at all its joints that another one must gain at the same ones to stand in its place.
+#: Share of what a term gains at all its joints that another one must gain at the same ones to stand in its
+#: place.
 _THERE = 0.5
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.

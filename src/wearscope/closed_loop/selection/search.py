@@ -76,7 +76,7 @@ class Search:
         return (*self.problem.base, *(f.chosen for f in found))
 
     def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
-        """Normal equations of the declared model with the terms found, to ask about standard terms or others."""
+        """Normal equations of the declared model with the terms found, to ask about standard terms or not."""
         layout = self.problem.layout.for_standard if standard else self.problem.layout
         return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
 
