@@ -210,7 +210,7 @@ def explain_rest(
 
 
 def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
-    """The terms found without names that are doubted, where structure that cannot be added explains as much."""
+    """The terms found without doubted names, where structure that cannot be added explains as much."""
     if min(e.share, e.fitted) < _PLAINLY or e.agreement < 1.0:
         return found
     added = Found(e.chosen, e)

@@ -117,7 +117,7 @@ def ask_again(
 
 
 def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
-    """Drop terms at joints that held-out runs do not need beside new ones there; some are kept (identities)."""
+    """Drop terms at joints that held-out runs do not need beside new ones; some are kept (identities)."""
     for f in sorted(found, key=lambda f: f.evidence.gain):
         if f.joint not in joints or id(f.chosen) in kept:
             continue
