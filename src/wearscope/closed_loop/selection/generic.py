@@ -225,7 +225,7 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     Of a single run, which cannot give a generic term, such a name is dropped.
     """
     for f in list(found):
-        if f.effect.standard or f.evidence.share >= _DOUBTED:
+        if f.effect.standard or f.evidence.share >= _DOUBTED or not any(k is f for k in found):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
@@ -240,6 +240,8 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
             search.progress(f"{f.evidence.term.label} is {what}")
             instead = [] if alone else [Found(e.chosen, e)]
             found = [k for old in found for k in (instead if old is f else [old])]
+            if instead:
+                found = drop_superfluous(search, found, {e.joint}, {id(e.chosen)})
     return found
 
 
