@@ -3,16 +3,20 @@
     .venv/bin/python benchmarks/scale.py                                     dry runs of some studies
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
     .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
+    .venv/bin/python benchmarks/scale.py --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
+                                                                             and foretell a divided one by two
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
 than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
 test-cycles of each robot with so many points. Seconds and bytes of the table come from benchmark files and
 recordings of the finished study that `--results` names. `--run` does what a partition's job does, up to the
-scope, on one core (in `--in`, where it goes on after it was ended).
+scope, on one core; `--partitions` a study divided by robots, a partition a core, joined up to the scope and
+then to the report. In `--in` they go on where they were ended, and what is finished is only told.
 """
 
 import argparse
 import csv
+import json
 import os
 import re
 import resource
@@ -21,13 +25,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import psutil
 import yaml
 
 from wearscope.config import PartitionSettings
+from wearscope.files import write_text
+from wearscope.processes import STARTER, identify_process
 
 ROOT = Path(__file__).parents[1]
 SECONDS, GIBIBYTES = 120, 2
@@ -40,7 +47,7 @@ PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x100000
 COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
 
 
-def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
+def write_study(folder: Path, robots: int, points: int, job_seconds: float, divided: bool = False) -> Path:
     """Write a study of copies of one robot, half of its points for identification, half for validation."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     for number in range(robots):
@@ -56,6 +63,8 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> P
         "closed_loop": {"demonstration": False},
         "reevaluate": {"enabled": False},
     }
+    if divided:
+        study["partitions"] = {"above": 0}
     for section in ("snr", "sensitivity", "scope"):
         if isinstance(study.get(section), dict) and study[section].get("model") == "chosen":
             study[section]["model"] = "full"
@@ -201,41 +210,135 @@ def plan(
     return [runs, jobs, runs + 5 * writing, runs * costs["point_bytes"] / 1e9, seconds / 3600]
 
 
-def run_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
-    """Run a study up to the scope on one core; its results."""
+@dataclass(frozen=True)
+class Found:
+    """What a study is found to have taken: the logs of its jobs are counted, and times are of all its starts.
+
+    Attributes
+    ----------
+    gigabytes : float
+        Of recordings.
+    processor, wall : float
+        Of Snakemake and all that it starts [h].
+    """
+
+    simulations: float
+    jobs: float
+    files: float
+    gigabytes: float
+    processor: float
+    wall: float
+
+    def tell(self, name: str, how: str) -> None:
+        """Print it as a row of a table; what is not known is left empty."""
+        counts = f"{self.simulations:,.0f} | {self.jobs:,.0f} | {self.files:,.0f} | {self.gigabytes:.3f}"
+        wall = "" if self.wall != self.wall else f"{self.wall:.3f}"
+        print(f"| {name} | {how} | {counts} | {self.processor:.3f} | {wall} |", flush=True)
+
+
+def read_tree_time(pid: int) -> float:
+    """Processor time of a process, of those under it and of those that they have waited for [s]."""
+    total = 0.0
+    try:
+        process = psutil.Process(pid)
+        for one in [process, *process.children(recursive=True)]:
+            times = one.cpu_times()
+            total += times.user + times.system + times.children_user + times.children_system
+    except psutil.NoSuchProcess:
+        return 0.0
+    return total
+
+
+def run_snakemake(folder: Path, target: str, cores: int, watch: Callable[[], None]) -> None:
+    """Run a target; add what it takes to the folder's ``spent.json`` [s] all the while, and call `watch`.
+
+    What it starts ends with this process. Ended by SIGKILL, some seconds are not counted.
+    """
+    kept = folder / "spent.json"
+    before = (
+        json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {"processor": 0.0, "wall": 0.0}
+    )
+    command = [sys.executable, "-m", "snakemake", target, "--cores", str(cores), "--quiet", "all"]
+    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "study.yaml"]
+    environment = {**os.environ, STARTER: identify_process(os.getpid())}
+    waited, start, spent = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter(), 0.0
+    process = subprocess.Popen(command, cwd=folder, env=environment)
+    running = True
+    while running:
+        try:
+            process.wait(timeout=5)
+            running, now = False, resource.getrusage(resource.RUSAGE_CHILDREN)
+            spent = max(spent, now.ru_utime + now.ru_stime - waited.ru_utime - waited.ru_stime)
+        except subprocess.TimeoutExpired:
+            spent = max(spent, read_tree_time(process.pid))
+        wall = before["wall"] + time.perf_counter() - start
+        write_text(kept, json.dumps({"processor": before["processor"] + spent, "wall": wall}))
+        watch()
+    if process.returncode:
+        sys.exit(f"{folder}: it failed, or was ended; the same command goes on")
+
+
+def count_study(folder: Path) -> Found:
+    """What is there of a study, and what was spent on it."""
+    spent = json.loads((folder / "spent.json").read_text(encoding="utf-8"))
+    files = [file for file in (folder / "results").rglob("*") if file.is_file()]
+    sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
+    jobs = sum(file.suffix == ".log" for file in files)
+    times = spent["processor"] / 3600, spent["wall"] / 3600
+    return Found(len(sizes), jobs, len(files), sum(sizes) / 1e9, *times)
+
+
+def run_study(
+    folder: Path, robots: int, points: int, job_seconds: float, cores: int | None = None
+) -> dict[str, Found]:
+    """Run a study up to the scope on one core, or divided on some and up to the report; what came, by target.
+
+    Of a divided study it is told whenever a partition is finished, with what the others have done by then.
+    """
+    kept = folder / "measured.json"
+    if kept.is_file():
+        return {name: Found(**one) for name, one in json.loads(kept.read_text(encoding="utf-8")).items()}
     if not (folder / "study.yaml").is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        write_study(folder, robots, points, job_seconds)
-    command = [sys.executable, "-m", "snakemake", "scope", "--cores", "1", "--quiet", "all"]
-    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "study.yaml"]
-    subprocess.run(command, cwd=folder, check=True)
-    return folder / "results" / "scale"
+        write_study(folder, robots, points, job_seconds, divided=cores is not None)
+    finished = 0
+
+    def watch() -> None:
+        nonlocal finished
+        there = len(list(folder.glob("results/scale/partitions/*/scope.parquet")))
+        if there > finished:
+            finished = there
+            count_study(folder).tell(f"{robots}x{points}", f"{there} of {robots} partitions finished")
+
+    found = {}
+    for target in ["scope"] if cores is None else ["scope", "report"]:
+        run_snakemake(folder, target, cores or 1, watch)
+        found[target] = count_study(folder)
+    write_text(kept, json.dumps({name: asdict(one) for name, one in found.items()}))
+    return found
 
 
-def check_plan(folder: Path, studies: list[str], job_seconds: float) -> None:
-    """Run studies of one robot one after the other and print what came, with what those before had foretold.
+def foretell(one: Found, other: Found, robots: int, points: int) -> Found:
+    """What a study takes by the line through two studies of one robot, once for each of its robots."""
+    low, high = list(asdict(one).values()), list(asdict(other).values())
+    share = (6 * (points + 1) - low[0]) / (high[0] - low[0])
+    line = [robots * (a + (b - a) * share) for a, b in zip(low, high, strict=True)]
+    return Found(*line[:-1], wall=float("nan"))
 
-    What there is once a robot and what there is a simulation come from the first two: a line through both.
-    """
-    print("| study | | simulations | files | GB | processor [h] | wall [h] |\n|" + 7 * "---|")
-    measured: list[list[float]] = []
-    for asked in studies:
+
+def check_plan(folder: Path, studies: list[str], divided: list[str], cores: int, job_seconds: float) -> None:
+    """Run studies of one robot, then divided ones, and print what came, with what the first two foretell."""
+    print("| study | | simulations | jobs | files | GB | processor [h] | wall [h] |\n|" + 8 * "---|")
+    line: list[Found] = []
+    for asked in [*studies, *divided]:
         robots, points = map(int, asked.split("x"))
-        if len(measured) > 1:
-            runs = robots * 6 * (points + 1)
-            (one, *low), (other, *high) = measured[:2]
-            line = [a + (b - a) * (runs - one) / (other - one) for a, b in zip(low, high, strict=True)]
-            print(f"| {asked} | foretold | {runs:,} | {line[0]:,.0f} | {line[1]:.3f} | {line[2]:.3f} | |")
-        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        results = run_study(folder / asked, robots, points, job_seconds)
-        wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-        files = [file for file in results.rglob("*") if file.is_file()]
-        sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
-        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        found = [len(sizes), len(files), sum(sizes) / 1e9, spent / 3600]
-        told = f"{found[0]:,} | {found[1]:,} | {found[2]:.3f} | {found[3]:.3f} | {wall / 3600:.3f}"
-        print(f"| {asked} | measured | {told} |", flush=True)
-        measured.append(found)
+        if len(line) > 1:
+            foretell(line[0], line[1], robots, points).tell(asked, "foretold")
+        parted = cores if asked in divided else None
+        found = run_study(folder / asked, robots, points, job_seconds, parted)
+        for target, one in found.items():
+            one.tell(asked, "measured" if target == "scope" else f"measured, with the {target}")
+        line.append(found["scope"])
 
 
 def main() -> None:
@@ -245,7 +348,9 @@ def main() -> None:
     parser.add_argument("--job-seconds", type=float, default=600.0)
     parser.add_argument("--results", type=Path, help="folder of a finished study")
     parser.add_argument("--run", nargs="+", default=[], metavar="ROBOTSxPOINTS")
-    parser.add_argument("--in", dest="folder", type=Path, help="where --run works; a temporary folder")
+    parser.add_argument("--partitions", nargs="+", default=[], metavar="ROBOTSxPOINTS")
+    parser.add_argument("--cores", type=int, default=1, help="of --partitions")
+    parser.add_argument("--in", dest="folder", type=Path, help="where these two work; a temporary folder")
     given = parser.parse_args()
     if given.dry:
         print(
@@ -260,9 +365,10 @@ def main() -> None:
         times = f"{one.wall:.0f} | {one.processor:.0f} | {one.queued:.0f}"
         told = f"{sum(one.jobs.values()) or '-'} | {times} | {one.peak:.0f} | {one.ended or 'held'}"
         print(f"| {robots} | {points} | {told} |", flush=True)
-    if given.run:
+    if given.run or given.partitions:
         with tempfile.TemporaryDirectory() as temporary:
-            check_plan(given.folder or Path(temporary), given.run, given.job_seconds)
+            folder = given.folder or Path(temporary)
+            check_plan(folder, given.run, given.partitions, given.cores, given.job_seconds)
     if given.results:
         costs = read_costs(given.results)
         print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))
