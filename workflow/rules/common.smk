@@ -174,6 +174,11 @@ def needs(mib, minutes):
     )
 
 
+def job_minutes():
+    """Time [min] that a job asks for whose points were cut to its length: three times what it is said to take."""
+    return max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))
+
+
 def partition_minutes():
     """Time [min] that a partition asks for: three times what its simulations are said to take."""
     points = sum(POINTS[set] for set in STUDY_SETS) * len(CYCLES) * STUDY.partitions.robots
@@ -284,6 +289,34 @@ def carried(robot, cycle, *sets):
 def chunks(set):
     """Numbers of the chunks into which a set's points are cut."""
     return range(-(-POINTS[set] // POINTS_PER_JOB))
+
+
+def quantity_chunks(*sets):
+    """Set and number of the chunks in which test quantities are computed; none where one job does all of them."""
+    size = STUDY.simulation.quantities_per_job()
+    if size is None or sum(POINTS[set] for set in sets) <= size:
+        return []
+    return [(set, chunk) for set in sorted(sets) for chunk in range(-(-POINTS[set] // size))]
+
+
+def quantity_inputs(*sets):
+    """Inputs from which the test quantities of some sets come: traces, or what was computed of chunks of them."""
+    simulated, cut = [*sets, "nominal"], quantity_chunks(*sets)
+    folder = f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}"
+    return dict(
+        traces=lambda w: [] if cut else traces(w.robot, w.cycle, *simulated),
+        recordings=lambda w: [] if cut else carried(w.robot, w.cycle, *simulated),
+        parts=[f"{folder}/{set}-{chunk}.parquet" for set, chunk in cut],
+        failed=[f"{folder}/{set}-{chunk}-failed.parquet" for set, chunk in cut],
+    )
+
+
+def quantity_traces(list_files, w):
+    """Of what `list_files` lists: files of the nominal runs, and those that a chunk of test quantities lies in."""
+    size, first = STUDY.simulation.quantities_per_job(), int(w.chunk)
+    last = min((first + 1) * size, POINTS[w.set]) - 1
+    held = slice(first * size // POINTS_PER_JOB, last // POINTS_PER_JOB + 1)
+    return [*list_files(w.robot, w.cycle, w.set)[held], *list_files(w.robot, w.cycle, "nominal")]
 
 
 def effect_files():

@@ -164,7 +164,7 @@ rule simulate_points:
     conda:
         ENV
     resources:
-        **needs(1300, max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))),
+        **needs(1300, job_minutes()),
         gate=1,
     params:
         installed=installed("robots", "cycles", "effects"),
