@@ -56,7 +56,7 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float, divi
         "study": "scale",
         "robots": [f"robots/r{number:04d}" for number in range(robots)],
         "design": {"kind": "latin_hypercube", "points": points // 2},
-        "simulation": {"job_seconds": job_seconds},
+        "simulation": {"step": study["simulation"]["step"], "job_seconds": job_seconds},
         "surrogates": {"filling": {"enabled": False}},
         "audit": {"enabled": False},
         "direct": {"enabled": False},
