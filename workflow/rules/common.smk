@@ -311,6 +311,13 @@ def quantity_inputs(*sets):
     )
 
 
+def quantity_memory(*sets):
+    """Memory [MiB] for the test quantities of some sets: 330 bytes a point and cell were measured to be joined."""
+    return 1200 + round(
+        350 * sum(POINTS[set] for set in sets) * len(STUDY.axes) * len(STUDY.detectors) / 2**20
+    )
+
+
 def quantity_traces(list_files, w):
     """Of what `list_files` lists: files of the nominal runs, and those that a chunk of test quantities lies in."""
     size, first = STUDY.simulation.quantities_per_job(), int(w.chunk)

@@ -42,7 +42,7 @@ use rule compute_test_quantities as compute_direct_quantities with:
     log:
         f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
     resources:
-        **needs(1200, 30),
+        **needs(quantity_memory("direct"), 30),
     params:
         sets=["direct"],
         reference=lambda w: ROBOTS[w.robot],

@@ -19,7 +19,7 @@ rule compute_test_quantities:
     conda:
         ENV
     resources:
-        **needs(1200, 30),
+        **needs(quantity_memory(*RUN_SETS), 30),
     params:
         installed=installed("robots", "detectors", "effects"),
         sets=RUN_SETS,
