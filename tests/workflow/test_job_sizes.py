@@ -6,6 +6,8 @@ import clones
 import pytest
 import yaml
 
+from wearscope.integrity import find_damage
+
 #: 14 points a simulation job, 9 a job of test quantities: no chunk of one ends with one of the other.
 CUT = {"job_seconds": 1.4, "point_seconds": 0.1, "quantity_seconds": 0.155}
 
@@ -47,3 +49,29 @@ def test_a_cut_study_is_the_uncut_one_to_the_byte(clone):
     assert {direct, "test_quantities.parquet"} <= whole.keys()
     sets = {re.search(r"/(\w+)-\d+\.parquet", name)[1] for name in chunks if "failed" not in name}
     assert sets == {"identification", "validation", "filling", "checking", "direct"}
+
+
+@pytest.mark.slow
+def test_packed_recordings_are_those_of_files_a_point(clone):
+    """A file a chunk, checked and made again as any other: the same tables and recordings."""
+    study = yaml.safe_load((clone / "cut.yaml").read_text())
+    study |= {"study": "packed", "simulation": CUT | {"packed": True}}
+    (clone / "packed.yaml").write_text(yaml.safe_dump(study))
+    results = clone / "results/packed"
+    clones.run_well(clone, "test_quantities", study="packed.yaml")
+    assert not list(results.rglob("recording.parquet")) and not list(results.rglob("point=*"))
+    assert not clones.stale(clone, "test_quantities", study="packed.yaml")
+    assert not list(find_damage(results))
+    pack = next(results.rglob("filling/_chunk-0.tar"))
+    content = pack.read_bytes()
+    pack.write_bytes(content[:3000] + bytes([content[3000] ^ 1]) + content[3001:])
+    assert [error.path for error in find_damage(results)] == [pack]
+    for table in results.rglob("*.parquet"):
+        if "quantities" in str(table):
+            table.unlink()
+    assert "set aside" in clones.run(clone, "test_quantities", study="packed.yaml").stderr
+    clones.run_well(clone, "test_quantities", study="packed.yaml")
+    assert pack.read_bytes() == content
+    kept = clones.read_carried(results)
+    whole = clones.read_tables(clone / "results/cut")
+    assert kept == {name: whole[name] for name in whole if "direct" not in name}

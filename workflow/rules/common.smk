@@ -71,6 +71,7 @@ if PARTITIONS:
 config = STUDY.model_dump(mode="json")
 # Where jobs share no file system, a storage plugin carries what they declare, the recordings of a chunk as one file.
 CARRIED = workflow.storage_settings.default_storage_provider is not None
+PACKED = CARRIED or STUDY.simulation.packed
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -281,9 +282,9 @@ def traces(robot, cycle, *sets):
     return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
 
 
-def carried(robot, cycle, *sets):
-    """The recordings of some sets where a storage carries them, a file a chunk."""
-    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if CARRIED]
+def packed(robot, cycle, *sets):
+    """The recordings of some sets where they are packed, a file a chunk."""
+    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if PACKED]
 
 
 def chunks(set):
@@ -305,7 +306,7 @@ def quantity_inputs(*sets):
     folder = f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}"
     return dict(
         traces=lambda w: [] if cut else traces(w.robot, w.cycle, *simulated),
-        recordings=lambda w: [] if cut else carried(w.robot, w.cycle, *simulated),
+        recordings=lambda w: [] if cut else packed(w.robot, w.cycle, *simulated),
         parts=[f"{folder}/{set}-{chunk}.parquet" for set, chunk in cut],
         failed=[f"{folder}/{set}-{chunk}-failed.parquet" for set, chunk in cut],
     )

@@ -155,7 +155,7 @@ rule simulate_points:
         ),
     output:
         marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
-        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if CARRIED else []),
+        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if PACKED else []),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
@@ -171,6 +171,7 @@ rule simulate_points:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,
+        packed=STUDY.simulation.packed,
         kinds=STUDY.factor_kinds(),
         worn=STUDY.worn_axes(),
         seed=STUDY.seed,
@@ -199,7 +200,7 @@ if AT_ONCE:
             ),
         output:
             marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
-            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if CARRIED],
+            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if PACKED],
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:

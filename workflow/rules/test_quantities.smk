@@ -41,7 +41,7 @@ rule compute_quantity_chunk:
         design=f"{R}/design/{{set}}.parquet",
         nominal=f"{R}/design/nominal.parquet",
         traces=lambda w: quantity_traces(traces, w),
-        recordings=lambda w: quantity_traces(carried, w),
+        recordings=lambda w: quantity_traces(packed, w),
         detectors=f"{R}/check/detectors.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_quantity_chunk", *detector_files(), *robot_effects(ROBOTS[w.robot])),

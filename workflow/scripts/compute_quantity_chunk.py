@@ -7,12 +7,11 @@ from quantities import quantify
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.robots.model import load_model
-from wearscope.simulation.carried import unpack_recordings
 from wearscope.simulation.failures import read_markers
+from wearscope.simulation.packed import PackedRecordings
 
 with run_job(snakemake) as say:
     given, params, w = snakemake.input, snakemake.params, snakemake.wildcards
-    unpack_recordings(given.recordings)
     design, first = tables.read_table(given.design), int(w.chunk) * params.size
     table, failed = quantify(
         say,
@@ -26,6 +25,7 @@ with run_job(snakemake) as say:
         w.robot,
         w.cycle,
         {w.set: len(design)},
+        PackedRecordings(given.recordings),
     )
     tables.write_table(snakemake.output.failed, failed)
     tables.write_table(snakemake.output.table, table)

@@ -8,8 +8,8 @@ from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.chunks import join_test_quantities
 from wearscope.robots.model import load_model
-from wearscope.simulation.carried import unpack_recordings
 from wearscope.simulation.failures import check_failures, failure_table, read_markers
+from wearscope.simulation.packed import PackedRecordings
 
 with run_job(snakemake) as say:
     given, params, w = snakemake.input, snakemake.params, snakemake.wildcards
@@ -24,7 +24,6 @@ with run_job(snakemake) as say:
         chunks = list(map(tables.read_arrow, given.parts))
         table = join_test_quantities(chunks, list(params.detectors), params.axes, params.max_failed_share)
     else:
-        unpack_recordings(given.recordings)
         table, failed = quantify(
             say,
             Path(given.traces[0]).parents[1],
@@ -36,6 +35,7 @@ with run_job(snakemake) as say:
             [Factor(**one) for one in params.factors],
             w.robot,
             w.cycle,
+            packed=PackedRecordings(given.recordings),
         )
         table = tables.to_arrow(table)
     tables.write_table(snakemake.output.failed, failed)

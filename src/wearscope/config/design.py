@@ -159,6 +159,10 @@ class SimulationSettings(Section):
     quantity_seconds: Annotated[float, Field(gt=0)] = 0.04
     """How long a point's test quantities take [s], of all detectors and axes; it cuts their jobs likewise."""
 
+    packed: bool = False
+    """Whether the recordings of a chunk are kept as one file, not as a file a point; a chunk that is run
+    again then simulates all of its points."""
+
     def points_per_job(self) -> int:
         """Design points that one job simulates."""
         if self.job_seconds is None:
