@@ -4,7 +4,7 @@
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
     .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
     .venv/bin/python benchmarks/scale.py --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
-                                                                             and foretell a divided one by two
+                                                                             foretell one, divided, and run it
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
 than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
@@ -29,6 +29,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import psutil
 import yaml
 
@@ -40,6 +41,8 @@ ROOT = Path(__file__).parents[1]
 SECONDS, GIBIBYTES = 120, 2
 GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
 DIRECT = {"cells": 120, "runs": 100_000}
+#: Of a point of `write_study`'s robot, measured in partitions of 1,000 points (docs/cluster.md).
+SECONDS_OF = {"point_seconds": 0.075, "quantity_seconds": 0.035}
 #: Robots and points of what is planned dry: up to the study of the goal, and the direct Monte Carlo, whose
 #: 120 cells are those of 12 pairs of a robot and a test-cycle.
 PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
@@ -56,7 +59,7 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float, divi
         "study": "scale",
         "robots": [f"robots/r{number:04d}" for number in range(robots)],
         "design": {"kind": "latin_hypercube", "points": points // 2},
-        "simulation": {"step": study["simulation"]["step"], "job_seconds": job_seconds},
+        "simulation": {"step": study["simulation"]["step"], "job_seconds": job_seconds, **SECONDS_OF},
         "surrogates": {"filling": {"enabled": False}},
         "audit": {"enabled": False},
         "direct": {"enabled": False},
@@ -185,14 +188,17 @@ def read_costs(results: Path) -> dict[str, float]:
     }
 
 
-def count_jobs(robots: int, cycles: int, points: int, chunk: int) -> int:
+def count_jobs(robots: int, cycles: int, points: int, chunk: int, cut: int) -> int:
     """Jobs of `write_study`'s study: what is once a robot, once a robot and test-cycle, and once.
+
+    A job simulates `chunk` points, or computes the test quantities of `cut`.
 
     Of a divided study those that a scheduler sees: one a partition, of one robot, and what draws and joins.
     """
     if robots > PartitionSettings().above:
         return robots + 17
     chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
+    chunks += 2 * -(-(points // 2) // cut) if points > cut else 0
     return robots * (2 + cycles * (2 + chunks)) + 15
 
 
@@ -200,9 +206,9 @@ def plan(
     costs: Mapping[str, float], robots: int, cycles: int, points: int, job_seconds: float
 ) -> list[float]:
     """Simulations, jobs, files, GB and core-hours of a study, from measured costs."""
-    chunk = max(1, round(job_seconds / costs["point_seconds"]))
+    chunk, cut = (max(1, round(job_seconds / costs[of])) for of in ("point_seconds", "cell_seconds"))
     cells, runs = robots * cycles, robots * cycles * (points + 1)
-    jobs = count_jobs(robots, cycles, points, chunk)
+    jobs = count_jobs(robots, cycles, points, chunk, cut)
     # Those within partitions write too: about an output, a log, a benchmark and two digests each.
     writing = jobs + robots * (3 + cycles * (2 + 2 * -(-(points // 2) // chunk) + 1))
     seconds = runs * (costs["point_seconds"] + costs["cell_seconds"])
@@ -318,27 +324,28 @@ def run_study(
     return found
 
 
-def foretell(one: Found, other: Found, robots: int, points: int) -> Found:
-    """What a study takes by the line through two studies of one robot, once for each of its robots."""
-    low, high = list(asdict(one).values()), list(asdict(other).values())
-    share = (6 * (points + 1) - low[0]) / (high[0] - low[0])
-    line = [robots * (a + (b - a) * share) for a, b in zip(low, high, strict=True)]
+def foretell(before: list[Found], robots: int, points: int) -> Found:
+    """What a study takes by the line through studies of one robot, once for each of its robots."""
+    there = np.array([list(asdict(one).values()) for one in before])
+    runs = 6 * (points + 1)
+    line = [robots * float(np.polynomial.Polynomial.fit(there[:, 0], column, 1)(runs)) for column in there.T]
     return Found(*line[:-1], wall=float("nan"))
 
 
 def check_plan(folder: Path, studies: list[str], divided: list[str], cores: int, job_seconds: float) -> None:
-    """Run studies of one robot, then divided ones, and print what came, with what the first two foretell."""
+    """Run studies of one robot, then divided ones, and print what came, with what those before foretell."""
     print("| study | | simulations | jobs | files | GB | processor [h] | wall [h] |\n|" + 8 * "---|")
     line: list[Found] = []
     for asked in [*studies, *divided]:
         robots, points = map(int, asked.split("x"))
         if len(line) > 1:
-            foretell(line[0], line[1], robots, points).tell(asked, "foretold")
+            foretell(line, robots, points).tell(asked, f"foretold by the {len(line)} before")
         parted = cores if asked in divided else None
         found = run_study(folder / asked, robots, points, job_seconds, parted)
         for target, one in found.items():
             one.tell(asked, "measured" if target == "scope" else f"measured, with the {target}")
-        line.append(found["scope"])
+        if asked in studies:
+            line.append(found["scope"])
 
 
 def main() -> None:
