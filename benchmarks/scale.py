@@ -16,64 +16,28 @@ then to the report. In `--in` they go on where they were ended, and what is fini
 
 import argparse
 import csv
-import json
 import os
 import re
-import resource
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import psutil
-import yaml
+from large_studies import ROOT, check_plan, write_study
 
 from wearscope.config import PartitionSettings
-from wearscope.files import write_text
-from wearscope.processes import STARTER, identify_process
 
-ROOT = Path(__file__).parents[1]
 SECONDS, GIBIBYTES = 120, 2
 GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
 DIRECT = {"cells": 120, "runs": 100_000}
-#: Of a point of `write_study`'s robot, measured in partitions of 1,000 points (docs/cluster.md).
-SECONDS_OF = {"point_seconds": 0.075, "quantity_seconds": 0.035}
 #: Robots and points of what is planned dry: up to the study of the goal, and the direct Monte Carlo, whose
 #: 120 cells are those of 12 pairs of a robot and a test-cycle.
 PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
 #: Rules whose time goes with the points, test-cycles and robots.
 COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
-
-
-def write_study(folder: Path, robots: int, points: int, job_seconds: float, divided: bool = False) -> Path:
-    """Write a study of copies of one robot, half of its points for identification, half for validation."""
-    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    for number in range(robots):
-        shutil.copytree(ROOT / "config/robots/medium", folder / "robots" / f"r{number:04d}")
-    study |= {
-        "study": "scale",
-        "robots": [f"robots/r{number:04d}" for number in range(robots)],
-        "design": {"kind": "latin_hypercube", "points": points // 2},
-        "simulation": {"step": study["simulation"]["step"], "job_seconds": job_seconds, **SECONDS_OF},
-        "surrogates": {"filling": {"enabled": False}},
-        "audit": {"enabled": False},
-        "direct": {"enabled": False},
-        "closed_loop": {"demonstration": False},
-        "reevaluate": {"enabled": False},
-    }
-    if divided:
-        study["partitions"] = {"above": 0}
-    for section in ("snr", "sensitivity", "scope"):
-        if isinstance(study.get(section), dict) and study[section].get("model") == "chosen":
-            study[section]["model"] = "full"
-    file = folder / "study.yaml"
-    file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
-    return file
 
 
 @dataclass(frozen=True)
@@ -216,138 +180,6 @@ def plan(
     return [runs, jobs, runs + 5 * writing, runs * costs["point_bytes"] / 1e9, seconds / 3600]
 
 
-@dataclass(frozen=True)
-class Found:
-    """What a study is found to have taken: the logs of its jobs are counted, and times are of all its starts.
-
-    Attributes
-    ----------
-    gigabytes : float
-        Of recordings.
-    processor, wall : float
-        Of Snakemake and all that it starts [h].
-    """
-
-    simulations: float
-    jobs: float
-    files: float
-    gigabytes: float
-    processor: float
-    wall: float
-
-    def tell(self, name: str, how: str) -> None:
-        """Print it as a row of a table; what is not known is left empty."""
-        counts = f"{self.simulations:,.0f} | {self.jobs:,.0f} | {self.files:,.0f} | {self.gigabytes:.3f}"
-        wall = "" if self.wall != self.wall else f"{self.wall:.3f}"
-        print(f"| {name} | {how} | {counts} | {self.processor:.3f} | {wall} |", flush=True)
-
-
-def read_tree_time(pid: int) -> float:
-    """Processor time of a process, of those under it and of those that they have waited for [s]."""
-    total = 0.0
-    try:
-        process = psutil.Process(pid)
-        for one in [process, *process.children(recursive=True)]:
-            times = one.cpu_times()
-            total += times.user + times.system + times.children_user + times.children_system
-    except psutil.NoSuchProcess:
-        return 0.0
-    return total
-
-
-def run_snakemake(folder: Path, target: str, cores: int, watch: Callable[[], None]) -> None:
-    """Run a target; add what it takes to the folder's ``spent.json`` [s] all the while, and call `watch`.
-
-    What it starts ends with this process. Ended by SIGKILL, some seconds are not counted.
-    """
-    kept = folder / "spent.json"
-    before = (
-        json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {"processor": 0.0, "wall": 0.0}
-    )
-    command = [sys.executable, "-m", "snakemake", target, "--cores", str(cores), "--quiet", "all"]
-    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "study.yaml"]
-    environment = {**os.environ, STARTER: identify_process(os.getpid())}
-    waited, start, spent = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter(), 0.0
-    process = subprocess.Popen(command, cwd=folder, env=environment)
-    running = True
-    while running:
-        try:
-            process.wait(timeout=5)
-            running, now = False, resource.getrusage(resource.RUSAGE_CHILDREN)
-            spent = max(spent, now.ru_utime + now.ru_stime - waited.ru_utime - waited.ru_stime)
-        except subprocess.TimeoutExpired:
-            spent = max(spent, read_tree_time(process.pid))
-        wall = before["wall"] + time.perf_counter() - start
-        write_text(kept, json.dumps({"processor": before["processor"] + spent, "wall": wall}))
-        watch()
-    if process.returncode:
-        sys.exit(f"{folder}: it failed, or was ended; the same command goes on")
-
-
-def count_study(folder: Path) -> Found:
-    """What is there of a study, and what was spent on it."""
-    spent = json.loads((folder / "spent.json").read_text(encoding="utf-8"))
-    files = [file for file in (folder / "results").rglob("*") if file.is_file()]
-    sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
-    jobs = sum(file.suffix == ".log" for file in files)
-    times = spent["processor"] / 3600, spent["wall"] / 3600
-    return Found(len(sizes), jobs, len(files), sum(sizes) / 1e9, *times)
-
-
-def run_study(
-    folder: Path, robots: int, points: int, job_seconds: float, cores: int | None = None
-) -> dict[str, Found]:
-    """Run a study up to the scope on one core, or divided on some and up to the report; what came, by target.
-
-    Of a divided study it is told whenever a partition is finished, with what the others have done by then.
-    """
-    kept = folder / "measured.json"
-    if kept.is_file():
-        return {name: Found(**one) for name, one in json.loads(kept.read_text(encoding="utf-8")).items()}
-    if not (folder / "study.yaml").is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        write_study(folder, robots, points, job_seconds, divided=cores is not None)
-    finished = 0
-
-    def watch() -> None:
-        nonlocal finished
-        there = len(list(folder.glob("results/scale/partitions/*/scope.parquet")))
-        if there > finished:
-            finished = there
-            count_study(folder).tell(f"{robots}x{points}", f"{there} of {robots} partitions finished")
-
-    found = {}
-    for target in ["scope"] if cores is None else ["scope", "report"]:
-        run_snakemake(folder, target, cores or 1, watch)
-        found[target] = count_study(folder)
-    write_text(kept, json.dumps({name: asdict(one) for name, one in found.items()}))
-    return found
-
-
-def foretell(before: list[Found], robots: int, points: int) -> Found:
-    """What a study takes by the line through studies of one robot, once for each of its robots."""
-    there = np.array([list(asdict(one).values()) for one in before])
-    runs = 6 * (points + 1)
-    line = [robots * float(np.polynomial.Polynomial.fit(there[:, 0], column, 1)(runs)) for column in there.T]
-    return Found(*line[:-1], wall=float("nan"))
-
-
-def check_plan(folder: Path, studies: list[str], divided: list[str], cores: int, job_seconds: float) -> None:
-    """Run studies of one robot, then divided ones, and print what came, with what those before foretell."""
-    print("| study | | simulations | jobs | files | GB | processor [h] | wall [h] |\n|" + 8 * "---|")
-    line: list[Found] = []
-    for asked in [*studies, *divided]:
-        robots, points = map(int, asked.split("x"))
-        if len(line) > 1:
-            foretell(line, robots, points).tell(asked, f"foretold by the {len(line)} before")
-        parted = cores if asked in divided else None
-        found = run_study(folder / asked, robots, points, job_seconds, parted)
-        for target, one in found.items():
-            one.tell(asked, "measured" if target == "scope" else f"measured, with the {target}")
-        if asked in studies:
-            line.append(found["scope"])
-
-
 def main() -> None:
     """Dry-run studies of some robots, then print the plan of the large ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -356,6 +188,9 @@ def main() -> None:
     parser.add_argument("--results", type=Path, help="folder of a finished study")
     parser.add_argument("--run", nargs="+", default=[], metavar="ROBOTSxPOINTS")
     parser.add_argument("--partitions", nargs="+", default=[], metavar="ROBOTSxPOINTS")
+    parser.add_argument(
+        "--packed", action="store_true", help="of these two, a chunk's recordings as one file"
+    )
     parser.add_argument("--cores", type=int, default=1, help="of --partitions")
     parser.add_argument("--in", dest="folder", type=Path, help="where these two work; a temporary folder")
     given = parser.parse_args()
@@ -374,8 +209,7 @@ def main() -> None:
         print(f"| {robots} | {points} | {told} |", flush=True)
     if given.run or given.partitions:
         with tempfile.TemporaryDirectory() as temporary:
-            folder = given.folder or Path(temporary)
-            check_plan(folder, given.run, given.partitions, given.cores, given.job_seconds)
+            check_plan(given.folder or Path(temporary), given)
     if given.results:
         costs = read_costs(given.results)
         print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))
