@@ -160,10 +160,11 @@ def count_jobs(robots: int, cycles: int, points: int, chunk: int, cut: int) -> i
     Of a divided study those that a scheduler sees: one a partition, of one robot, and what draws and joins.
     """
     if robots > PartitionSettings().above:
-        return robots + 17
-    chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
+        return robots + 18
+    # Identification, validation and the nominal run; all at once where a job holds them.
+    chunks = 1 if points + 1 <= chunk else 2 * -(-(points // 2) // chunk) + 1
     chunks += 2 * -(-(points // 2) // cut) if points > cut else 0
-    return robots * (2 + cycles * (2 + chunks)) + 15
+    return robots * (2 + cycles * (2 + chunks)) + 16
 
 
 def plan(
