@@ -181,9 +181,10 @@ def job_minutes():
 
 
 def partition_minutes():
-    """Time [min] that a partition asks for: three times what its simulations are said to take."""
+    """Time [min] that a partition asks for: three times what its points are said to take."""
     points = sum(POINTS[set] for set in STUDY_SETS) * len(CYCLES) * STUDY.partitions.robots
-    return max(60, round(3 * points * STUDY.simulation.point_seconds / STUDY.partitions.threads / 60))
+    seconds = points * (STUDY.simulation.point_seconds + STUDY.simulation.quantity_seconds)
+    return max(60, round(3 * seconds / STUDY.partitions.threads / 60))
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
