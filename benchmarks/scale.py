@@ -3,20 +3,21 @@
     .venv/bin/python benchmarks/scale.py                                     dry runs of some studies
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
     .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
+    .venv/bin/python benchmarks/scale.py --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
+                                                                             foretell one, divided, and run it
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
 than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6
 test-cycles of each robot with so many points. Seconds and bytes of the table come from benchmark files and
 recordings of the finished study that `--results` names. `--run` does what a partition's job does, up to the
-scope, on one core (in `--in`, where it goes on after it was ended).
+scope, on one core; `--partitions` a study divided by robots, a partition a core, joined up to the scope and
+then to the report. In `--in` they go on where they were ended, and what is finished is only told.
 """
 
 import argparse
 import csv
 import os
 import re
-import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,11 +26,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
+from large_studies import ROOT, check_plan, write_study
 
 from wearscope.config import PartitionSettings
 
-ROOT = Path(__file__).parents[1]
 SECONDS, GIBIBYTES = 120, 2
 GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
 DIRECT = {"cells": 120, "runs": 100_000}
@@ -38,30 +38,6 @@ DIRECT = {"cells": 120, "runs": 100_000}
 PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
 #: Rules whose time goes with the points, test-cycles and robots.
 COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
-
-
-def write_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
-    """Write a study of copies of one robot, half of its points for identification, half for validation."""
-    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    for number in range(robots):
-        shutil.copytree(ROOT / "config/robots/medium", folder / "robots" / f"r{number:04d}")
-    study |= {
-        "study": "scale",
-        "robots": [f"robots/r{number:04d}" for number in range(robots)],
-        "design": {"kind": "latin_hypercube", "points": points // 2},
-        "simulation": {"job_seconds": job_seconds},
-        "surrogates": {"filling": {"enabled": False}},
-        "audit": {"enabled": False},
-        "direct": {"enabled": False},
-        "closed_loop": {"demonstration": False},
-        "reevaluate": {"enabled": False},
-    }
-    for section in ("snr", "sensitivity", "scope"):
-        if isinstance(study.get(section), dict) and study[section].get("model") == "chosen":
-            study[section]["model"] = "full"
-    file = folder / "study.yaml"
-    file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
-    return file
 
 
 @dataclass(frozen=True)
@@ -176,66 +152,33 @@ def read_costs(results: Path) -> dict[str, float]:
     }
 
 
-def count_jobs(robots: int, cycles: int, points: int, chunk: int) -> int:
+def count_jobs(robots: int, cycles: int, points: int, chunk: int, cut: int) -> int:
     """Jobs of `write_study`'s study: what is once a robot, once a robot and test-cycle, and once.
+
+    A job simulates `chunk` points, or computes the test quantities of `cut`.
 
     Of a divided study those that a scheduler sees: one a partition, of one robot, and what draws and joins.
     """
     if robots > PartitionSettings().above:
-        return robots + 17
-    chunks = 2 * -(-(points // 2) // chunk) + 1  # identification, validation, the nominal run
-    return robots * (2 + cycles * (2 + chunks)) + 15
+        return robots + 18
+    # Identification, validation and the nominal run; all at once where a job holds them.
+    chunks = 1 if points + 1 <= chunk else 2 * -(-(points // 2) // chunk) + 1
+    chunks += 2 * -(-(points // 2) // cut) if points > cut else 0
+    return robots * (2 + cycles * (2 + chunks)) + 16
 
 
 def plan(
     costs: Mapping[str, float], robots: int, cycles: int, points: int, job_seconds: float
 ) -> list[float]:
     """Simulations, jobs, files, GB and core-hours of a study, from measured costs."""
-    chunk = max(1, round(job_seconds / costs["point_seconds"]))
+    chunk, cut = (max(1, round(job_seconds / costs[of])) for of in ("point_seconds", "cell_seconds"))
     cells, runs = robots * cycles, robots * cycles * (points + 1)
-    jobs = count_jobs(robots, cycles, points, chunk)
+    jobs = count_jobs(robots, cycles, points, chunk, cut)
     # Those within partitions write too: about an output, a log, a benchmark and two digests each.
     writing = jobs + robots * (3 + cycles * (2 + 2 * -(-(points // 2) // chunk) + 1))
     seconds = runs * (costs["point_seconds"] + costs["cell_seconds"])
     seconds += cells * costs["check_seconds"] + robots * costs["screen_seconds"]
     return [runs, jobs, runs + 5 * writing, runs * costs["point_bytes"] / 1e9, seconds / 3600]
-
-
-def run_study(folder: Path, robots: int, points: int, job_seconds: float) -> Path:
-    """Run a study up to the scope on one core; its results."""
-    if not (folder / "study.yaml").is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        write_study(folder, robots, points, job_seconds)
-    command = [sys.executable, "-m", "snakemake", "scope", "--cores", "1", "--quiet", "all"]
-    command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "study.yaml"]
-    subprocess.run(command, cwd=folder, check=True)
-    return folder / "results" / "scale"
-
-
-def check_plan(folder: Path, studies: list[str], job_seconds: float) -> None:
-    """Run studies of one robot one after the other and print what came, with what those before had foretold.
-
-    What there is once a robot and what there is a simulation come from the first two: a line through both.
-    """
-    print("| study | | simulations | files | GB | processor [h] | wall [h] |\n|" + 7 * "---|")
-    measured: list[list[float]] = []
-    for asked in studies:
-        robots, points = map(int, asked.split("x"))
-        if len(measured) > 1:
-            runs = robots * 6 * (points + 1)
-            (one, *low), (other, *high) = measured[:2]
-            line = [a + (b - a) * (runs - one) / (other - one) for a, b in zip(low, high, strict=True)]
-            print(f"| {asked} | foretold | {runs:,} | {line[0]:,.0f} | {line[1]:.3f} | {line[2]:.3f} | |")
-        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        results = run_study(folder / asked, robots, points, job_seconds)
-        wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-        files = [file for file in results.rglob("*") if file.is_file()]
-        sizes = [file.stat().st_size for file in files if file.name == "recording.parquet"]
-        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        found = [len(sizes), len(files), sum(sizes) / 1e9, spent / 3600]
-        told = f"{found[0]:,} | {found[1]:,} | {found[2]:.3f} | {found[3]:.3f} | {wall / 3600:.3f}"
-        print(f"| {asked} | measured | {told} |", flush=True)
-        measured.append(found)
 
 
 def main() -> None:
@@ -245,7 +188,12 @@ def main() -> None:
     parser.add_argument("--job-seconds", type=float, default=600.0)
     parser.add_argument("--results", type=Path, help="folder of a finished study")
     parser.add_argument("--run", nargs="+", default=[], metavar="ROBOTSxPOINTS")
-    parser.add_argument("--in", dest="folder", type=Path, help="where --run works; a temporary folder")
+    parser.add_argument("--partitions", nargs="+", default=[], metavar="ROBOTSxPOINTS")
+    parser.add_argument(
+        "--packed", action="store_true", help="of these two, a chunk's recordings as one file"
+    )
+    parser.add_argument("--cores", type=int, default=1, help="of --partitions")
+    parser.add_argument("--in", dest="folder", type=Path, help="where these two work; a temporary folder")
     given = parser.parse_args()
     if given.dry:
         print(
@@ -260,9 +208,9 @@ def main() -> None:
         times = f"{one.wall:.0f} | {one.processor:.0f} | {one.queued:.0f}"
         told = f"{sum(one.jobs.values()) or '-'} | {times} | {one.peak:.0f} | {one.ended or 'held'}"
         print(f"| {robots} | {points} | {told} |", flush=True)
-    if given.run:
+    if given.run or given.partitions:
         with tempfile.TemporaryDirectory() as temporary:
-            check_plan(given.folder or Path(temporary), given.run, given.job_seconds)
+            check_plan(given.folder or Path(temporary), given)
     if given.results:
         costs = read_costs(given.results)
         print("\n" + "\n".join(f"{name} {value:.3g}" for name, value in costs.items()))

@@ -36,7 +36,9 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
             yield error
     for traces in ("traces", "partitions/*/traces"):
         for marker in sorted(folder.glob(f"{traces}/*/*/*/_chunk-*.json")):
-            yield from _check_recordings(marker)
+            packed = kept / marker.with_suffix(".tar.sha256").relative_to(folder)
+            if not packed.is_file():  # its checksum is among those above
+                yield from _check_recordings(marker)
 
 
 def _check_recordings(marker: Path) -> Iterator[DamagedFile]:

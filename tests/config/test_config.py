@@ -235,6 +235,13 @@ def test_a_job_s_seconds_replace_its_points(settings, points):
     assert SimulationSettings(**settings).points_per_job() == points
 
 
+def test_test_quantities_are_cut_by_their_own_seconds():
+    assert SimulationSettings(chunk=8).quantities_per_job() is None
+    assert SimulationSettings(job_seconds=600).quantities_per_job() == 15000
+    assert SimulationSettings(job_seconds=600, quantity_seconds=0.5).quantities_per_job() == 1200
+    assert SimulationSettings(job_seconds=1, quantity_seconds=7).quantities_per_job() == 1
+
+
 def test_a_study_is_divided_only_above_its_number_of_robots():
     study = load_config(
         yaml.safe_load((CONFIG / "quick.yaml").read_text())

@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from wearscope import tables
 from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.chunks import join_test_quantities
 from wearscope.detectors.run import DetectorSpec, compute_test_quantities, count_failures
 from wearscope.errors import InputError
 
@@ -296,3 +298,83 @@ def test_answers_in_a_process_of_their_own_are_the_same(user_file):
     pd.testing.assert_frame_equal(run(user_file(), time_limit=60), run(user_file()))
     with pytest.raises(InputError, match="two batches"):
         run(user_file(), batches=[*make_batches(DESIGNS), *make_batches(DESIGNS)], time_limit=60)
+
+
+# Chunks of a robot and test-cycle's points, computed one by one.
+FAILING = {"fail_at": [3, 17]}
+VAIN = {("identification", 4): "the motor is lost"}
+
+
+def run_chunks(path, size, share):
+    """What each chunk's job gives, as it is read back."""
+    found = []
+    for name in sorted(DESIGNS):
+        design = DESIGNS[name]
+        for first in range(0, len(design), size):
+            part = {name: design[first : first + size]}
+            batches = (item for item in make_batches(part) if item[:2] not in VAIN)
+            found.append(
+                tables.to_arrow(
+                    run(
+                        path, FAILING, designs=part, batches=batches, max_failed_share=share,
+                        failed_simulations=VAIN, sizes={name: len(design)},
+                    )
+                )
+            )  # fmt: skip
+    return found
+
+
+@pytest.mark.parametrize("size", [1, 7, 20, 40])
+def test_the_table_of_chunks_is_that_of_one_go_to_the_byte(user_file, tmp_path, size):
+    path = user_file()
+    batches = [item for item in make_batches(DESIGNS) if item[:2] not in VAIN]
+    whole = run(path, FAILING, batches=batches, max_failed_share=0.15, failed_simulations=VAIN)
+    tables.write_table(tmp_path / "whole", whole)
+    for number, part in enumerate(run_chunks(path, size, 0.15)):
+        tables.write_arrow(tmp_path / f"{number:03d}.part", part)
+    parts = [tables.read_arrow(file) for file in sorted(tmp_path.glob("*.part"))]
+    tables.write_arrow(tmp_path / "joined", join_test_quantities(parts, ["mine"], (1, 2, 3), 0.15))
+    assert (tmp_path / "joined").read_bytes() == (tmp_path / "whole").read_bytes()
+    assert whole["y"].isna().sum() == 3 * 4
+
+
+def test_the_share_that_may_fail_is_of_the_whole_set(user_file):
+    """A chunk of one point that fails is no failure of all; too many in all chunks are."""
+    path = user_file()
+    parts = run_chunks(path, 1, 0.15)
+    assert join_test_quantities(parts, ["mine"], (1, 2, 3), 0.15).num_rows == 90
+    with pytest.raises(
+        InputError,
+        match=r"fda 'mine', robot medium, cycle sweep, axis 1: failed at 3 of 20 identification points, more "
+        r"than the share 0\.1 allowed; first at point 3: RuntimeError",
+    ):
+        join_test_quantities(parts, ["mine"], (1, 2, 3), 0.1)
+    with pytest.raises(InputError, match=r"failed at 1 of 20 identification points"):
+        run_chunks(path, 1, 0.04)
+
+
+def test_a_chunk_of_other_cells_is_refused(user_file):
+    parts = run_chunks(user_file(), 10, 1.0)
+    with pytest.raises(InputError, match="holds no cell of axis 1 and fda 'other'"):
+        join_test_quantities(parts, ["other"], (1, 2, 3), 1.0)
+    with pytest.raises(InputError, match="holds no cell of axis 2 and fda 'mine'"):
+        join_test_quantities(parts, ["mine"], (2, 1, 3), 1.0)
+
+
+def test_long_columns_are_paged_as_in_one_go(tmp_path):
+    """A page of a Parquet file holds some 20,000 values: chunks must not end pages."""
+    design = np.arange(30_000)
+    whole = tables.to_arrow(
+        {
+            "robot": ["r"] * 60_000, "cycle": ["c"] * 60_000, "axis": np.repeat([1, 2], 30_000),
+            "fda": ["A"] * 60_000, "set": ["direct"] * 60_000, "point": np.tile(design, 2),
+            "y": np.random.default_rng(0).normal(size=60_000), "status": ["ok"] * 60_000,
+        }
+    )  # fmt: skip
+    parts = []
+    for first in range(0, 30_000, 7_000):
+        rows = np.flatnonzero((np.tile(design, 2) >= first) & (np.tile(design, 2) < first + 7_000))
+        parts.append(whole.take(rows))
+    tables.write_arrow(tmp_path / "whole", whole)
+    tables.write_arrow(tmp_path / "joined", join_test_quantities(parts, ["A"], [1, 2], 0.0))
+    assert (tmp_path / "joined").read_bytes() == (tmp_path / "whole").read_bytes()

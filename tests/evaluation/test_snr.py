@@ -196,6 +196,17 @@ def test_few_cells_are_ranked_by_their_own_intervals():
     assert rows[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 2], [1, 2], [3, 3]]
 
 
+def test_a_group_without_an_interval_is_tied_with_each_that_has_one():
+    """Whichever side of the interval is unknown, and however far apart the medians are."""
+    nan = float("nan")
+    for low, high in ((nan, nan), (nan, 0.3), (0.1, nan)):
+        rows = rank_by_median(few_cells(A=(3.0, 1.0, 5.0), B=(0.2, low, high))).set_index("fda")
+        apart = high == 0.3  # it is known to end below the other
+        assert rows["tied_with"].tolist() == (["", ""] if apart else ["B", "A"])
+        assert rows["rank_high"].tolist() == ([1, 2] if apart else [2, 2])
+        assert rows["rank_low"].tolist() == ([1, 2] if apart else [1, 1])
+
+
 def test_one_cell_alone_is_no_certain_ranking():
     one = few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.5, 2.5)).query("axis == 1")
     assert rank_by_median(one)["tied_with"].tolist() == ["B", "A"]

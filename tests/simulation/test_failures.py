@@ -59,3 +59,10 @@ def test_a_nominal_run_is_not_made_up_for_by_other_points():
     with pytest.raises(InputError, match=r"at 1 of 1 nominal points, .*first at point 1: lost"):
         check_failures(nominal, POINTS, WHERE, 0.5)
     check_failures(nominal, {**POINTS, "nominal": [1, 2]}, WHERE, 0.5)
+
+
+def test_the_share_of_a_chunk_is_of_the_whole_set():
+    chunk, failed = {"identification": [7, 8]}, {("identification", 7): "fell", ("identification", 8): "fell"}
+    check_failures(failed, chunk, WHERE, 0.05, {"identification": 40})
+    with pytest.raises(InputError, match="failed at 2 of 39 identification points"):
+        check_failures(failed, chunk, WHERE, 0.05, {"identification": 39})

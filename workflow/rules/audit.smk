@@ -34,10 +34,9 @@ rule choose_audit_points:
 
 use rule compute_test_quantities as compute_audit_quantities with:
     input:
+        **quantity_inputs("audit"),
         audit=f"{R}/design/audit.parquet",
         nominal=f"{R}/design/nominal.parquet",
-        traces=lambda w: traces(w.robot, w.cycle, "audit", "nominal"),
-        recordings=lambda w: carried(w.robot, w.cycle, "audit", "nominal"),
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:

@@ -71,6 +71,7 @@ if PARTITIONS:
 config = STUDY.model_dump(mode="json")
 # Where jobs share no file system, a storage plugin carries what they declare, the recordings of a chunk as one file.
 CARRIED = workflow.storage_settings.default_storage_provider is not None
+PACKED = CARRIED or STUDY.simulation.packed
 GATE = 1000  # the profile lets this much through at a time
 ENV = "../../envs/wearscope.yaml"
 # Robots as the configuration names them, and as they are simulated: with what is carried over to them.
@@ -174,10 +175,16 @@ def needs(mib, minutes):
     )
 
 
+def job_minutes():
+    """Time [min] that a job asks for whose points were cut to its length: three times what it is said to take."""
+    return max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))
+
+
 def partition_minutes():
-    """Time [min] that a partition asks for: three times what its simulations are said to take."""
+    """Time [min] that a partition asks for: three times what its points are said to take."""
     points = sum(POINTS[set] for set in STUDY_SETS) * len(CYCLES) * STUDY.partitions.robots
-    return max(60, round(3 * points * STUDY.simulation.point_seconds / STUDY.partitions.threads / 60))
+    seconds = points * (STUDY.simulation.point_seconds + STUDY.simulation.quantity_seconds)
+    return max(60, round(3 * seconds / STUDY.partitions.threads / 60))
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
@@ -276,14 +283,49 @@ def traces(robot, cycle, *sets):
     return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
 
 
-def carried(robot, cycle, *sets):
-    """The recordings of some sets where a storage carries them, a file a chunk."""
-    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if CARRIED]
+def packed(robot, cycle, *sets):
+    """The recordings of some sets where they are packed, a file a chunk."""
+    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if PACKED]
 
 
 def chunks(set):
     """Numbers of the chunks into which a set's points are cut."""
     return range(-(-POINTS[set] // POINTS_PER_JOB))
+
+
+def quantity_chunks(*sets):
+    """Set and number of the chunks in which test quantities are computed; none where one job does all of them."""
+    size = STUDY.simulation.quantities_per_job()
+    if size is None or sum(POINTS[set] for set in sets) <= size:
+        return []
+    return [(set, chunk) for set in sorted(sets) for chunk in range(-(-POINTS[set] // size))]
+
+
+def quantity_inputs(*sets):
+    """Inputs from which the test quantities of some sets come: traces, or what was computed of chunks of them."""
+    simulated, cut = [*sets, "nominal"], quantity_chunks(*sets)
+    folder = f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}"
+    return dict(
+        traces=lambda w: [] if cut else traces(w.robot, w.cycle, *simulated),
+        recordings=lambda w: [] if cut else packed(w.robot, w.cycle, *simulated),
+        parts=[f"{folder}/{set}-{chunk}.parquet" for set, chunk in cut],
+        failed=[f"{folder}/{set}-{chunk}-failed.parquet" for set, chunk in cut],
+    )
+
+
+def quantity_memory(*sets):
+    """Memory [MiB] for the test quantities of some sets: 330 bytes a point and cell were measured to be joined."""
+    return 1200 + round(
+        350 * sum(POINTS[set] for set in sets) * len(STUDY.axes) * len(STUDY.detectors) / 2**20
+    )
+
+
+def quantity_traces(list_files, w):
+    """Of what `list_files` lists: files of the nominal runs, and those that a chunk of test quantities lies in."""
+    size, first = STUDY.simulation.quantities_per_job(), int(w.chunk)
+    last = min((first + 1) * size, POINTS[w.set]) - 1
+    held = slice(first * size // POINTS_PER_JOB, last // POINTS_PER_JOB + 1)
+    return [*list_files(w.robot, w.cycle, w.set)[held], *list_files(w.robot, w.cycle, "nominal")]
 
 
 def effect_files():

@@ -31,10 +31,9 @@ rule make_direct_design:
 
 use rule compute_test_quantities as compute_direct_quantities with:
     input:
+        **quantity_inputs("direct"),
         direct=f"{R}/design/direct.parquet",
         nominal=f"{R}/design/nominal.parquet",
-        traces=lambda w: traces(w.robot, w.cycle, "direct", "nominal"),
-        recordings=lambda w: carried(w.robot, w.cycle, "direct", "nominal"),
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
     output:
@@ -43,7 +42,7 @@ use rule compute_test_quantities as compute_direct_quantities with:
     log:
         f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
     resources:
-        **needs(1200, 30),
+        **needs(quantity_memory("direct"), 30),
     params:
         sets=["direct"],
         reference=lambda w: ROBOTS[w.robot],

@@ -50,7 +50,7 @@ rule draw_setup:
     input:
         designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
         traces=traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
-        recordings=carried(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
+        recordings=packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=code(
             "draw_setup",

@@ -155,7 +155,7 @@ rule simulate_points:
         ),
     output:
         marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
-        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if CARRIED else []),
+        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if PACKED else []),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
@@ -164,13 +164,14 @@ rule simulate_points:
     conda:
         ENV
     resources:
-        **needs(1300, max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))),
+        **needs(1300, job_minutes()),
         gate=1,
     params:
         installed=installed("robots", "cycles", "effects"),
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,
+        packed=STUDY.simulation.packed,
         kinds=STUDY.factor_kinds(),
         worn=STUDY.worn_axes(),
         seed=STUDY.seed,
@@ -199,7 +200,7 @@ if AT_ONCE:
             ),
         output:
             marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
-            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if CARRIED],
+            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if PACKED],
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:

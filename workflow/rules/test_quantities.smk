@@ -6,9 +6,8 @@ rule test_quantities:
 rule compute_test_quantities:
     input:
         **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS},
+        **quantity_inputs(*RUN_SETS),
         nominal=f"{R}/design/nominal.parquet",
-        traces=lambda w: traces(w.robot, w.cycle, *STUDY_SETS),
-        recordings=lambda w: carried(w.robot, w.cycle, *STUDY_SETS),
         detectors=f"{R}/check/detectors.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
@@ -20,7 +19,7 @@ rule compute_test_quantities:
     conda:
         ENV
     resources:
-        **needs(1200, 30),
+        **needs(quantity_memory(*RUN_SETS), 30),
     params:
         installed=installed("robots", "detectors", "effects"),
         sets=RUN_SETS,
@@ -35,6 +34,40 @@ rule compute_test_quantities:
         "Compute the test quantities of {wildcards.robot}, {wildcards.cycle}"
     script:
         "../scripts/compute_test_quantities.py"
+
+
+rule compute_quantity_chunk:
+    input:
+        design=f"{R}/design/{{set}}.parquet",
+        nominal=f"{R}/design/nominal.parquet",
+        traces=lambda w: quantity_traces(traces, w),
+        recordings=lambda w: quantity_traces(packed, w),
+        detectors=f"{R}/check/detectors.json",
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code("compute_quantity_chunk", *detector_files(), *robot_effects(ROBOTS[w.robot])),
+    output:
+        table=f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.parquet",
+        failed=f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}/{{set}}-{{chunk}}-failed.parquet",
+    log:
+        f"{R}/logs/compute_quantity_chunk/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
+    conda:
+        ENV
+    resources:
+        **needs(1200, job_minutes()),
+    params:
+        installed=installed("robots", "detectors", "effects"),
+        reference=lambda w: ROBOTS[w.robot],
+        size=STUDY.simulation.quantities_per_job(),
+        axes=lambda w: STUDY.axes[:1] if w.set == "direct" else STUDY.axes,
+        detectors=config["detectors"],
+        factors=FACTORS,
+        max_failed_share=lambda w: STUDY.max_failed_share if w.set in RUN_SETS else 1.0,
+        time_limit=STUDY.time_limit,
+        allow_code=STUDY.allow_code,
+    message:
+        "Compute the test quantities of {wildcards.robot}, {wildcards.cycle}, {wildcards.set}, chunk {wildcards.chunk}"
+    script:
+        "../scripts/compute_quantity_chunk.py"
 
 
 rule join_test_quantities:

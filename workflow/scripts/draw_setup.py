@@ -13,8 +13,8 @@ from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.style import save_figure
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
-from wearscope.simulation.carried import unpack_recordings
 from wearscope.simulation.failures import read_markers
+from wearscope.simulation.packed import PackedRecordings
 from wearscope.simulation.traces import read_points
 
 with run_job(snakemake):
@@ -41,13 +41,14 @@ with run_job(snakemake):
 
     robot, model = next(iter(models.items()))
     joint = model.joints.index(model.wear_joints[params.worn.index(params.axis)])
-    unpack_recordings(snakemake.input.recordings)
+    packed = PackedRecordings(snakemake.input.recordings)
     traces = Path(snakemake.input.traces[0]).parents[1]
     fingerprints, failures = read_markers(snakemake.input.traces)
     failed = [point for _, point in failures]
     identification = designs["identification"]
     pair = choose_pair(identification[~identification["point"].isin(failed)], factors)
-    less, more = (one for _, one in read_points(traces, "identification", pair, model, fingerprints))
+    recordings = read_points(traces, "identification", pair, model, fingerprints, packed)
+    less, more = (one for _, one in recordings)
     coded = designs["identification"].set_index("point")["f_natural"]
     figure = draw_recording(
         less,

@@ -7,18 +7,21 @@ from wearscope.simulation.failures import check_failures, failure_table
 from wearscope.simulation.traces import read_points
 
 
-def quantify(say, traces, model, designs, nominal, outcome, params, factors, robot, cycle):
+def quantify(
+    say, traces, model, designs, nominal, outcome, params, factors, robot, cycle, sizes=None, packed=None
+):
     """Tables of test quantities and of failed simulations.
 
-    `outcome` is what `wearscope.simulation.failures.read_markers` gives, `params` the rule's.
+    `outcome` is what `wearscope.simulation.failures.read_markers` gives, `params` the rule's; `sizes` are the
+    points of whole sets, where `designs` hold a chunk; `packed` are recordings that are no file a point.
     """
     fingerprints, failed = outcome
     points = {name: list(table["point"]) for name, table in [*designs.items(), ("nominal", nominal)]}
-    check_failures(failed, points, f"robot {robot}, cycle {cycle}", params.max_failed_share)
+    check_failures(failed, points, f"robot {robot}, cycle {cycle}", params.max_failed_share, sizes)
 
     def read_batches(name):
         there = [point for point in points[name] if (name, point) not in failed]
-        for point, one in read_points(traces, name, there, model, fingerprints):
+        for point, one in read_points(traces, name, there, model, fingerprints, packed):
             yield name, point, Batch(one.t, one.q, one.qd, one.tau)
 
     batches = sum((name, point) not in failed for name in designs for point in points[name])
@@ -36,5 +39,6 @@ def quantify(say, traces, model, designs, nominal, outcome, params, factors, rob
         failed_simulations=failed,
         report=count_progress(say, batches, "batches"),
         time_limit=params.time_limit,
+        sizes=sizes,
     )
     return table, failure_table(failed, points, robot, cycle)

@@ -9,8 +9,8 @@ from simulating import digest_inputs, simulate
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
-from wearscope.simulation.carried import pack_recordings
 from wearscope.simulation.chunk import Plan
+from wearscope.simulation.packed import pack_recordings, remove_recordings
 
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards
@@ -28,5 +28,8 @@ with run_job(snakemake) as say:
         outcome = simulate(say, traces, name, rows, model, cycle, plan, common, params.time_limit)
         packed = marker.with_suffix(".tar")
         if packed in outputs:
-            pack_recordings(packed, outcome.fingerprints.keys() - outcome.failed.keys())
+            recorded = outcome.fingerprints.keys() - outcome.failed.keys()
+            pack_recordings(packed, recorded)
+            if params.packed:
+                remove_recordings(packed.parent, recorded)
         tables.write_text(marker, json.dumps(asdict(outcome), indent=1) + "\n")

@@ -156,12 +156,24 @@ class SimulationSettings(Section):
     it."""
     point_seconds: Annotated[float, Field(gt=0)] = 0.2
     """How long a point takes [s], which cuts `job_seconds` into points; `benchmarks/scale.py` measures it."""
+    quantity_seconds: Annotated[float, Field(gt=0)] = 0.04
+    """How long a point's test quantities take [s], of all detectors and axes; it cuts their jobs likewise."""
+
+    packed: bool = False
+    """Whether the recordings of a chunk are kept as one file, not as a file a point; a chunk that is run
+    again then simulates all of its points."""
 
     def points_per_job(self) -> int:
         """Design points that one job simulates."""
         if self.job_seconds is None:
             return self.chunk
         return max(1, round(self.job_seconds / self.point_seconds))
+
+    def quantities_per_job(self) -> int | None:
+        """Design points whose test quantities one job computes; None for all of a robot and test-cycle."""
+        if self.job_seconds is None:
+            return None
+        return max(1, round(self.job_seconds / self.quantity_seconds))
 
     @model_validator(mode="after")
     def _whole_samples(self) -> "SimulationSettings":

@@ -38,6 +38,7 @@ def compute_test_quantities(
     failed_simulations: Mapping[tuple[str, int], str] | None = None,
     report: Callable[[int], None] | None = None,
     time_limit: float | None = None,
+    sizes: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
     """Fit every detector to the nominal batches of each axis, then ask it for each batch.
 
@@ -65,6 +66,8 @@ def compute_test_quantities(
     time_limit : float, optional
         Longest time for a fit or an answer [s]: the detectors run in a process of their own; what takes
         longer or crashes it is counted as a failed point. For this the batches are read there too.
+    sizes : mapping of str to int, optional
+        Points of a whole set, where `designs` holds a chunk of it: the share is of all.
 
     Returns
     -------
@@ -86,7 +89,8 @@ def compute_test_quantities(
     failed = {key: reason for key, reason in (failed_simulations or {}).items() if key in wanted}
     options = vary_options(detectors, designs, factors)
     questions = Questions(batches, detectors, axes, model, nominal, where, wanted, frozenset(failed), options)
-    shares = {name: max_failed_share * len(design) for name, design in designs.items()}
+    sizes = {name: len(design) for name, design in designs.items()} | dict(sizes or {})
+    shares = {name: max_failed_share * size for name, size in sizes.items()}
     answers, complete = collect_answers(questions, shares, time_limit, report)
     results = {key: [answers[key, column] for column in range(len(cells))] for key in complete}
     results |= {key: [(math.nan, f"{NOT_SIMULATED}{failed[key]}")] * len(cells) for key in sorted(failed)}
@@ -100,7 +104,7 @@ def compute_test_quantities(
     for column, (axis, spec) in enumerate(cells):
         outcomes = {key: answers[column] for key, answers in results.items()}
         cell = _tabulate(designs, outcomes, axis, factors)
-        _check_failed_share(cell, f"fda '{spec.name}', {where}, axis {axis}", max_failed_share)
+        check_failed_share(cell, f"fda '{spec.name}', {where}, axis {axis}", max_failed_share, sizes)
         parts.append(cell.assign(robot=robot, cycle=cycle, axis=axis, fda=spec.name))
     names = [factor.name for factor in factors]
     table = pd.concat(parts, ignore_index=True)
@@ -168,14 +172,19 @@ def _tabulate(
     return pd.concat(parts, ignore_index=True)
 
 
-def _check_failed_share(cell: pd.DataFrame, where: str, max_failed_share: float) -> None:
-    # Each set serves a purpose of its own: a fit that misses points is not made good by points of another.
+def check_failed_share(
+    cell: pd.DataFrame, where: str, max_failed_share: float, sizes: Mapping[str, int]
+) -> None:
+    """Refuse a detector that failed at too many points of a set, by the number of points of each set.
+
+    Each set serves a purpose of its own: a fit that misses points is not made good by points of another.
+    """
     for set_name, rows in cell.groupby("set", sort=False):
-        failed = rows[rows["status"] != OK]
-        if len(failed) > max_failed_share * len(rows):
+        failed, size = rows[rows["status"] != OK], sizes[str(set_name)]
+        if len(failed) > max_failed_share * size:
             first = failed.iloc[0]
             raise InputError(
-                f"{where}: failed at {len(failed)} of {len(rows)} {set_name} points, more than the share "
+                f"{where}: failed at {len(failed)} of {size} {set_name} points, more than the share "
                 f"{max_failed_share:g} allowed; first at point {first['point']}: {first['status']}; correct "
                 "the detector, what is simulated, or raise max_failed_share."
             )

@@ -57,6 +57,7 @@ def check_failures(
     points: Mapping[str, Sequence[int]],
     where: str,
     max_failed_share: float,
+    sizes: Mapping[str, int] | None = None,
 ) -> None:
     """Refuse a robot and test-cycle whose simulation failed too often.
 
@@ -70,6 +71,8 @@ def check_failures(
         Robot and test-cycle.
     max_failed_share : float
         Largest share of a set's points whose simulation may fail.
+    sizes : mapping of str to int, optional
+        Points of a whole set, where only some are given: the share is of all.
 
     Raises
     ------
@@ -78,9 +81,10 @@ def check_failures(
     """
     for name, wanted in points.items():
         failed = [int(point) for point in wanted if (name, int(point)) in failures]
-        if len(failed) > max_failed_share * len(wanted):
+        size = (sizes or {}).get(name, len(wanted))
+        if len(failed) > max_failed_share * size:
             raise InputError(
-                f"{where}: the simulation failed at {len(failed)} of {len(wanted)} {name} points, more than "
+                f"{where}: the simulation failed at {len(failed)} of {size} {name} points, more than "
                 f"the share {max_failed_share:g} allowed; first at point {failed[0]}: "
                 f"{failures[name, failed[0]]}; correct the robot, slow the test-cycle down, narrow the "
                 "factors' ranges or raise max_failed_share."

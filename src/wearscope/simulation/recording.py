@@ -112,7 +112,10 @@ def join_units(joints: Sequence[str], units: Sequence[str]) -> str:
 
 
 def read_recording(
-    path: str | Path, joints: Sequence[str] | None = None, fingerprint: str | None = None
+    path: str | Path,
+    joints: Sequence[str] | None = None,
+    fingerprint: str | None = None,
+    content: bytes | None = None,
 ) -> Recording:
     """Read a run, every byte checked.
 
@@ -123,6 +126,8 @@ def read_recording(
         Order of the joints, that of the file by default.
     fingerprint : str, optional
         The recording must have it: another one is of another point, setting or code.
+    content : bytes, optional
+        The recording, where the file holds others too.
 
     Raises
     ------
@@ -131,7 +136,7 @@ def read_recording(
     InputError
         Where it does not hold these joints.
     """
-    table = tables.read_arrow(path, list(COLUMNS))
+    table = tables.read_arrow(path if content is None else content, list(COLUMNS), str(path))
     if fingerprint is not None and _fingerprint(table) != fingerprint:
         raise tables.DamagedFile(
             path, f"{path}: is the recording of another point or setting; delete it and simulate it again."

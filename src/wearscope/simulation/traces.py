@@ -2,9 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wearscope.robots.model import RobotModel
 from wearscope.simulation.recording import Recording, read_recording
+
+if TYPE_CHECKING:
+    from wearscope.simulation.packed import PackedRecordings
 
 
 def point_path(folder: str | Path, set_name: str, point: int) -> Path:
@@ -18,6 +22,7 @@ def read_points(
     points: Sequence[int],
     model: RobotModel,
     fingerprints: Mapping[tuple[str, int], str] | None = None,
+    packed: "PackedRecordings | None" = None,
 ) -> Iterator[tuple[int, Recording]]:
     """Recordings of some points of a set, one at a time.
 
@@ -30,6 +35,8 @@ def read_points(
     model : RobotModel
     fingerprints : mapping of (set, point) to str, optional
         What the recordings must have been made from, see `wearscope.simulation.chunk.fingerprint_point`.
+    packed : PackedRecordings, optional
+        Where they are, if not a file a point in the folder.
 
     Raises
     ------
@@ -38,4 +45,8 @@ def read_points(
     """
     for point in map(int, points):
         wanted = None if fingerprints is None else fingerprints[set_name, point]
-        yield point, read_recording(point_path(folder, set_name, point), model.joints, wanted)
+        if packed:
+            path, content = packed.read(set_name, point)
+            yield point, read_recording(path, model.joints, wanted, content)
+        else:
+            yield point, read_recording(point_path(folder, set_name, point), model.joints, wanted)

@@ -1,0 +1,77 @@
+"""Jobs as long as a cluster likes them: how they are cut shows in no table and no recording."""
+
+import re
+
+import clones
+import pytest
+import yaml
+
+from wearscope.integrity import find_damage
+
+#: 14 points a simulation job, 9 a job of test quantities: no chunk of one ends with one of the other.
+CUT = {"job_seconds": 1.4, "point_seconds": 0.1, "quantity_seconds": 0.155}
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A tree with one study, uncut and cut."""
+    tree = clones.copy_tree(tmp_path_factory.mktemp("job-sizes"))
+    study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
+    for name, simulation in (("uncut", {"chunk": 400}), ("cut", CUT)):
+        (tree / f"{name}.yaml").write_text(yaml.safe_dump(study | {"study": name, "simulation": simulation}))
+    return tree
+
+
+def count_jobs(clone, study, *targets) -> dict[str, int]:
+    text = clones.run_well(clone, "-n", *targets, study=study)
+    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
+
+
+def test_test_quantities_are_cut_as_simulations_are(clone):
+    """15, 15, 19, 7 and 20 points: identification, validation, filling, checking, direct Monte Carlo."""
+    uncut, cut = (count_jobs(clone, f"{name}.yaml", "direct") for name in ("uncut", "cut"))
+    assert "compute_quantity_chunk" not in uncut
+    assert cut["compute_quantity_chunk"] == 2 + 2 + 3 + 1 + 3
+    assert cut["simulate_points"] == 2 + 2 + 2 + 1 + 2 + 1  # and the nominal run
+    assert cut["compute_test_quantities"] == uncut["compute_test_quantities"] == 1
+
+
+@pytest.mark.slow
+def test_a_cut_study_is_the_uncut_one_to_the_byte(clone):
+    direct = "parts/direct_quantities/medium/short_moves.parquet"
+    for name in ("uncut", "cut"):
+        targets = ["test_quantities", f"results/{name}/{direct}"]
+        clones.run_well(clone, *targets, study=f"{name}.yaml")
+        assert not clones.stale(clone, *targets, study=f"{name}.yaml")
+    whole, found = (clones.read_tables(clone / "results" / name) for name in ("uncut", "cut"))
+    chunks = [name for name in found if "quantity_chunks" in name]
+    assert {name: found[name] for name in found if name not in chunks} == whole
+    assert {direct, "test_quantities.parquet"} <= whole.keys()
+    sets = {re.search(r"/(\w+)-\d+\.parquet", name)[1] for name in chunks if "failed" not in name}
+    assert sets == {"identification", "validation", "filling", "checking", "direct"}
+
+
+@pytest.mark.slow
+def test_packed_recordings_are_those_of_files_a_point(clone):
+    """A file a chunk, checked and made again as any other: the same tables and recordings."""
+    study = yaml.safe_load((clone / "cut.yaml").read_text())
+    study |= {"study": "packed", "simulation": CUT | {"packed": True}}
+    (clone / "packed.yaml").write_text(yaml.safe_dump(study))
+    results = clone / "results/packed"
+    clones.run_well(clone, "test_quantities", study="packed.yaml")
+    assert not list(results.rglob("recording.parquet")) and not list(results.rglob("point=*"))
+    assert not clones.stale(clone, "test_quantities", study="packed.yaml")
+    assert not list(find_damage(results))
+    pack = next(results.rglob("filling/_chunk-0.tar"))
+    content = pack.read_bytes()
+    pack.write_bytes(content[:3000] + bytes([content[3000] ^ 1]) + content[3001:])
+    assert [error.path for error in find_damage(results)] == [pack]
+    for table in results.rglob("*.parquet"):
+        if "quantities" in str(table):
+            table.unlink()
+    assert "set aside" in clones.run(clone, "test_quantities", study="packed.yaml").stderr
+    clones.run_well(clone, "test_quantities", study="packed.yaml")
+    assert pack.read_bytes() == content
+    kept = clones.read_carried(results)
+    whole = clones.read_tables(clone / "results/cut")
+    assert kept == {name: whole[name] for name in whole if "direct" not in name}
