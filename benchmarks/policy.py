@@ -1,112 +1,228 @@
 """What the rule's numbers are worth: each halved and doubled, on development cases of the attribution board.
 
-    python benchmarks/policy.py [--cases 24] [--seed 71] [--seconds 12] [--jobs 2] [--out FILE]
+    python benchmarks/policy.py [--cases 60] [--seed 81] [--seconds 20] [--out FILE]
+    python benchmarks/policy.py --table FILE
 
-A case is diagnosed once with the numbers as they are and twice for each of them; cases that then take longer
-than `--seconds` are left out, and counted. Printed: for each number, of how many cases the names change, and
-how many planted cases are exact, required effects are named, entries are extra. A number that may not be
-doubled takes its largest value.
+A case is diagnosed once with the numbers as they are and twice for each of them; cases whose search takes
+longer than `--seconds` of one core are left out, and counted. What the searches of one case have in common is
+worked out once (`benchmarks/remembering.py`). A line a case goes to `--out` as it comes, and cases that stand
+there are not run again. Printed: for each number, of how many cases the names change, and how many planted cases
+are exact, required effects are named, entries are extra. A number that may not be doubled takes its largest
+value.
 """
 
 import argparse
+import gc
 import json
-import os
+import re
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest.mock import patch
 
 from pydantic import ValidationError
+from remembering import remember
 
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import score_case
-from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop import diagnosis
+from wearscope.closed_loop.selection import evidence, generic, naming, revision, rule, search
 from wearscope.closed_loop.selection.policy import Policy
 
 #: Not numbers of the rule.
 _LEFT_OUT = ("seed",)
 #: What a share takes where its double is none.
 _LARGEST = 0.999
+#: Numbers that stand beside what they decide and not in the rule.
+_ELSEWHERE = {
+    diagnosis: ("_ZERO",),
+    evidence: ("_INFORMS",),
+    generic: ("_MOST", "_DOUBTED", "_CLEARLY", "_OUTSIDE", "_PLAINLY", "_ROUGHLY"),
+    naming: ("_NEAR",),
+    revision: ("_IMITATED", "_NEAR", "_HOPELESS"),
+    search: ("_PASSES", "_NEAR", "_HOPELESS", "_SETTLED"),
+}
 
 
-def list_policies():
-    """Policies by number and factor; the present one under ``as it is``."""
-    today = Policy()
-    policies = {"as it is": today}
-    for name, value in today.model_dump().items():
-        if name in _LEFT_OUT:
-            continue
-        for word, factor in (("halved", 0.5), ("doubled", 2.0)):
-            changed = round(value * factor) if isinstance(value, int) else value * factor
+class TakesTooLong(Exception):
+    """A search with the numbers as they are goes on beyond the time that it may take."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Numbers of the rule of which one is another one."""
+
+    policy: Policy = field(default_factory=Policy)
+    module: ModuleType | None = None
+    constant: str = ""
+    value: float = 0.0
+
+    @contextmanager
+    def put(self) -> Iterator[Policy]:
+        """Put the number where it is read."""
+        with ExitStack() as stack:
+            if self.module is not None:
+                stack.enter_context(patch.object(self.module, self.constant, self.value))
+            yield self.policy
+
+
+def list_variants() -> dict[str, Variant]:
+    """Variants by number and factor; the present one under ``as it is``, those that cost most at the end."""
+    variants = {"as it is": Variant()}
+    constants = [(rule, name) for name in vars(rule) if re.fullmatch(r"_[A-Z_]+", name)]
+    constants += [(module, name) for module, names in _ELSEWHERE.items() for name in names]
+    words = {"halved": 0.5, "doubled": 2.0}
+    for module, name in constants:
+        for word, factor in words.items():
+            short = "" if module is rule else module.__name__.rpartition(".")[2] + "."
+            value = _scale(getattr(module, name), factor)
+            variants[f"{short}{name} {word}"] = Variant(module=module, constant=name, value=value)
+    for name, value in Policy().model_dump(exclude=set(_LEFT_OUT)).items():
+        for word, factor in words.items():
             try:
-                policies[f"{name} {word}"] = Policy(**{name: changed})
+                policy = Policy(**{name: _scale(value, factor)})
             except ValidationError:
-                policies[f"{name} {word}"] = Policy(**{name: _LARGEST})
-    return policies
+                policy = Policy(**{name: _LARGEST})
+            variants[f"{name} {word}"] = Variant(policy)
+    return variants
 
 
-def try_case(limit, case):
-    """Scores of one case by policy; None where it takes too long or cannot be made."""
+def _scale(value: float, factor: float) -> float:
+    return max(1, round(value * factor)) if isinstance(value, int) else value * factor
+
+
+def diagnose_variants(
+    path: Path, score: Callable[[dict], dict], limit: float = float("inf")
+) -> Iterator[tuple[str, dict, float]]:
+    """Name, score and seconds of one core of every variant on a data set.
+
+    Parameters
+    ----------
+    path : Path
+        Of its ``dataset.yaml``.
+    score : callable
+        What is kept of a verdict.
+    limit : float
+        Seconds of one core that the search may take with the numbers as they are.
+
+    Raises
+    ------
+    TakesTooLong
+    """
+    problem = diagnosis.pose_problem(path)
+    started = time.process_time()
+
+    def stop(_: str) -> None:
+        if first and time.process_time() - started > limit:
+            raise TakesTooLong
+
+    scores: dict[tuple, dict] = {}
+    first = True
+    with remember() as memory:
+        for name, variant in list_variants().items():
+            begun = time.process_time()
+            with variant.put() as policy:
+                tried = search.Search(problem, policy, stop)
+                answer = diagnosis.find_terms(tried)
+                stop("")
+                key = tell_answer(tried, answer)
+                if key not in scores:
+                    scores[key] = score(diagnosis.conclude(tried, answer).verdict)
+            yield name, scores[key], time.process_time() - begun
+            first = False
+            memory.limit()
+
+
+def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
+    """All that a verdict depends on but its rule's numbers."""
+
+    def tell(e: evidence.Evidence) -> tuple:
+        return (e.chosen.candidate, e.chosen.subset, e.joint, e.gain, e.share, e.fitted, e.refusal)
+
+    return (
+        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)), diagnosis._ZERO,
+        tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in answer.found),
+        tuple(map(tuple, answer.equivalent)),
+        tuple((joint, tell(e)) for joint, e in sorted(answer.left.items())),
+    )  # fmt: skip
+
+
+def try_case(case: Any, limit: float) -> dict[str, Any]:
+    """Scores of one case by variant; why there are none where it takes too long or cannot be made."""
+    line: dict[str, Any] = {"case": case.number, "told": case.tell(), "scores": {}, "seconds": {}, "why": ""}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / case.name
         try:
             truth = generate_dataset(folder, case.machine, case.planted, case.seed, case.recipe)
         except Exception as problem:
-            return None, f"not made: {problem}"
-        scores = {}
-        for name, policy in list_policies().items():
-            started = time.process_time()
-            verdict = diagnose(folder / "dataset.yaml", policy=policy).verdict
+            return line | {"why": f"not made: {problem}"}
+
+        def score(verdict: dict) -> dict:
             row = score_case(truth, verdict)[0]
-            names = sorted((e["joint"], e["effect"]) for e in verdict["verdict"])
-            scores[name] = {
-                "names": names, "null": row["null"], "exact": row["exact"], "extra": row["extra"],
-                "required": row["required"], "named": row["named"],
-            }  # fmt: skip
-            if not scores.keys() - {"as it is"} and time.process_time() - started > limit:
-                return None, "too long"
-        return scores, ""
+            names = sorted([e["joint"], e["effect"]] for e in verdict["verdict"])
+            kept = ("null", "exact", "extra", "required", "named")
+            return {"names": names} | {key: row[key] for key in kept}
+
+        try:
+            for name, found, seconds in diagnose_variants(folder / "dataset.yaml", score, limit):
+                line["scores"][name], line["seconds"][name] = found, round(seconds, 2)
+        except TakesTooLong:
+            return line | {"why": "took too long"}
+    return line
 
 
-def print_table(results):
-    """Markdown: a row a policy."""
-    kept = [scores for scores, _ in results if scores]
-    why = sorted({text for scores, text in results if not scores})
-    print(f"{len(kept)} of {len(results)} cases ({'; '.join(why) or 'none left out'})\n")
+def print_table(lines: list[dict]) -> None:
+    """Markdown: a row a variant."""
+    kept = [line["scores"] for line in lines if line["scores"]]
+    why = [line["why"].split(":")[0] for line in lines if line["why"]]
+    left = ", ".join(f"{why.count(text)} {text}" for text in sorted(set(why)))
+    print(f"{len(kept)} of {len(lines)} cases ({left or 'none left out'})\n")
     print("| number | names change in | exact, planted | required named | extra, planted | false, nulls |")
     print("|---|---|---|---|---|---|")
-    for name in list_policies():
+    for name in kept[0] if kept else ():
         planted = [s[name] for s in kept if not s[name]["null"]]
         nulls = [s[name] for s in kept if s[name]["null"]]
         changed = sum(s[name]["names"] != s["as it is"]["names"] for s in kept)
         print(
-            f"| {name} | {changed} | {sum(s['exact'] for s in planted)}/{len(planted)} "
+            f"| {name} | {changed} | {sum(bool(s['exact']) for s in planted)}/{len(planted)} "
             f"| {sum(s['named'] for s in planted)}/{sum(s['required'] for s in planted)} "
             f"| {sum(s['extra'] > 0 for s in planted)} | {sum(s['extra'] > 0 for s in nulls)}/{len(nulls)} |"
         )
 
 
-def main():
+def read_lines(path: Path) -> list[dict]:
+    """Cases that stand in a file."""
+    return (
+        [json.loads(text) for text in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    )
+
+
+def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=24)
-    parser.add_argument("--seed", type=int, default=71)
-    parser.add_argument("--seconds", type=float, default=12.0)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out")
+    parser.add_argument("--cases", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=81)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--out", type=Path, default=Path("policy.jsonl"))
+    parser.add_argument("--table", type=Path)
     args = parser.parse_args()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    cases = list_cases("development", args.cases, args.seed)
-    results = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for number, found in enumerate(pool.map(partial(try_case, args.seconds), cases), start=1):
-            results.append(found)
-            print(f"case {number} of {len(cases)} {found[1]}", flush=True)
-    print_table(results)
-    if args.out:
-        Path(args.out).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    if args.table is None:
+        there = {line["case"] for line in read_lines(args.out)}
+        for case in list_cases("development", args.cases, args.seed):
+            if case.number in there:
+                continue
+            line = try_case(case, args.seconds)
+            gc.collect()
+            with args.out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            print(f"case {case.number}: {line['why'] or sum(line['seconds'].values())}", flush=True)
+    print_table(read_lines(args.table or args.out))
 
 
 if __name__ == "__main__":

@@ -109,18 +109,31 @@ def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndar
 def weigh_generic(
     search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
 ) -> list[Evidence]:
-    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
+    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
+    policy, by_run = search.policy, assembly.layout.folds.by_run
+    weighed = try_generic(terms, assembly, joints, policy.unknown_share, search.flips)
+    wide = [(-np.inf, np.inf)] * LEVELS[-1]
+    return [
+        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
+        for e in search.compare_whole(weighed)
+    ]
+
+
+def try_generic(
+    terms: GenericTerms, assembly: Assembly, joints: list[int], share: float, flips: np.ndarray
+) -> list[Evidence]:
+    """The same before it is judged, on what removes at least a share of its joint's loss.
 
     A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to
     others. Those that remove too little even of the rows that they are fitted on are counted and not
     weighed.
     """
-    policy, by_run = search.policy, assembly.layout.folds.by_run
+    by_run = assembly.layout.folds.by_run
     weighed: list[Evidence] = []
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        least = policy.unknown_share * assembly.sample_losses[joint]
+        least = share * assembly.sample_losses[joint]
         for rough in terms.roughly(joint):
             count += 1
             if not by_run and rough.count > COARSE:
@@ -129,14 +142,9 @@ def weigh_generic(
                 continue
             candidate = _scale(terms.exactly(rough), sigma)
             if _gain(assembly, candidate) >= least:
-                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
+                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), flips))
     tried = max(1.0, count / max(len(weighed), 1))
-    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
-    wide = [(-np.inf, np.inf)] * LEVELS[-1]
-    return [
-        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
-        for e in weighed
-    ]
+    return adjust_p_values([replace(e, tried=tried) for e in weighed])
 
 
 def _scale(candidate: Candidate, sigma: float) -> Candidate:
