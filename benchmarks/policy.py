@@ -1,14 +1,14 @@
 """What the rule's numbers are worth: each halved and doubled, on development cases of the attribution board.
 
-    python benchmarks/policy.py [--cases 60] [--seed 81] [--seconds 20] [--out FILE]
-    python benchmarks/policy.py --table FILE
+    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 20] [--out FILE]
+    python -m benchmarks.policy --table FILE
 
 A case is diagnosed once with the numbers as they are and twice for each of them; cases whose search takes
 longer than `--seconds` of one core are left out, and counted. What the searches of one case have in common is
 worked out once (`benchmarks/remembering.py`). A line a case goes to `--out` as it comes, and cases that stand
-there are not run again. Printed: for each number, of how many cases the names change, and how many planted cases
-are exact, required effects are named, entries are extra. A number that may not be doubled takes its largest
-value.
+there are not run again. Printed: for each number, of how many cases the names change, and how many planted
+cases are exact, required effects are named, entries are extra. A number that may not be doubled takes its
+largest value.
 """
 
 import argparse
@@ -26,8 +26,8 @@ from typing import Any
 from unittest.mock import patch
 
 from pydantic import ValidationError
-from remembering import remember
 
+from benchmarks.remembering import remember
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import score_case
@@ -98,18 +98,19 @@ def _scale(value: float, factor: float) -> float:
 
 
 def diagnose_variants(
-    path: Path, score: Callable[[dict], dict], limit: float = float("inf")
+    path: Path, variants: dict[str, Variant], score: Callable[[dict], dict], limit: float = float("inf")
 ) -> Iterator[tuple[str, dict, float]]:
-    """Name, score and seconds of one core of every variant on a data set.
+    """Name, score and seconds of one core of each variant on a data set.
 
     Parameters
     ----------
     path : Path
         Of its ``dataset.yaml``.
+    variants : dict of str to Variant
     score : callable
         What is kept of a verdict.
     limit : float
-        Seconds of one core that the search may take with the numbers as they are.
+        Seconds of one core that the first one's search may take.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def diagnose_variants(
     scores: dict[tuple, dict] = {}
     first = True
     with remember() as memory:
-        for name, variant in list_variants().items():
+        for name, variant in variants.items():
             begun = time.process_time()
             with variant.put() as policy:
                 tried = search.Search(problem, policy, stop)
@@ -170,7 +171,8 @@ def try_case(case: Any, limit: float) -> dict[str, Any]:
             return {"names": names} | {key: row[key] for key in kept}
 
         try:
-            for name, found, seconds in diagnose_variants(folder / "dataset.yaml", score, limit):
+            path, variants = folder / "dataset.yaml", list_variants()
+            for name, found, seconds in diagnose_variants(path, variants, score, limit):
                 line["scores"][name], line["seconds"][name] = found, round(seconds, 2)
         except TakesTooLong:
             return line | {"why": "took too long"}

@@ -1,10 +1,11 @@
 """Searches of one problem under many numbers of the rule, what they have in common worked out once.
 
-`remember` puts memories in front of the pure functions that a search spends its time in: normal equations, the
-evidence on a candidate, its shape, drifts, reversals, generic terms. Outcomes are kept by the very objects that
-they depend on, and a function that meets the same objects again gives the outcome itself: a search takes the same
-steps and ends with the same bits as without. What the rule says is asked anew every time; what is remembered
-reads no number of it but two, which are part of what the outcomes are kept by (`_INFORMS`, `_ROUGHLY`).
+`remember` puts memories in front of the pure functions that a search spends its time in: normal equations,
+the evidence on a candidate, its shape, drifts, reversals, generic terms. Outcomes are kept by the very
+objects that they depend on, and a function that meets the same objects again gives the outcome itself: a
+search takes the same steps and ends with the same bits as without. What the rule says is asked anew every
+time; what is remembered reads no number of it but two, which are part of what the outcomes are kept by
+(`_INFORMS`, `_ROUGHLY`).
 """
 
 import os
@@ -104,12 +105,7 @@ class LateAssembly(Assembly):
     def forget(self) -> None:
         """Keep what it is of, and small outcomes."""
         layout, target, chosen, sigma, joints = self._asked
-        stays = {
-            "_memory": self._memory,
-            "_asked": self._asked,
-            "_added": self._added,
-            "_losses": self._losses,
-        }
+        stays = {name: self.__dict__[name] for name in ("_memory", "_asked", "_added", "_losses")}
         self.__dict__.clear()
         self.__dict__.update(stays)
         if joints is not None:
@@ -175,8 +171,8 @@ def remember() -> Iterator[Memory]:
     def refine_once(problem: Any, assembly: Any, e: Evidence, flips: Any) -> Evidence:
         key = ("refine", problem, assembly, e.chosen.candidate, e.chosen.subset, e.gain, len(flips))
         key = (*key, evidence._INFORMS)
-        finer = take(key, lambda: (lambda f: None if f is e else f)(refine(problem, assembly, e, flips)))
-        if finer is None:
+        first, finer = take(key, lambda: (e, refine(problem, assembly, e, flips)))
+        if finer is first:
             return e
         return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
 
