@@ -4,8 +4,8 @@
 the evidence on a candidate, its shape, drifts, reversals, generic terms. Outcomes are kept by the very
 objects that they depend on, and a function that meets the same objects again gives the outcome itself: a
 search takes the same steps and ends with the same bits as without. What the rule says is asked anew every
-time; what is remembered reads no number of it but two, which are part of what the outcomes are kept by
-(`_INFORMS`, `_ROUGHLY`).
+time; what is remembered reads no number of it but one, `_INFORMS`, which is part of what the outcomes are
+kept by.
 """
 
 import os
@@ -188,16 +188,7 @@ def remember() -> Iterator[Memory]:
         return list(take(key, lambda: list_candidates(problem, assembly, joints)))
 
     def generic_once(terms: Any, assembly: Any, joints: Any, share: float, flips: Any) -> Any:
-        key = (
-            "generic",
-            terms,
-            assembly,
-            tuple(joints),
-            share,
-            len(flips),
-            evidence._INFORMS,
-            generic._ROUGHLY,
-        )
+        key = ("generic", terms, assembly, tuple(joints), share, len(flips), evidence._INFORMS)
         return take(key, lambda: try_generic(terms, assembly, joints, share, flips))
 
     def terms_once(prepared: Any, joined: Any) -> GenericTerms:

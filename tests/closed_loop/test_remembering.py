@@ -38,9 +38,8 @@ def test_verdicts_of_searches_that_remember_are_those_of_searches_that_do_not(re
     assert any(found[name] != found["as it is"] for name in TRIED)
 
 
-def test_every_number_of_the_rule_is_halved_and_doubled_and_put_back():
+def test_every_number_of_the_rule_is_changed_and_put_back():
     variants = list_variants()
-    assert len(variants) % 2 == 1
     for name, variant in variants.items():
         if variant.module is None:
             assert (variant.policy == variants["as it is"].policy) == (name == "as it is")
