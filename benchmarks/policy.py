@@ -1,6 +1,6 @@
 """What the rule's numbers are worth: each halved, doubled and taken out, on development cases of the board.
 
-    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 15] [--out FILE]
+    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--out FILE]
     python -m benchmarks.policy --table FILE
 
 A case is diagnosed once with the numbers as they are and two or three times for each of them; cases whose
@@ -194,22 +194,40 @@ def try_case(case: Any, limit: float) -> dict[str, Any]:
 
 
 def print_table(lines: list[dict]) -> None:
-    """Markdown: a row a variant."""
+    """Markdown: a row a number that changes names, with what comes of it halved / doubled / taken out."""
     kept = [line["scores"] for line in lines if line["scores"]]
     why = [line["why"].split(":")[0] for line in lines if line["why"]]
     left = ", ".join(f"{why.count(text)} {text}" for text in sorted(set(why)))
     print(f"{len(kept)} of {len(lines)} cases ({left or 'none left out'})\n")
     print("| number | names change in | exact, planted | required named | extra, planted | false, nulls |")
     print("|---|---|---|---|---|---|")
+    numbers: dict[str, list[str]] = {}
     for name in kept[0] if kept else ():
-        planted = [s[name] for s in kept if not s[name]["null"]]
-        nulls = [s[name] for s in kept if s[name]["null"]]
-        changed = sum(s[name]["names"] != s["as it is"]["names"] for s in kept)
-        print(
-            f"| {name} | {changed} | {sum(bool(s['exact']) for s in planted)}/{len(planted)} "
-            f"| {sum(s['named'] for s in planted)}/{sum(s['required'] for s in planted)} "
-            f"| {sum(s['extra'] > 0 for s in planted)} | {sum(s['extra'] > 0 for s in nulls)}/{len(nulls)} |"
-        )
+        numbers.setdefault(name.rsplit(" ", 2 if name.endswith("out") else 1)[0], []).append(name)
+    idle = []
+    for number, names in numbers.items():
+        columns = list(zip(*(_count(kept, name) for name in names), strict=True))
+        if number != "as it" and not any(map(int, columns[0])):
+            idle.append(number)
+            continue
+        shown = " | ".join(" / ".join(map(str, column)) for column in columns)
+        print(f"| {'as it is' if number == 'as it' else f'`{number}`'} | {shown} |")
+    print(f"\nNo name changes with {', '.join(f'`{number}`' for number in idle)}.")
+
+
+def _count(kept: list[dict], name: str) -> tuple[str, ...]:
+    """Cells of a variant: names change, exact, required named, extra, false in nulls."""
+    planted = [s[name] for s in kept if not s[name]["null"]]
+    nulls = [s[name] for s in kept if s[name]["null"]]
+    changed = sum(s[name]["names"] != s["as it is"]["names"] for s in kept)
+    counts = (
+        changed,
+        sum(bool(s["exact"]) for s in planted),
+        sum(s["named"] for s in planted),
+        sum(s["extra"] > 0 for s in planted),
+        sum(s["extra"] > 0 for s in nulls),
+    )
+    return tuple(map(str, counts))
 
 
 def read_lines(path: Path) -> list[dict]:
@@ -224,7 +242,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=60)
     parser.add_argument("--seed", type=int, default=81)
-    parser.add_argument("--seconds", type=float, default=15.0)
+    parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=Path("policy.jsonl"))
     parser.add_argument("--table", type=Path)
     args = parser.parse_args()
