@@ -199,7 +199,13 @@ def print_table(lines: list[dict]) -> None:
     why = [line["why"].split(":")[0] for line in lines if line["why"]]
     left = ", ".join(f"{why.count(text)} {text}" for text in sorted(set(why)))
     print(f"{len(kept)} of {len(lines)} cases ({left or 'none left out'})\n")
-    print("| number | names change in | exact, planted | required named | extra, planted | false, nulls |")
+    first = [scores["as it is"] for scores in kept]
+    nulls = sum(s["null"] for s in first)
+    required = sum(s["required"] for s in first if not s["null"])
+    print(
+        f"| number | names change in, of {len(kept)} | exact, of {len(kept) - nulls} | required named, of "
+        f"{required} | extra, of {len(kept) - nulls} | false, of {nulls} nulls |"
+    )
     print("|---|---|---|---|---|---|")
     numbers: dict[str, list[str]] = {}
     for name in kept[0] if kept else ():
