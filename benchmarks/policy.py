@@ -34,6 +34,7 @@ from wearscope.attribution_board.score import score_case
 from wearscope.closed_loop import diagnosis
 from wearscope.closed_loop.selection import evidence, generic, naming, revision, rule, search
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.errors import InputError
 
 #: Not numbers of the rule.
 _LEFT_OUT = ("seed",)
@@ -190,6 +191,8 @@ def try_case(case: Any, limit: float) -> dict[str, Any]:
                 line["scores"][name], line["seconds"][name] = found, round(seconds, 2)
         except TakesTooLong:
             return line | {"why": "took too long"}
+        except InputError as problem:
+            return line | {"why": f"refused: {problem}"}
     return line
 
 
