@@ -106,23 +106,10 @@ def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndar
     return np.concatenate([x[:, : int(shapes[0, -1])] for x in parts])
 
 
-def weigh_generic(
-    search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
-) -> list[Evidence]:
-    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
-    policy, by_run = search.policy, assembly.layout.folds.by_run
-    weighed = try_generic(terms, assembly, joints, policy.unknown_share, search.flips)
-    wide = [(-np.inf, np.inf)] * LEVELS[-1]
-    return [
-        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
-        for e in search.compare_whole(weighed)
-    ]
-
-
 def try_generic(
     terms: GenericTerms, assembly: Assembly, joints: list[int], share: float, flips: np.ndarray
-) -> list[Evidence]:
-    """The same before it is judged, on what removes at least a share of its joint's loss.
+) -> tuple[list[Evidence], float]:
+    """Evidence on what removes a share of its joint's loss, and how many were tried for each of them.
 
     A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to
     others. Those that remove too little even of the rows that they are fitted on are counted and not
@@ -143,8 +130,21 @@ def try_generic(
             candidate = _scale(terms.exactly(rough), sigma)
             if _gain(assembly, candidate) >= least:
                 weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), flips))
-    tried = max(1.0, count / max(len(weighed), 1))
-    return adjust_p_values([replace(e, tried=tried) for e in weighed])
+    return weighed, max(1.0, count / max(len(weighed), 1))
+
+
+def weigh_generic(
+    search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
+) -> list[Evidence]:
+    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
+    policy, by_run = search.policy, assembly.layout.folds.by_run
+    weighed, tried = try_generic(terms, assembly, joints, policy.unknown_share, search.flips)
+    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
+    wide = [(-np.inf, np.inf)] * LEVELS[-1]
+    return [
+        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
+        for e in weighed
+    ]
 
 
 def _scale(candidate: Candidate, sigma: float) -> Candidate:
