@@ -253,12 +253,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=81)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=Path("policy.jsonl"))
+    parser.add_argument(
+        "--case", type=int, nargs="*", help="numbers of those to run; all where none is given"
+    )
     parser.add_argument("--table", type=Path)
     args = parser.parse_args()
     if args.table is None:
         there = {line["case"] for line in read_lines(args.out)}
         for case in list_cases("development", args.cases, args.seed):
-            if case.number in there:
+            if case.number in there or (args.case and case.number not in args.case):
                 continue
             line = try_case(case, args.seconds)
             gc.collect()
