@@ -1,6 +1,6 @@
 """What the rule's numbers are worth: each halved, doubled and taken out, on development cases of the board.
 
-    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--out FILE]
+    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--case K ...] [--out FILE]
     python -m benchmarks.policy --table FILE
 
 A case is diagnosed once with the numbers as they are and two or three times for each of them; cases whose
