@@ -344,8 +344,8 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     assert not weigh(assembly, slow, (0,), search.flips).alone
 
 
-def test_standard_terms_are_asked_by_fifths_where_there_are_two_recordings(record, pose):
-    for runs, folds in ((2, 5), (3, 3), (1, 5)):
-        layout = Search(pose(record(seed=1, runs=runs + 1, duration=6.0)), Policy(flips=99)).problem.layout
-        assert len(layout.for_standard.folds.test) == folds
-        assert (layout.for_standard is layout) is (runs != 2)
+@pytest.mark.parametrize(("runs", "folds"), [(1, 5), (2, 5), (3, 3)])
+def test_standard_terms_are_asked_by_fifths_where_there_are_two_recordings(record, pose, runs, folds):
+    layout = Search(pose(record(seed=1, runs=runs + 1, duration=6.0)), Policy(flips=99)).problem.layout
+    assert len(layout.for_standard.folds.test) == folds
+    assert (layout.for_standard is layout) is (runs != 2)
