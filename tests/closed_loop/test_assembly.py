@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.model.blocks import Block, make_folds
+from wearscope.closed_loop.model.blocks import Block, hold_out_parts, make_folds
 from wearscope.closed_loop.selection import assembly as assembly_module
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import weigh
@@ -94,6 +94,21 @@ def test_the_model_is_penalised_least_squares(assembly):
     kept = assembly.layout.keep
     own = (assembly.residual / assembly.sigma * kept).ravel()
     np.testing.assert_allclose(own, y - x @ assembly.theta, atol=1e-8)
+
+
+def test_what_is_known_elsewhere_and_a_joints_own_rows_are_all_that_is_known(assembly):
+    """Its information, with the parameters felt elsewhere alone left free, and the own rows give the fit."""
+    x, _, precision, _ = dense(assembly)
+    w = assembly.layout.keep / assembly.sigma
+    for joint in range(assembly.target.shape[1]):
+        k = assembly.at[joint]
+        own = assembly.columns[joint] * w[:, [joint]]
+        known = assembly.know_elsewhere(joint)
+        np.testing.assert_allclose(known, known.T, rtol=1e-6, atol=1e-9 * np.abs(known).max())
+        covariance = np.linalg.inv(x.T @ x + precision + 1e-10 * np.diag(np.diag(x.T @ x) + 1e-12))
+        both = np.linalg.inv(known + own.T @ own)
+        scale = np.sqrt(np.outer(np.diag(both), np.diag(both)))
+        np.testing.assert_allclose(both / scale, covariance[np.ix_(k, k)] / scale, atol=1e-4)
 
 
 def test_held_out_losses_are_those_of_refits(assembly):
@@ -251,3 +266,51 @@ def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(
         assert calls["_solve"] == 1 + folds
         assert calls["add"] == 2 * (1 + folds)
     assert counted[25]["add"] < 3 * counted[4]["add"]
+
+
+def test_folds_of_one_run_give_joints_that_move_in_turn_their_share():
+    """Three joints, one after the other; where all move all the time, fifths are contiguous as ever."""
+    blocks = [Block(0, 10 * k, 10 * k + 10) for k in range(60)]
+    files = ["one.csv"]
+    in_turn = np.zeros((60, 3))
+    for j in range(3):
+        in_turn[20 * j : 20 * j + 20, j] = 1.0
+    together = make_folds(blocks, files, np.ones((60, 3)))
+    for folds in (together, make_folds(blocks, files), make_folds(blocks, files, np.zeros((60, 3)))):
+        np.testing.assert_array_equal(folds.parts, np.arange(60) // 12)
+    folds = make_folds(blocks, files, in_turn)
+    for j in range(3):
+        assert len(set(folds.parts[in_turn[:, j] > 0])) >= 4
+    assert sorted(np.bincount(folds.parts)) == [12] * 5
+    for train, test in zip(folds.train, folds.test, strict=True):
+        # A block's gap on either side, and every joint in what is fitted.
+        assert not (train[1:] & test[:-1]).any() and not (train[:-1] & test[1:]).any()
+        assert (in_turn[train].sum(axis=0) > 0).all()
+
+
+def test_parts_are_held_out_of_two_recordings_for_what_every_joint_has():
+    """Two recordings, the second in two pieces: eight parts, a block's gap within a piece, nothing else."""
+    blocks = [Block(r, 10 * k, 10 * k + 10) for r, count in ((0, 20), (1, 8), (2, 12)) for k in range(count)]
+    folds = make_folds(blocks, ["a.csv", "b.csv", "b.csv"])
+    assert folds.by_run and len(folds.test) == 2
+    parts = hold_out_parts(blocks, folds)
+    assert parts.by_run and not parts.agree_by_run
+    np.testing.assert_array_equal(parts.test.astype(int).sum(axis=0), 1)
+    np.testing.assert_array_equal(parts.test, [folds.parts == k for k in range(8)])
+    assert [int((~train & ~test).sum()) for train, test in zip(parts.train, parts.test, strict=True)] == [
+        1, 2, 2, 1, 1, 2, 2, 1,
+    ]  # fmt: skip
+    pieces = np.array([block.run for block in blocks])
+    for train, test in zip(parts.train, parts.test, strict=True):
+        assert not (train & test).any()
+        at = np.flatnonzero(test)
+        for edge, beside in ((at[0], at[0] - 1), (at[-1], at[-1] + 1)):
+            if 0 <= beside < len(blocks):
+                assert train[beside] == (pieces[beside] != pieces[edge])
+
+
+@pytest.mark.parametrize("files", [["a"], ["a", "b", "c"]])
+def test_standard_terms_are_asked_like_others_of_one_recording_or_three(files):
+    blocks = [Block(r, 10 * k, 10 * k + 10) for r in range(len(files)) for k in range(20)]
+    folds = make_folds(blocks, files)
+    assert hold_out_parts(blocks, folds) is folds

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.policy import Policy
@@ -111,6 +112,33 @@ def test_an_effect_is_significant_beside_a_walk(record, search_of):
     nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
     stribeck = Chosen(candidate.at(nearest), (0,))
     assert drift_p_value(search.assemble(()), stribeck, 0, search.flips) < 1e-4
+
+
+def test_what_other_joints_know_of_a_term_absorbs_nothing(record, search_of):
+    """A term felt at both joints: columns next to nothing here, or fixed there, take no evidence away."""
+    folder = record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk)
+    search = search_of(folder)
+    candidate = search.problem.candidate(load_effect("stribeck"), 0)
+    nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
+    stribeck = Chosen(candidate.at(nearest), (0,))
+    plain = search.assemble(())
+    alone = drift_p_value(plain, stribeck, 0, search.flips)
+    rows = stribeck.rows[0]
+    rng = np.random.default_rng(8)
+
+    def ask(here, there):
+        spread = Candidate(load_effect("inertial_error"), 1, ((),), (0, 1), (here, there))
+        chosen = (*plain.chosen, Chosen(spread, (0,)))
+        beside = Assembly(plain.layout, plain.target, chosen, plain.sigma)
+        return drift_p_value(beside, stribeck, 0, search.flips)
+
+    noise = rng.standard_normal((len(rows), 1))
+    for tiny in (1e-5, 1e-10, 1e-14):
+        assert ask(tiny * rows, noise) < 10 * alone
+    # The same torque here, and much more of it at the other joint, whose rows fix it.
+    assert ask(rows, 1e3 * noise) < 10 * alone
+    # Felt here alone it is the term itself.
+    assert ask(rows, 0.0 * noise) > 0.5
 
 
 def test_an_offset_is_not_told_from_the_levels_of_a_walk(record, search_of):

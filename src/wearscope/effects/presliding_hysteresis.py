@@ -28,7 +28,17 @@ EFFECT = Effect(
         "reversal_{joint}",
     ),
     row=_row,
-    shape=(Parameter("displacement", "{position}", lower=1e-12, default=1e-3),),
+    shape=(
+        # A gear's teeth and a bearing's balls give way by minutes of arc, a belt or a seal by a few degrees.
+        Parameter(
+            "displacement",
+            "{position}",
+            lower=1e-12,
+            default=1e-3,
+            believable=(0.0, 0.15),
+            believable_prismatic=(0.0, 0.02),
+        ),
+    ),
     n_states=1,
     search=_search,
     parents=("coulomb",),

@@ -139,7 +139,7 @@ def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int
         return []
     e = left[joint]
     depends = name_signals(e.term.shape, prepared.dataset.joints, joint)
-    return [_Seen(e.share, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+    return [_Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
 
 
 def _from_trees(

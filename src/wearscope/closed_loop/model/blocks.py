@@ -99,6 +99,23 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
     return Folds(~near, test, False, parts, False)
 
 
+def hold_out_parts(blocks: list[Block], folds: Folds) -> Folds:
+    """The same with parts held out in turn where there are two recordings, a block's gap on either side.
+
+    Each of the two has a motion of its own, and fitted on one alone a model may lack what only the other
+    shows. What every joint has need not be shown along a motion that it was not fitted on.
+    """
+    if not folds.by_run or folds.agree_by_run:
+        return folds
+    test = np.array([folds.parts == k for k in range(int(folds.parts.max()) + 1)])
+    run = np.array([block.run for block in blocks])
+    beside = run[1:] == run[:-1]
+    near = test.copy()
+    near[:, 1:] |= test[:, :-1] & beside
+    near[:, :-1] |= test[:, 1:] & beside
+    return Folds(~near, test, True, folds.parts, False)
+
+
 def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:
     """Part (B,) of each block of a single run: every joint moves in enough of them, if that can be."""
     blocks = len(motion)

@@ -161,6 +161,20 @@ class Assembly:
         """The same on each fold's training blocks."""
         return [self._solve(mask) for mask in self.layout.folds.train]
 
+    def know_elsewhere(self, joint: int) -> np.ndarray:
+        """Information on the parameters felt at a joint, by the prior and by all other joints' rows."""
+        k = self.at[joint]
+        rest = np.setdiff1d(np.arange(self.p), k)
+        x = self._packed[joint][0]
+        a = self.gram.sum(axis=0) + self.prior
+        a[np.ix_(k, k)] -= np.einsum("blp,blq->pq", x, x)
+        if not len(rest):
+            return np.asarray(a[np.ix_(k, k)])
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(a)[rest], 1e-300))
+        inner = a[np.ix_(rest, rest)] * np.outer(scale, scale)
+        onto = a[np.ix_(rest, k)] * scale[:, None]
+        return np.asarray(a[np.ix_(k, k)] - onto.T @ np.linalg.solve(inner, onto))
+
     @property
     def theta(self) -> np.ndarray:
         """Parameters (P,)."""

@@ -132,9 +132,13 @@ def weigh_generic(
                 weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
     tried = max(1.0, count / max(len(weighed), 1))
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
-    wide = [(-np.inf, np.inf)] * LEVELS[-1]
     return [
-        replace(e, refusal=rule.judge(e, policy, wide[: len(e.beta)], 0.0, by_run, generic=True))
+        replace(
+            e,
+            refusal=rule.judge(
+                e, policy, [(-np.inf, np.inf)] * (len(e.beta) + len(e.term.shape)), 0.0, by_run, generic=True
+            ),
+        )
         for e in weighed
     ]
 
@@ -188,6 +192,10 @@ def explain_rest(
                 best = next((e for e in rest if not search.drifts(assembly, e)), None)
                 if best is not None:
                     left[joint] = best
+                    fewer = drop_explained(search, found, best)
+                    if len(fewer) < len(found):
+                        found = fewer
+                        joints.append(joint)
         search.record(weighed, taken)
         for e in taken:
             search.progress(
@@ -199,6 +207,16 @@ def explain_rest(
             found = drop_superfluous(search, found, there, new)
             found = restore_friction(search, found, there)
     return found, left
+
+
+def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
+    """The terms found without doubted names, where structure that cannot be added explains as much."""
+    if min(e.share, e.fitted) < _PLAINLY or e.agreement < 1.0:
+        return found
+    added = Found(e.chosen, e)
+    sure = {id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= _DOUBTED}
+    kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen), *sure})
+    return [f for f in kept if f is not added]
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.blocks import Block, Folds, make_blocks, make_folds
+from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_parts, make_blocks, make_folds
 
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
@@ -49,6 +49,16 @@ class Layout:
         for b, block in enumerate(self.blocks):
             index[b, : block.stop - block.start] = first[block.run] + np.arange(block.start, block.stop)
         return index
+
+    @cached_property
+    def for_standard(self) -> "Layout":
+        """The same as standard terms are asked about: with parts held out where there are two recordings."""
+        folds = hold_out_parts(self.blocks, self.folds)
+        if folds is self.folds:
+            return self
+        other = Layout(self.prepared, self.blocks, folds)
+        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of, for_standard=other)
+        return other
 
     @cached_property
     def run_of(self) -> np.ndarray:

@@ -75,11 +75,10 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         own = search.refine(beside, search.weigh_again(beside, f))
         weighed = search.weigh_all(beside, offered, match_gain(beside, own))
         weighed.sort(key=lambda e: -e.gain)
-        best = max(own.gain, max((e.gain for e in weighed if e.refusal is Refusal.NONE), default=0.0))
-        near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)][
-            :_MOST
-        ]
-        near = [search.refine(beside, e) for e in near]
+        able = [e for e in weighed if e.refusal is Refusal.NONE and rule.gains_there(e, own)]
+        best = max([own.gain, *(e.gain for e in able)])
+        near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)]
+        near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE])
         opposing = [e for e in able if opposes_gravity(search.problem, e)]

@@ -204,9 +204,9 @@ class Problem:
         )
 
     def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
-        """Believable bounds of a term's coefficients at its joint."""
-        unit = self.prepared.dataset.position_unit[term.joint]
-        return [term.effect.coefficients[k].bounds(unit) for k in term.subset]
+        """Believable bounds of a term's coefficients at its joint, then of its shape parameters."""
+        unit, effect = self.prepared.dataset.position_unit[term.joint], term.effect
+        return [p.bounds(unit) for p in (*(effect.coefficients[k] for k in term.subset), *effect.shape)]
 
     def least(self, term: ModelTerm) -> float:
         """Smallest believable size of a term's first coefficient."""

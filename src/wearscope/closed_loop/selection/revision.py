@@ -32,7 +32,7 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
         if not any(k is f for k in found):
             continue
         others = absorb(search, f, [k for k in found if k is not f])
-        beside = search.assemble(others)
+        beside = search.assemble(others, f.effect.standard)
         if f.effect.standard:
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.flips)
             # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
@@ -60,7 +60,8 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
 def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
     """Whether a term at the same joint refines this one, and nothing else there that stays."""
     here = [k.effect for k in others if k.joint == f.joint]
-    return any(not k.has_parent([*search.problem.given, *here]) for k in here)
+    present = [*search.problem.declared, *search.problem.given, *here]
+    return any(not k.has_parent(present) for k in here)
 
 
 def absorb(search: "Search", f: Found, others: list[Found]) -> list[Found]:
@@ -103,26 +104,27 @@ def ask_again(
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
-        chosen = rule.choose([own, *(search.refine(beside, e) for e in able if e.gain > _NEAR * own.gain)])
+        near = [e for e in able if e.gain > _NEAR * own.gain and rule.gains_there(e, own)]
+        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)])
         if chosen is None or chosen is own or (
             chosen.term.effect is not f.effect and not rule.separates(chosen, own)
             and chosen.complexity >= own.complexity
-        ):  # fmt: skip
+        ) or (chosen.term.effect is not f.effect and search.drifts(beside, chosen)):  # fmt: skip
             return Found(f.chosen, own)
         return Found(chosen.chosen, chosen)
     best = search.choose(beside, able)
     return None if best is None else Found(best.chosen, best)
 
 
-def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new: set[int]) -> list[Found]:
-    """Drop terms at joints that held-out runs no longer need beside new ones there (identities)."""
+def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
+    """Drop terms at joints that held-out runs do not need beside new ones; some are kept (identities)."""
     for f in sorted(found, key=lambda f: f.evidence.gain):
-        if f.joint not in joints or id(f.chosen) in new:
+        if f.joint not in joints or id(f.chosen) in kept:
             continue
         if f.effect.per_robot or f.effect.is_plain_friction:
             continue
         others = [k for k in found if k is not f]
-        beside = search.assemble(others)
+        beside = search.assemble(others, f.effect.standard)
         own = search.weigh_again(beside, f)
         if f.effect.standard:
             needed = search.is_needed(beside, own)
@@ -139,7 +141,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], new
 def restore_friction(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
     """The terms found, with plain friction of joints that was dropped while what hid it had no term yet."""
     for joint in sorted(joints):
-        beside = search.assemble(found)
+        beside = search.assemble(found, standard=True)
         for candidate in search.candidates(beside, found, [joint]):
             if not candidate.effect.is_plain_friction:
                 continue
@@ -148,7 +150,7 @@ def restore_friction(search: "Search", found: list[Found], joints: Collection[in
             if search.is_needed(beside, own):
                 search.progress(f"{own.term.label}: needed beside unknown structure")
                 found = [*found, Found(own.chosen, own)]
-                beside = search.assemble(found)
+                beside = search.assemble(found, standard=True)
     return found
 
 

@@ -12,7 +12,8 @@ from wearscope.closed_loop.selection.policy import Policy
 _ABSORBED = 1e-3
 #: Fewest blocks, effectively, that the evidence from a single run may lie in.
 _FEWEST_BLOCKS = 4.0
-#: Largest RMS of one column of a term over that of their sum: beyond, columns cancel each other.
+#: Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's
+#: torque: beyond, columns cancel each other, or other terms.
 _CANCELS = 12.0
 #: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
 #: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
@@ -41,6 +42,9 @@ _FAST, _ALIKE = 0.2, 1.6
 #: Loss of the rows that are fitted that one of several terms leaves, over what the best of them leaves, from
 #: which it is not as good, whatever held-out runs say.
 _FAR_MORE = 4.0
+#: Share of what a term gains at all its joints that another one must gain at the same ones to stand in its
+#: place.
+_THERE = 0.5
 #: A difference of held-out losses is told from noise from this many standard errors, and from this share of
 #: the loss that the better one leaves.
 _ERRORS, _MATERIAL = 2.0, 0.02
@@ -58,7 +62,7 @@ def judge(
         With its family-wise p-value.
     policy : Policy
     bounds : sequence of (float, float)
-        Believable bounds of its coefficients.
+        Believable bounds of its coefficients, then of its shape parameters.
     least : float
         Smallest believable size of its first coefficient.
     by_run : bool
@@ -82,9 +86,10 @@ def judge(
         return Refusal.IMMATERIAL
     if e.informing < 2 or (not by_run and e.blocks < _FEWEST_BLOCKS):
         return Refusal.LOCAL
-    if not generic and e.chosen.candidate.penalty is None and not e.cancellation <= _CANCELS:
+    # Its columns each other, or what it gives the torque of other terms.
+    if not generic and e.chosen.candidate.penalty is None and not max(e.cancellation, e.torque) <= _CANCELS:
         return Refusal.CANCELS
-    if any(not low <= b <= high for b, (low, high) in zip(e.beta, bounds, strict=True)):
+    if any(not low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True)):
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
@@ -182,6 +187,15 @@ def find_critical(blocks: float) -> float:
 def touches(a: Evidence, b: Evidence) -> bool:
     """Whether two terms are felt at a common joint."""
     return bool(set(a.chosen.candidate.joints) & set(b.chosen.candidate.joints))
+
+
+def gains_there(e: Evidence, own: Evidence) -> bool:
+    """Whether a term may stand in the place of another: it gains where that one does.
+
+    A term that is felt at several joints would else compete with what is wrong at each of them.
+    """
+    common = sum(min(e.gains.get(j, 0.0), gain) for j, gain in own.gains.items() if gain > 0.0)
+    return common > _THERE * sum(gain for gain in own.gains.values() if gain > 0.0)
 
 
 def simplest(tied: Iterable[Evidence], opposing: Sequence[Evidence] = ()) -> Evidence:

@@ -75,9 +75,10 @@ class Search:
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))
 
-    def assemble(self, found: Iterable[Found]) -> Assembly:
-        """Normal equations of the declared model with the terms found."""
-        return Assembly(self.problem.layout, self.problem.target, self._chosen(found), self.sigma)
+    def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
+        """Normal equations of the declared model with the terms found, to ask about standard terms or not."""
+        layout = self.problem.layout.for_standard if standard else self.problem.layout
+        return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
 
     def candidates(
         self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]

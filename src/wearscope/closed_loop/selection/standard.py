@@ -33,7 +33,7 @@ def find_standard(search: "Search") -> list[Found]:
             others = tuple(k for k in kept if k is not chosen)
             every = (*problem.base, *others)
             reach = find_reach(every, chosen.candidate)
-            beside = Assembly(problem.layout, problem.target, every, search.sigma, reach)
+            beside = Assembly(problem.layout.for_standard, problem.target, every, search.sigma, reach)
             e = weigh(beside, chosen.candidate, chosen.subset, search.flips)
             evidence[id(chosen)] = e
             if (

@@ -46,11 +46,12 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     model, y = assembly.columns[joint], assembly.target[:, joint]
     # A generic term takes a drift into itself: what is left beside it would say nothing of one.
     both = model if chosen.candidate.effect.empirical else np.concatenate([model, own], axis=1)
-    ridge = np.zeros(both.shape[1])
-    ridge[: model.shape[1]] = np.diag(assembly.prior)[assembly.at[joint]] * assembly.sigma[joint] ** 2
+    elsewhere = assembly.know_elsewhere(joint)
     x = both * keep[:, None]
     gram = x.T @ x
-    gram += np.diag(ridge + 1e-10 * np.diag(gram) + 1e-300)
+    gram += np.diag(1e-10 * np.diag(gram) + 1e-300)
+    k = model.shape[1]
+    gram[:k, :k] += elsewhere * assembly.sigma[joint] ** 2
     left = y - both @ np.linalg.solve(gram, x.T @ y)
     sums = layout.pack(np.where(keep, left, 0.0)).sum(axis=1)
     if find_memory(sums, layout.run_of) <= 1:
@@ -71,13 +72,15 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     filtered *= (keep & settled)[:, None]
     p = model.shape[1] + len(runs)
     a, c, target = filtered[:, :p], filtered[:, p:-1], filtered[:, -1]
-    scale = np.sqrt(np.maximum((a**2).sum(axis=0), 1e-300))
-    # What is known of the model's coefficients stays known; that of the levels is not.
-    known = np.diag(assembly.prior)[assembly.at[joint]] * np.mean(target[keep & settled] ** 2)
-    hold = np.diag(np.concatenate([np.sqrt(known), np.zeros(len(runs))]) / scale)
+    # What is known of the model's coefficients, by other joints too, stays known; that of the levels is not.
+    known = np.zeros((p, p))
+    known[:k, :k] = elsewhere * np.mean(target[keep & settled] ** 2)
+    values, vectors = np.linalg.eigh(known)
+    hold = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    scale = np.sqrt(np.maximum((a**2).sum(axis=0) + np.diag(known), 1e-300))
     right = np.column_stack([c, target])
     free = np.zeros((p, right.shape[1]))
-    onto = linalg.lstsq(np.vstack([a / scale, hold]), np.vstack([right, free]), cond=1e-9)[0]
+    onto = linalg.lstsq(np.vstack([a / scale, hold / scale]), np.vstack([right, free]), cond=1e-9)[0]
     rest = right - (a / scale) @ onto
     clean, residual = rest[:, :-1], rest[:, -1]
     inner = clean.T @ clean
