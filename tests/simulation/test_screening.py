@@ -1,12 +1,13 @@
 """Factors that move no torque: found, refused by name, or dropped."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation.screening import check_screening, drop_idle, screen_factors
+from wearscope.simulation.screening import STRIDE, check_screening, drop_idle, screen_factors
 from wearscope.simulation.study import Conditions, simulate_point
 
 RANGES = {
@@ -42,6 +43,22 @@ def idle(model):
 
 def test_every_factor_moves_the_study_s_robot(medium):
     assert idle(medium) == set()
+
+
+def test_a_payload_s_error_moves_the_torque_by_the_mass_that_is_wrong(medium):
+    """What is carried is the declared mass over 1 + error, and the torque is linear in it."""
+    model = medium.replace(effects=[])
+    whole = CYCLES["point_to_point"].build(model, 0.05, STEP)
+    q, v, a = (one[::STRIDE] for one in (whole.q, whole.v, whole.a))
+    empty, loaded = (
+        model.rigid_body(load).inverse_dynamics(q, v, a) for load in (None, model.declared_payload)
+    )
+    light, heavy = (empty + (loaded - empty) / (1 + error) + model.rotor_inertia * a for error in (0.1, -0.1))
+    largest = np.maximum(np.abs(light), np.abs(heavy)).max(axis=0)
+    by_joint = np.abs(heavy - light).max(axis=0) / largest
+    row = screen_factors(model, CYCLES, {"w5": RANGES["w5"]}, STEP).iloc[0]
+    assert row["change"] == pytest.approx(by_joint.max(), rel=1e-9)
+    assert row["joint"] == model.joints[by_joint.argmax()]
 
 
 def test_the_factor_without_an_effect_is_found(medium):
