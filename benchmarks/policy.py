@@ -1,112 +1,274 @@
-"""What the rule's numbers are worth: each halved and doubled, on development cases of the attribution board.
+"""What the rule's numbers are worth: each halved, doubled and taken out, on development cases of the board.
 
-    python benchmarks/policy.py [--cases 24] [--seed 71] [--seconds 12] [--jobs 2] [--out FILE]
+    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--case K ...] [--out FILE]
+    python -m benchmarks.policy --table FILE
 
-A case is diagnosed once with the numbers as they are and twice for each of them; cases that then take longer
-than `--seconds` are left out, and counted. Printed: for each number, of how many cases the names change, and
-how many planted cases are exact, required effects are named, entries are extra. A number that may not be
+A case is diagnosed once with the numbers as they are and two or three times for each of them; cases whose
+search takes longer than `--seconds` of one core are left out, and counted. What the searches of one case
+have in common is worked out once (`benchmarks/remembering.py`). A line a case goes to `--out` as it comes,
+and cases that stand there are not run again. Printed: for each number, of how many cases the names change,
+and how many planted cases are exact, required effects are named, entries are extra. A number that may not be
 doubled takes its largest value.
 """
 
 import argparse
+import gc
 import json
-import os
+import re
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest.mock import patch
 
 from pydantic import ValidationError
 
+from benchmarks.remembering import remember
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import score_case
-from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop import diagnosis
+from wearscope.closed_loop.selection import evidence, generic, naming, revision, rule, search
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.errors import InputError
 
 #: Not numbers of the rule.
 _LEFT_OUT = ("seed",)
 #: What a share takes where its double is none.
 _LARGEST = 0.999
+#: Numbers that stand beside what they decide and not in the rule.
+_ELSEWHERE = {
+    diagnosis: ("_ZERO",),
+    evidence: ("_INFORMS",),
+    generic: ("_MOST", "_DOUBTED", "_CLEARLY", "_OUTSIDE", "_PLAINLY"),
+    naming: ("_NEAR",),
+    revision: ("_IMITATED", "_NEAR", "_HOPELESS"),
+    search: ("_PASSES", "_NEAR", "_HOPELESS", "_SETTLED"),
+}
+#: Values of numbers at which they decide nothing any more, or another one decides for them.
+_NEVER = float("inf")
+_WITHOUT = {
+    "_ABSORBED": 0.0, "_FEWEST_BLOCKS": 0.0, "_CANCELS": _NEVER, "_BEYOND_CHANCE": _NEVER,
+    "_BEYOND_CHANCE_ALONE": rule._BEYOND_CHANCE, "_BEYOND_DOUBT": rule._BEYOND_CHANCE, "_LARGE": _NEVER,
+    "_MOSTLY": _NEVER, "_EXPECTED": rule._ERRORS, "_POSSIBLE": rule._ERRORS, "_GENERIC": 1.0,
+    "_GENERIC_TORQUE": 1.0, "_ALL": _NEVER, "_ALONE": 1.0, "_OWN": 0.0, "_ALIKE": _NEVER, "_FAR_MORE": _NEVER,
+    "_MATERIAL": 0.0, "diagnosis._ZERO": 1.0, "generic._DOUBTED": 0.0,
+    "generic._CLEARLY": 1.0, "generic._OUTSIDE": 0.0, "generic._PLAINLY": _NEVER, "naming._NEAR": 0.0,
+    "revision._IMITATED": 0.0, "revision._NEAR": 0.0, "search._NEAR": 0.0, "material_torque": 0.0,
+    "material_whole": 0.0, "standard_share": 0.0, "agreeing": 0.0,
+}  # fmt: skip
 
 
-def list_policies():
-    """Policies by number and factor; the present one under ``as it is``."""
-    today = Policy()
-    policies = {"as it is": today}
-    for name, value in today.model_dump().items():
-        if name in _LEFT_OUT:
-            continue
-        for word, factor in (("halved", 0.5), ("doubled", 2.0)):
-            changed = round(value * factor) if isinstance(value, int) else value * factor
+class TakesTooLong(Exception):
+    """A search with the numbers as they are goes on beyond the time that it may take."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Numbers of the rule of which one is another one."""
+
+    policy: Policy = field(default_factory=Policy)
+    module: ModuleType | None = None
+    constant: str = ""
+    value: float = 0.0
+
+    @contextmanager
+    def put(self) -> Iterator[Policy]:
+        """Put the number where it is read."""
+        with ExitStack() as stack:
+            if self.module is not None:
+                stack.enter_context(patch.object(self.module, self.constant, self.value))
+            yield self.policy
+
+
+def list_variants() -> dict[str, Variant]:
+    """Variants by number and what is done to it; the present one under ``as it is``."""
+    variants = {"as it is": Variant()}
+    constants = [(rule, name) for name in vars(rule) if re.fullmatch(r"_[A-Z_]+", name)]
+    constants += [(module, name) for module, names in _ELSEWHERE.items() for name in names]
+    for module, constant in constants:
+        name = constant if module is rule else f"{module.__name__.rpartition('.')[2]}.{constant}"
+        for word, value in _change(name, getattr(module, constant)):
+            variants[f"{name} {word}"] = Variant(module=module, constant=constant, value=value)
+    for name, today in Policy().model_dump(exclude=set(_LEFT_OUT)).items():
+        for word, value in _change(name, today):
             try:
-                policies[f"{name} {word}"] = Policy(**{name: changed})
+                policy = Policy(**{name: value})
             except ValidationError:
-                policies[f"{name} {word}"] = Policy(**{name: _LARGEST})
-    return policies
+                policy = Policy(**{name: _LARGEST})
+            variants[f"{name} {word}"] = Variant(policy)
+    return variants
 
 
-def try_case(limit, case):
-    """Scores of one case by policy; None where it takes too long or cannot be made."""
+def _change(name: str, value: float) -> list[tuple[str, float]]:
+    """Values of a number halved, doubled, and taken out where it can be."""
+    whole = isinstance(value, int)
+    changed = [(word, value * factor) for word, factor in (("halved", 0.5), ("doubled", 2.0))]
+    without = [("taken out", _WITHOUT[name])] if name in _WITHOUT else []
+    return [(word, max(1, round(x)) if whole else x) for word, x in changed] + without
+
+
+def diagnose_variants(
+    path: Path, variants: dict[str, Variant], score: Callable[[dict], dict], limit: float = float("inf")
+) -> Iterator[tuple[str, dict, float]]:
+    """Name, score and seconds of one core of each variant on a data set.
+
+    Parameters
+    ----------
+    path : Path
+        Of its ``dataset.yaml``.
+    variants : dict of str to Variant
+    score : callable
+        What is kept of a verdict.
+    limit : float
+        Seconds of one core that the first one's search may take.
+
+    Raises
+    ------
+    TakesTooLong
+    """
+    problem = diagnosis.pose_problem(path)
+    started = time.process_time()
+
+    def stop(_: str) -> None:
+        if first and time.process_time() - started > limit:
+            raise TakesTooLong
+
+    scores: dict[tuple, dict] = {}
+    first = True
+    with remember() as memory:
+        for name, variant in variants.items():
+            begun = time.process_time()
+            with variant.put() as policy:
+                tried = search.Search(problem, policy, stop)
+                answer = diagnosis.find_terms(tried)
+                stop("")
+                key = tell_answer(tried, answer)
+                if key not in scores:
+                    scores[key] = score(diagnosis.conclude(tried, answer).verdict)
+            yield name, scores[key], time.process_time() - begun
+            first = False
+            memory.limit()
+
+
+def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
+    """All that a verdict depends on but its rule's numbers."""
+
+    def tell(e: evidence.Evidence) -> tuple:
+        return (e.chosen.candidate, e.chosen.subset, e.joint, e.gain, e.share, e.fitted, e.refusal)
+
+    return (
+        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)), diagnosis._ZERO,
+        tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in answer.found),
+        tuple(map(tuple, answer.equivalent)),
+        tuple((joint, tell(e)) for joint, e in sorted(answer.left.items())),
+    )  # fmt: skip
+
+
+def try_case(case: Any, limit: float) -> dict[str, Any]:
+    """Scores of one case by variant; why there are none where it takes too long or cannot be made."""
+    line: dict[str, Any] = {"case": case.number, "told": case.tell(), "scores": {}, "seconds": {}, "why": ""}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / case.name
         try:
             truth = generate_dataset(folder, case.machine, case.planted, case.seed, case.recipe)
         except Exception as problem:
-            return None, f"not made: {problem}"
-        scores = {}
-        for name, policy in list_policies().items():
-            started = time.process_time()
-            verdict = diagnose(folder / "dataset.yaml", policy=policy).verdict
+            return line | {"why": f"not made: {problem}"}
+
+        def score(verdict: dict) -> dict:
             row = score_case(truth, verdict)[0]
-            names = sorted((e["joint"], e["effect"]) for e in verdict["verdict"])
-            scores[name] = {
-                "names": names, "null": row["null"], "exact": row["exact"], "extra": row["extra"],
-                "required": row["required"], "named": row["named"],
-            }  # fmt: skip
-            if not scores.keys() - {"as it is"} and time.process_time() - started > limit:
-                return None, "too long"
-        return scores, ""
+            names = sorted([e["joint"], e["effect"]] for e in verdict["verdict"])
+            kept = ("null", "exact", "extra", "required", "named")
+            return {"names": names} | {key: row[key] for key in kept}
+
+        try:
+            path, variants = folder / "dataset.yaml", list_variants()
+            for name, found, seconds in diagnose_variants(path, variants, score, limit):
+                line["scores"][name], line["seconds"][name] = found, round(seconds, 2)
+        except TakesTooLong:
+            return line | {"why": "took too long"}
+        except InputError as problem:
+            return line | {"why": f"refused: {problem}"}
+    return line
 
 
-def print_table(results):
-    """Markdown: a row a policy."""
-    kept = [scores for scores, _ in results if scores]
-    why = sorted({text for scores, text in results if not scores})
-    print(f"{len(kept)} of {len(results)} cases ({'; '.join(why) or 'none left out'})\n")
-    print("| number | names change in | exact, planted | required named | extra, planted | false, nulls |")
+def print_table(lines: list[dict]) -> None:
+    """Markdown: a row a number that changes names, with what comes of it halved / doubled / taken out."""
+    kept = [line["scores"] for line in lines if line["scores"]]
+    why = [line["why"].split(":")[0] for line in lines if line["why"]]
+    left = ", ".join(f"{why.count(text)} {text}" for text in sorted(set(why)))
+    print(f"{len(kept)} of {len(lines)} cases ({left or 'none left out'})\n")
+    first = [scores["as it is"] for scores in kept]
+    nulls = sum(s["null"] for s in first)
+    required = sum(s["required"] for s in first if not s["null"])
+    print(
+        f"| number | names change in, of {len(kept)} | exact, of {len(kept) - nulls} | required named, of "
+        f"{required} | extra, of {len(kept) - nulls} | false, of {nulls} nulls |"
+    )
     print("|---|---|---|---|---|---|")
-    for name in list_policies():
-        planted = [s[name] for s in kept if not s[name]["null"]]
-        nulls = [s[name] for s in kept if s[name]["null"]]
-        changed = sum(s[name]["names"] != s["as it is"]["names"] for s in kept)
-        print(
-            f"| {name} | {changed} | {sum(s['exact'] for s in planted)}/{len(planted)} "
-            f"| {sum(s['named'] for s in planted)}/{sum(s['required'] for s in planted)} "
-            f"| {sum(s['extra'] > 0 for s in planted)} | {sum(s['extra'] > 0 for s in nulls)}/{len(nulls)} |"
-        )
+    numbers: dict[str, list[str]] = {}
+    for name in kept[0] if kept else ():
+        numbers.setdefault(name.rsplit(" ", 2 if name.endswith("out") else 1)[0], []).append(name)
+    idle = []
+    for number, names in numbers.items():
+        columns = list(zip(*(_count(kept, name) for name in names), strict=True))
+        if number != "as it" and not any(map(int, columns[0])):
+            idle.append(number)
+            continue
+        shown = " | ".join(" / ".join(map(str, column)) for column in columns)
+        print(f"| {'as it is' if number == 'as it' else f'`{number}`'} | {shown} |")
+    print(f"\nNo name changes with {', '.join(f'`{number}`' for number in idle)}.")
 
 
-def main():
+def _count(kept: list[dict], name: str) -> tuple[str, ...]:
+    """Cells of a variant: names change, exact, required named, extra, false in nulls."""
+    planted = [s[name] for s in kept if not s[name]["null"]]
+    nulls = [s[name] for s in kept if s[name]["null"]]
+    changed = sum(s[name]["names"] != s["as it is"]["names"] for s in kept)
+    counts = (
+        changed,
+        sum(bool(s["exact"]) for s in planted),
+        sum(s["named"] for s in planted),
+        sum(s["extra"] > 0 for s in planted),
+        sum(s["extra"] > 0 for s in nulls),
+    )
+    return tuple(map(str, counts))
+
+
+def read_lines(path: Path) -> list[dict]:
+    """Cases that stand in a file."""
+    return (
+        [json.loads(text) for text in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    )
+
+
+def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=24)
-    parser.add_argument("--seed", type=int, default=71)
-    parser.add_argument("--seconds", type=float, default=12.0)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out")
+    parser.add_argument("--cases", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=81)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--out", type=Path, default=Path("policy.jsonl"))
+    parser.add_argument(
+        "--case", type=int, nargs="*", help="numbers of those to run; all where none is given"
+    )
+    parser.add_argument("--table", type=Path)
     args = parser.parse_args()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    cases = list_cases("development", args.cases, args.seed)
-    results = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for number, found in enumerate(pool.map(partial(try_case, args.seconds), cases), start=1):
-            results.append(found)
-            print(f"case {number} of {len(cases)} {found[1]}", flush=True)
-    print_table(results)
-    if args.out:
-        Path(args.out).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    if args.table is None:
+        there = {line["case"] for line in read_lines(args.out)}
+        for case in list_cases("development", args.cases, args.seed):
+            if case.number in there or (args.case and case.number not in args.case):
+                continue
+            line = try_case(case, args.seconds)
+            gc.collect()
+            with args.out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            print(f"case {case.number}: {line['why'] or sum(line['seconds'].values())}", flush=True)
+    print_table(read_lines(args.table or args.out))
 
 
 if __name__ == "__main__":

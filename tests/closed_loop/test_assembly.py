@@ -1,12 +1,15 @@
 """What the block sums answer is what dense least squares on the rows gives, refitted fold by fold."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.model.blocks import Block, hold_out_parts, make_folds
+from wearscope.closed_loop.model.blocks import Block, hold_out_fifths, make_folds
+from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import assembly as assembly_module
+from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.policy import Policy
@@ -288,29 +291,61 @@ def test_folds_of_one_run_give_joints_that_move_in_turn_their_share():
         assert (in_turn[train].sum(axis=0) > 0).all()
 
 
-def test_parts_are_held_out_of_two_recordings_for_what_every_joint_has():
-    """Two recordings, the second in two pieces: eight parts, a block's gap within a piece, nothing else."""
+def test_fifths_of_every_recording_are_held_out_together():
+    """Two recordings, the second in two pieces: a block's gap within a piece, nothing else left out."""
     blocks = [Block(r, 10 * k, 10 * k + 10) for r, count in ((0, 20), (1, 8), (2, 12)) for k in range(count)]
     folds = make_folds(blocks, ["a.csv", "b.csv", "b.csv"])
-    assert folds.by_run and len(folds.test) == 2
-    parts = hold_out_parts(blocks, folds)
-    assert parts.by_run and not parts.agree_by_run
-    np.testing.assert_array_equal(parts.test.astype(int).sum(axis=0), 1)
-    np.testing.assert_array_equal(parts.test, [folds.parts == k for k in range(8)])
-    assert [int((~train & ~test).sum()) for train, test in zip(parts.train, parts.test, strict=True)] == [
-        1, 2, 2, 1, 1, 2, 2, 1,
-    ]  # fmt: skip
-    pieces = np.array([block.run for block in blocks])
-    for train, test in zip(parts.train, parts.test, strict=True):
-        assert not (train & test).any()
-        at = np.flatnonzero(test)
-        for edge, beside in ((at[0], at[0] - 1), (at[-1], at[-1] + 1)):
-            if 0 <= beside < len(blocks):
-                assert train[beside] == (pieces[beside] != pieces[edge])
+    assert folds.by_run
+    assert len(folds.test) == 2
+    np.testing.assert_array_equal(folds.recording, [0] * 20 + [1] * 20)
+    fifths = hold_out_fifths(blocks, folds)
+    assert fifths.by_run
+    np.testing.assert_array_equal(fifths.test.astype(int).sum(axis=0), 1)
+    for k, test in enumerate(fifths.test):
+        np.testing.assert_array_equal(
+            np.flatnonzero(test), [*range(4 * k, 4 * k + 4), *range(20 + 4 * k, 24 + 4 * k)]
+        )
+    np.testing.assert_array_equal(fifths.parts, np.arange(40) // 4)
+    # The second piece starts where a fifth of the second recording ends.
+    gaps = [
+        np.flatnonzero(~train & ~test).tolist() for train, test in zip(fifths.train, fifths.test, strict=True)
+    ]
+    assert gaps == [[4, 24], [3, 8, 23], [7, 12, 32], [11, 16, 31, 36], [15, 35]]
 
 
-@pytest.mark.parametrize("files", [["a"], ["a", "b", "c"]])
-def test_standard_terms_are_asked_like_others_of_one_recording_or_three(files):
-    blocks = [Block(r, 10 * k, 10 * k + 10) for r in range(len(files)) for k in range(20)]
-    folds = make_folds(blocks, files)
-    assert hold_out_parts(blocks, folds) is folds
+def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
+    """A joint that rests in one recording: held out whole, the other would be predicted by anything."""
+    folder = record([(0, "stribeck", {"level": 6.0, "speed": 0.3})], seed=3, runs=3)
+    search = Search(pose(folder), Policy(flips=199))
+    assembly = search.assemble(())
+    layout = assembly.layout
+    candidate = search.problem.candidate(load_effect("stribeck"), 0)
+    both = weigh(assembly, candidate, (0,), search.flips)
+    assert not both.alone
+    rests = np.repeat(layout.run_of == 0, [block.stop - block.start for block in layout.blocks])
+    still = Candidate(
+        candidate.effect,
+        0,
+        candidate.shapes,
+        candidate.joints,
+        tuple(x * rests[:, None] for x in candidate.rows),
+    )
+    one = weigh(assembly, still, (0,), search.flips)
+    assert one.alone
+    assert 3 <= one.informing <= 5
+    assert one.share > 0.1
+    assert rule.is_beyond_chance(replace(one, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is False
+    assert rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is True
+    assert weigh(assembly.by_fifths, still, (0,), search.flips, alone=True).gain == one.gain
+    drift = search.problem.candidate(load_effect("warm_up_drift"), 0)
+    slow = Candidate(
+        drift.effect, 0, drift.shapes, drift.joints, tuple(x * rests[:, None] for x in drift.rows)
+    )
+    assert not weigh(assembly, slow, (0,), search.flips).alone
+
+
+@pytest.mark.parametrize(("runs", "folds"), [(1, 5), (2, 5), (3, 3)])
+def test_standard_terms_are_asked_by_fifths_where_there_are_two_recordings(record, pose, runs, folds):
+    layout = Search(pose(record(seed=1, runs=runs + 1, duration=6.0)), Policy(flips=99)).problem.layout
+    assert len(layout.for_standard.folds.test) == folds
+    assert (layout.for_standard is layout) is (runs != 2)

@@ -203,7 +203,20 @@ def diagnose(
     InputError
         Where the data set breaks the format or cannot be what it says.
     """
-    policy = policy or Policy()
+    search = Search(
+        pose_problem(dataset, progress, effects, allow_code, budget), policy or Policy(), progress
+    )
+    return conclude(search, find_terms(search))
+
+
+def pose_problem(
+    dataset: str | Path | Dataset,
+    progress: Callable[[str], None] = lambda _: None,
+    effects: Sequence[str | Path] = (),
+    allow_code: bool = False,
+    budget: Budget | None = None,
+) -> Problem:
+    """What `diagnose` asks of a data set, whatever the rule's numbers: the same arguments."""
     if not isinstance(dataset, Dataset):
         path = Path(dataset)
         dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
@@ -211,18 +224,42 @@ def diagnose(
     prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)
     progress("; ".join(prepared.notes))
-    search = Search(Problem(prepared, declared, own), policy, progress)
-    # Along other reversals all is made anew, and what was there before can go.
-    del prepared
+    return Problem(prepared, declared, own)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search ends with.
+
+    Attributes
+    ----------
+    found : list of Found
+    equivalent : list of list of str
+        Names beside each.
+    left : dict of int to Evidence
+        By joint, the best generic structure that was found and could not be added.
+    """
+
+    found: list[Found]
+    equivalent: list[list[str]]
+    left: dict[int, Evidence]
+
+
+def find_terms(search: Search) -> Answer:
+    """Terms that a search's declared model lacks, with names, from the training runs."""
     found = search.run()
     found, left = explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), found)
     found, equivalent = name_terms(search, found)
-    found = search.settle_reversals(found)
-    problem = search.problem
+    return Answer(search.settle_reversals(found), equivalent, left)
+
+
+def conclude(search: Search, answer: Answer) -> Diagnosis:
+    """Fit the model with the terms found, and mark them by what the rests and the test runs say."""
+    problem, found = search.problem, answer.found
     prepared = problem.prepared
     before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
     after, kept = drop_undetermined(before, found, search.sigma)
-    equivalent = [names for names, f in zip(equivalent, found, strict=True) if f in kept]
+    equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
     found = kept
     after, equivalent = settle_rests(problem, after, len(before.entries), equivalent)
     marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
@@ -232,9 +269,10 @@ def diagnose(
             after.entries[len(before.entries) :], found, equivalent, marked, strict=True
         )
     ]
-    states = judge_joints(prepared, after, named, left)
-    full = [dataset.joints[j] for j in sorted(search.full)]
-    return Diagnosis(prepared, policy, named, before, after, states, pd.DataFrame(search.rows), full, problem)
+    states = judge_joints(prepared, after, named, answer.left)
+    full = [prepared.dataset.joints[j] for j in sorted(search.full)]
+    candidates = pd.DataFrame(search.rows)
+    return Diagnosis(prepared, search.policy, named, before, after, states, candidates, full, problem)
 
 
 def settle_rests(

@@ -11,6 +11,8 @@ from wearscope.closed_loop.intake.prepared import Prepared
 _BLOCK_PERIODS = 4.0
 #: Shortest block [s]; most blocks and folds.
 _SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
+#: Parts of a recording that is held out in parts.
+_FIFTHS = 5
 #: Of a single run: parts in which a joint should move, share of its motion over an even one from which
 #: it does, shortest stretch [blocks].
 _ENOUGH, _MOVES_IN, _SHORTEST_STRETCH = 4, 0.25, 2
@@ -37,15 +39,15 @@ class Folds:
         Whether whole runs are held out.
     parts : ndarray (B,) of int
         Part of each block: its run where there are three or more, else a contiguous part of it.
-    agree_by_run : bool
-        Whether parts are whole runs.
+    recording : ndarray (B,) of int
+        Recording of each block.
     """
 
     train: np.ndarray
     test: np.ndarray
     by_run: bool
     parts: np.ndarray
-    agree_by_run: bool
+    recording: np.ndarray
 
 
 def make_blocks(prepared: Prepared) -> list[Block]:
@@ -81,7 +83,7 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
     """
     unit = np.unique(files, return_inverse=True)[1][[block.run for block in blocks]]
     runs = int(unit.max()) + 1
-    share = {1: 5, 2: 4}.get(runs, 1)
+    share = {1: _FIFTHS, 2: 4}.get(runs, 1)
     parts = np.empty(len(blocks), dtype=int)
     for r in range(runs):
         own = np.flatnonzero(unit == r)
@@ -91,29 +93,30 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
     if runs > 1:
         folds = min(runs, _MOST_FOLDS)
         test = np.array([unit * folds // runs == k for k in range(folds)])
-        return Folds(~test, test, True, parts, runs > 2)
+        return Folds(~test, test, True, parts, unit)
     test = np.array([parts == k for k in range(share)])
     near = test.copy()
     near[:, 1:] |= test[:, :-1]
     near[:, :-1] |= test[:, 1:]
-    return Folds(~near, test, False, parts, False)
+    return Folds(~near, test, False, parts, unit)
 
 
-def hold_out_parts(blocks: list[Block], folds: Folds) -> Folds:
-    """The same with parts held out in turn where there are two recordings, a block's gap on either side.
+def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
+    """The same with the first to the last fifth of every recording held out, a block's gap on either side.
 
-    Each of the two has a motion of its own, and fitted on one alone a model may lack what only the other
-    shows. What every joint has need not be shown along a motion that it was not fitted on.
+    For what need not be shown along a motion that it was not fitted on, or what only one recording shows.
     """
-    if not folds.by_run or folds.agree_by_run:
-        return folds
-    test = np.array([folds.parts == k for k in range(int(folds.parts.max()) + 1)])
+    part = np.empty(len(blocks), dtype=int)
+    for r in np.unique(folds.recording):
+        own = np.flatnonzero(folds.recording == r)
+        part[own] = np.arange(len(own)) * _FIFTHS // len(own)
+    test = np.array([part == k for k in range(_FIFTHS)])
     run = np.array([block.run for block in blocks])
     beside = run[1:] == run[:-1]
     near = test.copy()
     near[:, 1:] |= test[:, :-1] & beside
     near[:, :-1] |= test[:, 1:] & beside
-    return Folds(~near, test, True, folds.parts, False)
+    return Folds(~near, test, folds.by_run, _FIFTHS * folds.recording + part, folds.recording)
 
 
 def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:

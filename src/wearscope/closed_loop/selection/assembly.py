@@ -4,6 +4,7 @@ Nothing here changes once it is made: evaluating a candidate twice, or in anothe
 """
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -143,6 +144,15 @@ class Assembly:
             if term.candidate.penalty is not None:
                 picked = list(term.subset)
                 self.prior[span, span] += term.candidate.penalty[np.ix_(picked, picked)]
+
+    @cached_property
+    def by_fifths(self) -> "Assembly":
+        """The same model with fifths of every recording held out."""
+        other = copy(self)
+        for folded in ("by_fold", "joint_losses", "by_fifths"):
+            other.__dict__.pop(folded, None)
+        other.layout = self.layout.by_fifths
+        return other
 
     def _solve(self, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse (P, P) of the normal matrix on blocks, and the parameters (P,)."""

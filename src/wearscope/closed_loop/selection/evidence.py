@@ -5,6 +5,7 @@ from enum import Enum
 
 import numpy as np
 
+from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
@@ -71,6 +72,8 @@ class Evidence:
         Largest of its columns' RMS over the RMS of their sum.
     beta : ndarray (m,)
     tried : float
+    alone : bool
+        Whether only one of several recordings shows it, of which fifths are then held out.
     refusal : Refusal
         Of what can be said of it without comparing it with others.
     """
@@ -93,6 +96,7 @@ class Evidence:
     cancellation: float
     beta: np.ndarray
     tried: float
+    alone: bool = False
     whole: float = np.inf
     p_value: float = np.nan
     refusal: Refusal = Refusal.NONE
@@ -110,7 +114,7 @@ class Evidence:
 
 def weigh(
     assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray,
-    sums: Sums | None = None,
+    sums: Sums | None = None, alone: bool = False,
 ) -> Evidence:  # fmt: skip
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open.
 
@@ -124,14 +128,20 @@ def weigh(
         Random signs of the blocks.
     sums : Sums, optional
         Of all the candidate's columns, where they are there.
+    alone : bool
+        Whether fifths are held out since only one of several recordings shows it.
     """
     layout = assembly.layout
-    sums = (sums or assembly.sum_products(candidate)).select(subset)
+    every = sums or assembly.sum_products(candidate)
+    sums = every.select(subset)
     added = assembly.add(sums)
     best = int(np.argmax(added.gain))
     beta, inner = added.beta[best], added.inner[best]
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
+    information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
+    if not alone and shows_alone(candidate, information, layout.folds):
+        return weigh(assembly.by_fifths, candidate, subset, flips, every, alone=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = float(added.gain[best] / max(assembly.sample_losses[touched].sum(), 1e-300))
@@ -142,7 +152,6 @@ def weigh(
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
     chance = _odds(flipped, sample)
-    information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
     gain_by_part = -np.bincount(parts, np.nan_to_num(change))
@@ -170,7 +179,20 @@ def weigh(
         cancellation=float((np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(beta)).max() / whole),
         beta=beta,
         tried=candidate.tried,
+        alone=alone,
     )
+
+
+def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds) -> bool:
+    """Whether one of several recordings holds nearly all information (B,) on a candidate.
+
+    Fitted on the others it would be anything, so that nothing can be learnt from holding that one out. Not of
+    what goes with temperature or time, of which another recording has another level.
+    """
+    if any(name == "t" or name.startswith("temp") for name in candidate.effect.depends_on):
+        return False
+    by_recording = np.bincount(folds.recording, information)
+    return len(by_recording) > 1 and bool(by_recording.max() > (1.0 - _INFORMS) * by_recording.sum())
 
 
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:

@@ -106,21 +106,21 @@ def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndar
     return np.concatenate([x[:, : int(shapes[0, -1])] for x in parts])
 
 
-def weigh_generic(
-    search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
-) -> list[Evidence]:
-    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged.
+def try_generic(
+    terms: GenericTerms, assembly: Assembly, joints: list[int], share: float, flips: np.ndarray
+) -> tuple[list[Evidence], float]:
+    """Evidence on what removes a share of its joint's loss, and how many were tried for each of them.
 
     A single run, of which neighbouring parts are held out, cannot show that fine detail carries over to
     others. Those that remove too little even of the rows that they are fitted on are counted and not
     weighed.
     """
-    policy, by_run = search.policy, assembly.layout.folds.by_run
+    by_run = assembly.layout.folds.by_run
     weighed: list[Evidence] = []
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        least = policy.unknown_share * assembly.sample_losses[joint]
+        least = share * assembly.sample_losses[joint]
         for rough in terms.roughly(joint):
             count += 1
             if not by_run and rough.count > COARSE:
@@ -129,8 +129,16 @@ def weigh_generic(
                 continue
             candidate = _scale(terms.exactly(rough), sigma)
             if _gain(assembly, candidate) >= least:
-                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), search.flips))
-    tried = max(1.0, count / max(len(weighed), 1))
+                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), flips))
+    return weighed, max(1.0, count / max(len(weighed), 1))
+
+
+def weigh_generic(
+    search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
+) -> list[Evidence]:
+    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
+    policy, by_run = search.policy, assembly.layout.folds.by_run
+    weighed, tried = try_generic(terms, assembly, joints, policy.unknown_share, search.flips)
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     return [
         replace(
@@ -225,7 +233,7 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     Of a single run, which cannot give a generic term, such a name is dropped.
     """
     for f in list(found):
-        if f.effect.standard or f.evidence.share >= _DOUBTED:
+        if f.effect.standard or f.evidence.share >= _DOUBTED or not any(k is f for k in found):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
@@ -240,6 +248,8 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
             search.progress(f"{f.evidence.term.label} is {what}")
             instead = [] if alone else [Found(e.chosen, e)]
             found = [k for old in found for k in (instead if old is f else [old])]
+            if instead:
+                found = drop_superfluous(search, found, {e.joint}, {id(e.chosen)})
     return found
 
 

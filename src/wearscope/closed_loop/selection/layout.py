@@ -7,7 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_parts, make_blocks, make_folds
+from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
 
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
@@ -51,14 +51,19 @@ class Layout:
         return index
 
     @cached_property
-    def for_standard(self) -> "Layout":
-        """The same as standard terms are asked about: with parts held out where there are two recordings."""
-        folds = hold_out_parts(self.blocks, self.folds)
-        if folds is self.folds:
-            return self
-        other = Layout(self.prepared, self.blocks, folds)
-        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of, for_standard=other)
+    def by_fifths(self) -> "Layout":
+        """The same with fifths of every recording held out."""
+        other = Layout(self.prepared, self.blocks, hold_out_fifths(self.blocks, self.folds))
+        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of)
         return other
+
+    @property
+    def for_standard(self) -> "Layout":
+        """The same as standard terms are asked about: by fifths where there are two recordings.
+
+        Each has a motion of its own, and fitted on one alone a model may lack what only the other shows.
+        """
+        return self.by_fifths if len(np.unique(self.folds.recording)) == 2 else self
 
     @cached_property
     def run_of(self) -> np.ndarray:

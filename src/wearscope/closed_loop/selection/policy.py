@@ -1,6 +1,6 @@
 """The numbers of the rule that accepts, ties and names: all of them, each with its unit and its reason.
 
-What changes on the board when each is halved and doubled: ``benchmarks/policy.py``.
+What changes on the board when each is halved, doubled or taken out: ``docs/closed-loop.md``.
 """
 
 from pydantic import BaseModel, ConfigDict, Field

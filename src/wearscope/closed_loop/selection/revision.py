@@ -38,7 +38,8 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
             # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
             imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
             imitated = imitated and find_whole(f, others) is None
-            if not imitated and not is_refined(search, f, others) and not search.is_needed(beside, own):
+            stays = imitated or (is_refined(search, f, others) and search.is_believable(own))
+            if not stays and not search.is_needed(beside, own):
                 search.progress(f"{own.term.label} is dropped: not needed beside the others")
                 found = others
             else:
@@ -58,9 +59,14 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
 
 
 def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
-    """Whether a term at the same joint refines this one, and nothing else there that stays."""
+    """Whether a term at the same joint refines this one, and nothing else there that stays.
+
+    Plain friction, which every joint has, stays beside whatever refines it.
+    """
     here = [k.effect for k in others if k.joint == f.joint]
     present = [*search.problem.declared, *search.problem.given, *here]
+    if f.effect.is_plain_friction:
+        return any(f.effect.name in k.parents for k in here)
     return any(not k.has_parent(present) for k in here)
 
 
@@ -121,7 +127,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
     for f in sorted(found, key=lambda f: f.evidence.gain):
         if f.joint not in joints or id(f.chosen) in kept:
             continue
-        if f.effect.per_robot or f.effect.is_plain_friction:
+        if f.effect.is_plain_friction:
             continue
         others = [k for k in found if k is not f]
         beside = search.assemble(others, f.effect.standard)

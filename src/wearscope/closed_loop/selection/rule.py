@@ -59,7 +59,7 @@ def judge(
     Parameters
     ----------
     e : Evidence
-        With its family-wise p-value.
+        With its family-wise p-value; one that a single recording shows is judged as of a single run.
     policy : Policy
     bounds : sequence of (float, float)
         Believable bounds of its coefficients, then of its shape parameters.
@@ -71,6 +71,7 @@ def judge(
         Whether it is the generic term, which asks for more.
     """
     standard = e.term.effect.standard
+    by_run = by_run and not e.alone
     share = policy.unknown_share if generic else policy.standard_share if standard else policy.material_share
     level = policy.unknown_level if generic else policy.family_level
     if e.refusal is not Refusal.NONE:
@@ -106,7 +107,7 @@ def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
 
     The same on the rows that are fitted: where only the held-out ones gain, the model runs away there.
     """
-    least = _BEYOND_CHANCE if by_run else _BEYOND_CHANCE_ALONE
+    least = _BEYOND_CHANCE if by_run and not e.alone else _BEYOND_CHANCE_ALONE
     least = least if e.informing >= 3 else _BEYOND_DOUBT
     return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
 

@@ -173,15 +173,18 @@ class Search:
         self._weighed = {}
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
+    def is_believable(self, e: Evidence) -> bool:
+        """Whether a standard term's coefficients are within what such machines have."""
+        low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
+        return all(low <= b <= high for b, (low, high) in low_high)
+
     def is_needed(self, beside: Assembly, e: Evidence) -> bool:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
 
         Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
         """
-        low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
-        believable = all(low <= b <= high for b, (low, high) in low_high)
         return (
-            believable
+            self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
             and (rule.is_plain(e) or not self.drifts(beside, e))
         )
