@@ -191,3 +191,24 @@ def test_a_job_that_fails_says_no_costs(snakemake, tmp_path):
 def read_row(path):
     header, row = path.read_text().splitlines()
     return dict(zip(header.split("\t"), map(float, row.split("\t")), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("ends", "code", "said"), [("pass", 0, ["job"]), ("sys.exit(3)", 3, ["job", "libraries"])]
+)
+def test_only_a_job_that_ended_well_leaves_without_taking_libraries_down(tmp_path, ends, code, said):
+    """What is done at the end is done, but for what was there before the job; another end stays as it is."""
+    script = f"""
+import atexit, sys
+from types import SimpleNamespace
+atexit.register(lambda: print("libraries"))
+sys.path.insert(0, {str(Path(job.__file__).parent)!r})
+from job import run_job
+atexit.register(lambda: print("job"))
+class Snakemake(SimpleNamespace):
+    pass
+with run_job(Snakemake(rule="it", wildcards=[], log=[{str(tmp_path / "it.log")!r}], output=[])):
+    {ends}
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split(), done.stderr) == (code, said, "")
