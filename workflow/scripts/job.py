@@ -35,8 +35,8 @@ _done = False
 def leave() -> None:
     """End a process whose job ended well, after what else is done at its end, without taking it down.
 
-    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them: one
-    job in thousands was lost after its work was done.
+    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them:
+    one job in thousands was lost after its work was done.
     """
     if _done:
         sys.stdout.flush()
