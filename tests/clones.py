@@ -44,10 +44,15 @@ def run_well(folder: Path, *arguments: str, **options) -> str:
     return done.stdout + done.stderr
 
 
+def count_jobs(folder: Path, study: str, *arguments: str) -> dict[str, int]:
+    """Jobs to do by rule, and their ``total``, by a dry run."""
+    text = run_well(folder, "-n", *arguments, study=study)
+    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
+
+
 def stale(folder: Path, *arguments: str, study: str = f"{TINY}/config.yaml") -> set[str]:
     """Rules with jobs to do, by a dry run."""
-    text = run_well(folder, "-n", *arguments, study=study)
-    return set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) - {"total", "job"}
+    return count_jobs(folder, study, *arguments).keys() - {"total"}
 
 
 def read_tables(results: Path) -> dict[str, bytes]:

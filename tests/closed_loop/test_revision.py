@@ -3,11 +3,12 @@
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.selection import generic
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.revision import is_refined
+from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
 
@@ -32,6 +33,34 @@ def test_a_term_is_refined_where_it_alone_is_a_refining_ones_parent(record, pose
         assert not is_refined(search, offset, [asymmetry, coulomb])
         assert is_refined(search, coulomb, [asymmetry])
         assert not is_refined(search, coulomb, [find(search, "coulomb_asymmetry", 1)])
+
+
+@pytest.fixture
+def beside_balancer(record, pose):
+    """Search over a data set with a balancer at the last joint, which one more name cannot improve on."""
+    folder = record([(1, "gravity_counterbalance", {"sine1": 20.0, "cosine1": 8.0})], seed=5, runs=4)
+    return Search(pose(folder), Policy(flips=99))
+
+
+@pytest.mark.parametrize("name", ["payload_error", "coulomb_asymmetry"])
+def test_a_name_goes_beside_what_explains_it(beside_balancer, name):
+    """Of the whole robot or of a joint; what is kept stays, and so does what is at another joint."""
+    search = beside_balancer
+    whole, other = find(search, "gravity_counterbalance", 1), find(search, "coulomb_asymmetry", 0)
+    found = [find(search, name, 1), whole, other]
+    assert drop_superfluous(search, found, {1}, {id(whole.chosen)}) == [whole, other]
+    assert drop_superfluous(search, found, set(), set()) == found
+
+
+def test_names_beside_one_that_gave_way_are_asked_again(beside_balancer, monkeypatch):
+    """Two doubted names of a joint, and structure that explains both."""
+    search = beside_balancer
+    names = [find(search, name, 1) for name in ("coulomb_asymmetry", "viscous_asymmetry")]
+    whole = find(search, "gravity_counterbalance", 1)
+    assert all(f.evidence.share < generic._DOUBTED for f in names)
+    monkeypatch.setattr(generic, "weigh_generic", lambda *_: [whole.evidence])
+    (left,) = generic.doubt(search, None, names)
+    assert left.evidence is whole.evidence
 
 
 @pytest.mark.parametrize(

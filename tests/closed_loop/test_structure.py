@@ -1,6 +1,7 @@
 """What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,10 @@ from scipy import signal
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.selection.evidence import Refusal, weigh
+from wearscope.closed_loop.selection.generic import GenericTerms
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Search
 
 SMALL = {"runs": 4, "duration": 10.0}
 
@@ -49,6 +54,24 @@ def judge(record, pose):
         return judge_joints(problem.prepared, model, [], {})
 
     return states
+
+
+def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose):
+    """What runs disagree on the form of: the share of the rows that are fitted is what is known."""
+    search = Search(pose(record(seed=62, **SMALL)), Policy(flips=99))
+    problem, assembly = search.problem, search.assemble(())
+    terms = GenericTerms(problem.prepared, problem.joined)
+    rough = next(iter(terms.roughly(0)))
+    e = weigh(assembly, terms.exactly(rough), tuple(range(rough.count)), search.flips)
+    left = {0: replace(e, share=-3.0, fitted=0.64, refusal=Refusal.DISAGREES)}
+    model = fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
+    said, other = judge_joints(problem.prepared, model, [], left)
+    assert said.state == "unexplained"
+    assert 0.0 < said.unexplained_rms == pytest.approx(0.8 * search.sigma[0], rel=0.1)
+    assert said.depends_on
+    assert other.state == "explained"
 
 
 @pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])

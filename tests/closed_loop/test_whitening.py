@@ -36,6 +36,15 @@ def search_of(pose):
     return lambda folder: Search(pose(folder), Policy())
 
 
+@pytest.fixture
+def planted(record, search_of):
+    """Search over a data set with a Stribeck effect beside a walk, and the term that was planted."""
+    search = search_of(record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk))
+    candidate = search.problem.candidate(load_effect("stribeck"), 0)
+    nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
+    return search, Chosen(candidate.at(nearest), (0,))
+
+
 @pytest.mark.parametrize("persistence", [0.0, 0.5, 0.95, 0.99])
 def test_filtered_series_is_white(persistence):
     series = colour(persistence, 4, 800, np.random.default_rng(1))
@@ -105,22 +114,14 @@ def test_slow_effects_are_not_significant_beside_a_walk(record, search_of, off):
     assert beside.min() > 1e-4
 
 
-def test_an_effect_is_significant_beside_a_walk(record, search_of):
-    folder = record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk)
-    search = search_of(folder)
-    candidate = search.problem.candidate(load_effect("stribeck"), 0)
-    nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
-    stribeck = Chosen(candidate.at(nearest), (0,))
+def test_an_effect_is_significant_beside_a_walk(planted):
+    search, stribeck = planted
     assert drift_p_value(search.assemble(()), stribeck, 0, search.flips) < 1e-4
 
 
-def test_what_other_joints_know_of_a_term_absorbs_nothing(record, search_of):
+def test_what_other_joints_know_of_a_term_absorbs_nothing(planted):
     """A term felt at both joints: columns next to nothing here, or fixed there, take no evidence away."""
-    folder = record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk)
-    search = search_of(folder)
-    candidate = search.problem.candidate(load_effect("stribeck"), 0)
-    nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
-    stribeck = Chosen(candidate.at(nearest), (0,))
+    search, stribeck = planted
     plain = search.assemble(())
     alone = drift_p_value(plain, stribeck, 0, search.flips)
     rows = stribeck.rows[0]

@@ -22,14 +22,9 @@ def clone(tmp_path_factory):
     return tree
 
 
-def count_jobs(clone, study, *targets) -> dict[str, int]:
-    text = clones.run_well(clone, "-n", *targets, study=study)
-    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
-
-
 def test_test_quantities_are_cut_as_simulations_are(clone):
     """15, 15, 19, 7 and 20 points: identification, validation, filling, checking, direct Monte Carlo."""
-    uncut, cut = (count_jobs(clone, f"{name}.yaml", "direct") for name in ("uncut", "cut"))
+    uncut, cut = (clones.count_jobs(clone, f"{name}.yaml", "direct") for name in ("uncut", "cut"))
     assert "compute_quantity_chunk" not in uncut
     assert cut["compute_quantity_chunk"] == 2 + 2 + 3 + 1 + 3
     assert cut["simulate_points"] == 2 + 2 + 2 + 1 + 2 + 1  # and the nominal run

@@ -35,13 +35,8 @@ def clone(tmp_path_factory):
     return tree
 
 
-def count_jobs(clone, study, *arguments) -> dict[str, int]:
-    text = clones.run_well(clone, "-n", *arguments, study=study)
-    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", text, re.MULTILINE)}
-
-
 def test_a_job_a_partition_takes_the_place_of_all_that_is_done_for_its_robots(clone):
-    whole, divided = (count_jobs(clone, f"{name}.yaml", "scope") for name in ("whole", "divided"))
+    whole, divided = (clones.count_jobs(clone, f"{name}.yaml", "scope") for name in ("whole", "divided"))
     assert divided["run_partition"] == 2
     assert {"simulate_points", "check_cycle", "compute_test_quantities"} <= whole.keys() - divided.keys()
     assert "run_partition" not in whole

@@ -25,8 +25,6 @@ gc.disable()
 Say = Callable[[str], None]
 #: The disk is full, or its user's share of it is.
 FULL = (errno.ENOSPC, errno.EDQUOT)
-
-
 #: Whether the job of this process ended well.
 _done = False
 
@@ -35,8 +33,8 @@ _done = False
 def leave() -> None:
     """End a process whose job ended well, after what else is done at its end, without taking it down.
 
-    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them:
-    one job in thousands was lost after its work was done.
+    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them: a
+    job was lost so after its work was done.
     """
     if _done:
         sys.stdout.flush()

@@ -84,10 +84,7 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
     unit = np.unique(files, return_inverse=True)[1][[block.run for block in blocks]]
     runs = int(unit.max()) + 1
     share = {1: _FIFTHS, 2: 4}.get(runs, 1)
-    parts = np.empty(len(blocks), dtype=int)
-    for r in range(runs):
-        own = np.flatnonzero(unit == r)
-        parts[own] = share * r + np.arange(len(own)) * share // len(own)
+    parts = _cut(unit, share)
     if runs == 1 and motion is not None:
         parts = _spread_parts(motion, share)
     if runs > 1:
@@ -95,10 +92,7 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
         test = np.array([unit * folds // runs == k for k in range(folds)])
         return Folds(~test, test, True, parts, unit)
     test = np.array([parts == k for k in range(share)])
-    near = test.copy()
-    near[:, 1:] |= test[:, :-1]
-    near[:, :-1] |= test[:, 1:]
-    return Folds(~near, test, False, parts, unit)
+    return Folds(_leave_gaps(test, np.ones(len(blocks) - 1, dtype=bool)), test, False, parts, unit)
 
 
 def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
@@ -106,17 +100,27 @@ def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
 
     For what need not be shown along a motion that it was not fitted on, or what only one recording shows.
     """
-    part = np.empty(len(blocks), dtype=int)
-    for r in np.unique(folds.recording):
-        own = np.flatnonzero(folds.recording == r)
-        part[own] = np.arange(len(own)) * _FIFTHS // len(own)
-    test = np.array([part == k for k in range(_FIFTHS)])
+    parts = _cut(folds.recording, _FIFTHS)
+    test = np.array([parts % _FIFTHS == k for k in range(_FIFTHS)])
     run = np.array([block.run for block in blocks])
-    beside = run[1:] == run[:-1]
+    return Folds(_leave_gaps(test, run[1:] == run[:-1]), test, folds.by_run, parts, folds.recording)
+
+
+def _cut(recording: np.ndarray, share: int) -> np.ndarray:
+    """Part (B,) of each block where every recording is cut into so many contiguous ones."""
+    parts = np.empty(len(recording), dtype=int)
+    for r in np.unique(recording):
+        own = np.flatnonzero(recording == r)
+        parts[own] = share * r + np.arange(len(own)) * share // len(own)
+    return parts
+
+
+def _leave_gaps(test: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Blocks to train on (F, B): neither held out nor next to one that is, where they follow it (B - 1,)."""
     near = test.copy()
     near[:, 1:] |= test[:, :-1] & beside
     near[:, :-1] |= test[:, 1:] & beside
-    return Folds(~near, test, folds.by_run, _FIFTHS * folds.recording + part, folds.recording)
+    return ~near
 
 
 def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:

@@ -148,8 +148,10 @@ class Assembly:
     @cached_property
     def by_fifths(self) -> "Assembly":
         """The same model with fifths of every recording held out."""
+        if self.layout.by_fifths is self.layout:
+            return self
         other = copy(self)
-        for folded in ("by_fold", "joint_losses", "by_fifths"):
+        for folded in ("by_fold", "joint_losses"):
             other.__dict__.pop(folded, None)
         other.layout = self.layout.by_fifths
         return other

@@ -54,7 +54,7 @@ class Layout:
     def by_fifths(self) -> "Layout":
         """The same with fifths of every recording held out."""
         other = Layout(self.prepared, self.blocks, hold_out_fifths(self.blocks, self.folds))
-        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of)
+        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of, by_fifths=other)
         return other
 
     @property

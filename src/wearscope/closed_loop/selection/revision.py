@@ -112,12 +112,12 @@ def ask_again(
     if keeps:
         near = [e for e in able if e.gain > _NEAR * own.gain and rule.gains_there(e, own)]
         chosen = rule.choose([own, *(search.refine(beside, e) for e in near)])
-        if chosen is None or chosen is own or (
-            chosen.term.effect is not f.effect and not rule.separates(chosen, own)
-            and chosen.complexity >= own.complexity
-        ) or (chosen.term.effect is not f.effect and search.drifts(beside, chosen)):  # fmt: skip
+        if chosen is None or chosen is own:
             return Found(f.chosen, own)
-        return Found(chosen.chosen, chosen)
+        better = chosen.complexity < own.complexity or rule.separates(chosen, own)
+        if chosen.term.effect is f.effect or (better and not search.drifts(beside, chosen)):
+            return Found(chosen.chosen, chosen)
+        return Found(f.chosen, own)
     best = search.choose(beside, able)
     return None if best is None else Found(best.chosen, best)
 
@@ -125,9 +125,7 @@ def ask_again(
 def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
     """Drop terms at joints that held-out runs do not need beside new ones; some are kept (identities)."""
     for f in sorted(found, key=lambda f: f.evidence.gain):
-        if f.joint not in joints or id(f.chosen) in kept:
-            continue
-        if f.effect.is_plain_friction:
+        if f.joint not in joints or id(f.chosen) in kept or f.effect.is_plain_friction:
             continue
         others = [k for k in found if k is not f]
         beside = search.assemble(others, f.effect.standard)
