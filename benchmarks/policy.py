@@ -42,9 +42,7 @@ _LEFT_OUT = ("seed",)
 _LARGEST = 0.999
 #: Numbers that stand beside what they decide and not in the rule.
 _ELSEWHERE = {
-    diagnosis: ("_ZERO",),
-    evidence: ("_INFORMS",),
-    generic: ("_MOST", "_DOUBTED", "_CLEARLY", "_OUTSIDE", "_PLAINLY"),
+    generic: ("_MOST", "_DOUBTED", "_CLEARLY"),
     naming: ("_NEAR",),
     revision: ("_IMITATED", "_NEAR", "_HOPELESS"),
     search: ("_PASSES", "_NEAR", "_HOPELESS", "_SETTLED"),
@@ -52,12 +50,12 @@ _ELSEWHERE = {
 #: Values of numbers at which they decide nothing any more, or another one decides for them.
 _NEVER = float("inf")
 _WITHOUT = {
-    "_ABSORBED": 0.0, "_FEWEST_BLOCKS": 0.0, "_CANCELS": _NEVER, "_BEYOND_CHANCE": _NEVER,
-    "_BEYOND_CHANCE_ALONE": rule._BEYOND_CHANCE, "_BEYOND_DOUBT": rule._BEYOND_CHANCE, "_LARGE": _NEVER,
-    "_MOSTLY": _NEVER, "_EXPECTED": rule._ERRORS, "_POSSIBLE": rule._ERRORS, "_GENERIC": 1.0,
+    "_ABSORBED": 0.0, "_FEWEST_BLOCKS": 0.0, "_CANCELS": _NEVER, "beyond_chance": _NEVER,
+    "beyond_chance_few": Policy().beyond_chance, "_BEYOND_DOUBT": Policy().beyond_chance, "_LARGE": _NEVER,
+    "_MOSTLY": _NEVER, "_EXPECTED": Policy().told_apart, "unexpected": Policy().told_apart,
     "_GENERIC_TORQUE": 1.0, "_ALL": _NEVER, "_ALONE": 1.0, "_OWN": 0.0, "_ALIKE": _NEVER, "_FAR_MORE": _NEVER,
-    "_MATERIAL": 0.0, "diagnosis._ZERO": 1.0, "generic._DOUBTED": 0.0,
-    "generic._CLEARLY": 1.0, "generic._OUTSIDE": 0.0, "generic._PLAINLY": _NEVER, "naming._NEAR": 0.0,
+    "_MATERIAL": 0.0, "zero_level": 1.0, "generic._DOUBTED": 0.0,
+    "generic._CLEARLY": 1.0, "naming._NEAR": 0.0,
     "revision._IMITATED": 0.0, "revision._NEAR": 0.0, "search._NEAR": 0.0, "material_torque": 0.0,
     "material_whole": 0.0, "standard_share": 0.0, "agreeing": 0.0,
 }  # fmt: skip
@@ -156,13 +154,14 @@ def diagnose_variants(
 
 
 def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
-    """All that a verdict depends on but its rule's numbers."""
+    """All that a verdict depends on but the rule's numbers that it is not concluded by."""
 
     def tell(e: evidence.Evidence) -> tuple:
         return (e.chosen.candidate, e.chosen.subset, e.joint, e.gain, e.share, e.fitted, e.refusal)
 
     return (
-        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)), diagnosis._ZERO,
+        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)),
+        tried.policy.zero_level, tried.policy.unexpected, tried.policy.structure_share,
         tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in answer.found),
         tuple(map(tuple, answer.equivalent)),
         tuple((joint, tell(e)) for joint, e in sorted(answer.left.items())),

@@ -14,7 +14,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 TRIED = (
     "as it is",
     "material_share doubled",
-    "_POSSIBLE doubled",
+    "unexpected doubled",
     "generic._DOUBTED doubled",
     "flips halved",
 )

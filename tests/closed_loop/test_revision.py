@@ -17,7 +17,7 @@ def find(search, name, joint):
     """A term of some effect as if it had been found."""
     candidate = search.problem.candidate(load_effect(name), joint)
     subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-    evidence = weigh(search.assemble(()), candidate, subset, search.flips)
+    evidence = weigh(search.assemble(()), candidate, subset, search.policy)
     return Found(Chosen(candidate.at(0), subset), evidence)
 
 

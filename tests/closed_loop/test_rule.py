@@ -182,8 +182,8 @@ def test_a_simpler_term_that_fits_far_worse_is_not_tied():
     richer = evidence("gravity_counterbalance", subset=(0, 1, 2), fitted=0.99)
     for fitted, name in ((0.97, "viscous"), (0.95, "gravity_counterbalance")):
         simple = evidence("viscous", gain=39.9, fitted=fitted)
-        assert not rule.separates(richer, simple)
-        assert rule.choose([richer, simple]).term.effect.name == name
+        assert not rule.separates(richer, simple, POLICY)
+        assert rule.choose([richer, simple], POLICY).term.effect.name == name
     assert rule.fit_alike([]) == []
 
 
@@ -191,7 +191,7 @@ def test_the_rule_changes_nothing_it_is_given():
     e = evidence()
     before = {name: np.copy(getattr(e, name)) for name in ("change", "beta", "chance", "gain", "p_value")}
     rule.judge(e, POLICY, FREE, 0.0, by_run=True)
-    rule.choose([e, evidence("stribeck", 41.0, shape=(0.3, 1.0))])
+    rule.choose([e, evidence("stribeck", 41.0, shape=(0.3, 1.0))], POLICY)
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(e, name), value)
     with pytest.raises(AttributeError):
@@ -208,23 +208,23 @@ def test_sum_and_error_are_those_of_the_blocks_that_are_held_out():
 def test_terms_are_told_apart_materially_and_outside_their_noise():
     best = evidence(gain=40.0, noise=0.0)
     # Two in a hundred of what the better one leaves, 60, is 1.2.
-    assert not rule.separates(best, evidence(gain=38.9, noise=0.0))
-    assert rule.separates(best, evidence(gain=38.7, noise=0.0))
+    assert not rule.separates(best, evidence(gain=38.9, noise=0.0), POLICY)
+    assert rule.separates(best, evidence(gain=38.7, noise=0.0), POLICY)
     # A standard error of the difference of 1 x sqrt(40) x 40/39 ...: 10 lies within two of them.
-    assert not rule.separates(best, evidence(gain=30.0, noise=1.0))
-    assert rule.separates(best, evidence(gain=25.0, noise=1.0))
-    assert not rule.separates(evidence(gain=25.0, noise=0.0), best)
+    assert not rule.separates(best, evidence(gain=30.0, noise=1.0), POLICY)
+    assert rule.separates(best, evidence(gain=25.0, noise=1.0), POLICY)
+    assert not rule.separates(evidence(gain=25.0, noise=0.0), best, POLICY)
 
 
 def test_few_blocks_tell_less():
     """Two standard errors of normal noise are 4.5 where three blocks inform."""
-    assert rule.find_critical(10_000) == pytest.approx(2.0, abs=1e-3)
-    assert rule.find_critical(3) == pytest.approx(4.53, abs=0.01)
-    assert rule.find_critical(1.2) > 13.0
+    assert rule.find_critical(POLICY.told_apart, 10_000) == pytest.approx(2.0, abs=1e-3)
+    assert rule.find_critical(POLICY.told_apart, 3) == pytest.approx(4.53, abs=0.01)
+    assert rule.find_critical(POLICY.told_apart, 1.2) > 13.0
     best, worse = evidence(gain=40.0, noise=0.0), evidence(gain=25.0, noise=1.0)
-    assert rule.separates(best, worse)
-    assert not rule.separates(best, replace(worse, blocks=4.0))
-    assert not rule.separates(replace(best, blocks=4.0), worse)
+    assert rule.separates(best, worse, POLICY)
+    assert not rule.separates(best, replace(worse, blocks=4.0), POLICY)
+    assert not rule.separates(replace(best, blocks=4.0), worse, POLICY)
 
 
 def test_a_delay_is_alike_within_a_factor_and_of_one_sign():
@@ -244,7 +244,7 @@ def test_rows_away_from_reversals_are_asked_only_where_there_are_some():
 def test_noise_that_two_terms_share_does_not_tie_them():
     """Held-out losses are compared block by block: what both leave alike cancels."""
     best, worse = evidence(gain=40.0, noise=5.0), evidence(gain=35.0, noise=5.0)
-    assert rule.separates(best, worse)
+    assert rule.separates(best, worse, POLICY)
 
 
 def test_the_simplest_of_those_tied_gives_the_name():
@@ -252,26 +252,26 @@ def test_the_simplest_of_those_tied_gives_the_name():
     simple = evidence("quadratic_viscous", 39.5)
     rich = evidence("cross_coupling", 39.9, shape=(1.0,), subset=(0, 1))
     assert stribeck.complexity > simple.complexity
-    assert rule.choose([stribeck, simple, rich]) is simple
+    assert rule.choose([stribeck, simple, rich], POLICY) is simple
     # Told apart from the best, it is not asked.
-    assert rule.choose([stribeck, evidence("quadratic_viscous", 30.0, noise=0.1)]) is stribeck
+    assert rule.choose([stribeck, evidence("quadratic_viscous", 30.0, noise=0.1)], POLICY) is stribeck
     # Of equals, what gains most.
     other = evidence("viscous_asymmetry", 39.7)
     assert other.complexity == simple.complexity
-    assert rule.choose([simple, other]) is other and rule.choose([other, simple]) is other
+    assert rule.choose([simple, other], POLICY) is other and rule.choose([other, simple], POLICY) is other
 
 
 def test_a_term_felt_elsewhere_is_not_tied():
     best = evidence("stribeck", 40.0, shape=(0.3, 1.0))
     elsewhere = evidence("quadratic_viscous", 39.9, joints=(1,))
-    assert rule.choose([best, elsewhere]) is best
+    assert rule.choose([best, elsewhere], POLICY) is best
     wide = evidence("payload_error", 39.9, joints=(0, 1), subset=(0,))
     assert rule.touches(best, wide) and rule.touches(wide, elsewhere)
     assert not rule.touches(best, elsewhere)
 
 
 def test_nothing_able_is_no_name():
-    assert rule.choose([]) is None
+    assert rule.choose([], POLICY) is None
 
 
 def test_what_is_built_against_gravity_is_preferred_only_where_it_works_against_it():

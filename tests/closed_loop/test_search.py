@@ -109,7 +109,7 @@ def test_a_counterbalance_takes_gravity_off_a_joint_that_has_any(record, pose):
 
     def opposes(name, size):
         candidate = problem.candidate(load_effect(name), 0)
-        e = weigh(assembly, candidate, (0, 1), search.flips)
+        e = weigh(assembly, candidate, (0, 1), search.policy)
         object.__setattr__(e, "beta", np.array([0.0, size]))
         return opposes_gravity(problem, e)
 

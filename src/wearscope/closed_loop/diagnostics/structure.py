@@ -12,6 +12,7 @@ from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
 from wearscope.effects.unknown import name_signals
 
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
     from wearscope.closed_loop.selection.evidence import Evidence
 
 State = Literal["explained", "corrected", "unexplained"]
-#: Least share of a residual's variance that counts as structure.
-_SHARE = 0.2
-#: Standard errors by which it must stand out.
-_ERRORS = 3.0
 #: Rows that trees are grown on, folds, seed.
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
@@ -72,6 +69,7 @@ def judge_joints(
     after: Regression,
     named: "Sequence[Attribution]",
     left: "Mapping[int, Evidence]",
+    policy: Policy,
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -86,6 +84,7 @@ def judge_joints(
     named : sequence of Attribution
     left : mapping of int to Evidence
         Generic structure by joint that could not be added.
+    policy : Policy
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -108,9 +107,9 @@ def judge_joints(
         rms = _rms(own, keep)
         seen = [
             *_from_generic(prepared, left, j),
-            *_from_trees(features, own, keep, prepared, j),
-            *_from_repeats(repeats, own, keep),
-            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms),
+            *_from_trees(features, own, keep, prepared, j, policy),
+            *_from_repeats(repeats, own, keep, policy),
+            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
             *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
         ]
         if not seen or not rms > 0.0:
@@ -143,8 +142,9 @@ def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int
 
 
 def _from_trees(
-    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared, joint: int
-) -> list[_Seen]:
+    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
+    joint: int, policy: Policy,
+) -> list[_Seen]:  # fmt: skip
     """Boosted trees on all signals that predict rows that they were not grown on."""
     x = np.concatenate([f[k] for f, k in zip(features, keep, strict=True)])
     y = np.concatenate([r[k] for r, k in zip(own, keep, strict=True)])
@@ -171,7 +171,7 @@ def _from_trees(
     sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
     error = np.sqrt(len(sums) * sums.var(ddof=1))
     share = float(sums.sum() / max((y**2).sum(), 1e-300))
-    if share < _SHARE or sums.sum() < _ERRORS * error:
+    if share < policy.structure_share or sums.sum() < policy.unexpected * error:
         return []
     return [_Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
 
@@ -204,7 +204,7 @@ def _list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
 
 
 def _from_repeats(
-    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray]
+    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
 ) -> list[_Seen]:
     """What repeats when the motion does, from pairs of runs."""
     seen = []
@@ -220,13 +220,15 @@ def _from_repeats(
         # What autocorrelated noise gives by chance: the same runs, shifted against each other.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
-        highest = max((_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max()))
-        if share > max(_SHARE, highest):
+        highest = max(
+            (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
+        )
+        if share > max(policy.structure_share, highest):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
 
 
-def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
+def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy) -> list[_Seen]:
     """A spectral line: a torque that is periodic in time.
 
     Parameters
@@ -236,6 +238,7 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
     rate : float
     rms : float
         Of the residual after it, whose share is told.
+    policy : Policy
     """
     shares, frequencies, sizes = [], [], []
     for x in full:
@@ -256,7 +259,7 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
         shares.append(share if ratio.max() > _LINE else 0.0)
         frequencies.append(k * rate / len(x))
         sizes.append(share * float(np.var(x)) / max(rms**2, 1e-300))
-    if not shares or np.median(shares) < _SHARE:
+    if not shares or np.median(shares) < policy.structure_share:
         return []
     middle = float(np.median(frequencies))
     return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]

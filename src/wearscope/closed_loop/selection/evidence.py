@@ -9,10 +9,8 @@ from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
-from wearscope.closed_loop.selection.significance import adjust, flip_scores, score_chance
-
-#: Share of the information on a candidate from which a run or part of one is asked whether it agrees.
-_INFORMS = 0.05
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.significance import adjust, flip_scores, make_flips, score_chance
 
 
 class Refusal(Enum):
@@ -113,7 +111,7 @@ class Evidence:
 
 
 def weigh(
-    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray,
+    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], policy: Policy,
     sums: Sums | None = None, alone: bool = False,
 ) -> Evidence:  # fmt: skip
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open.
@@ -124,8 +122,7 @@ def weigh(
         The model.
     candidate : Candidate
     subset : tuple of int
-    flips : ndarray (F, B)
-        Random signs of the blocks.
+    policy : Policy
     sums : Sums, optional
         Of all the candidate's columns, where they are there.
     alone : bool
@@ -140,8 +137,8 @@ def weigh(
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
     information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
-    if not alone and shows_alone(candidate, information, layout.folds):
-        return weigh(assembly.by_fifths, candidate, subset, flips, every, alone=True)
+    if not alone and shows_alone(candidate, information, layout.folds, policy):
+        return weigh(assembly.by_fifths, candidate, subset, policy, every, alone=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = float(added.gain[best] / max(assembly.sample_losses[touched].sum(), 1e-300))
@@ -150,12 +147,13 @@ def weigh(
     reach = list(find_reach(assembly.chosen, candidate))
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
+    flips = make_flips(policy.flips, len(layout.blocks), policy.seed)
     observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
     chance = _odds(flipped, sample)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
     gain_by_part = -np.bincount(parts, np.nan_to_num(change))
-    informs = by_part > _INFORMS * max(by_part.sum(), 1e-300)
+    informs = by_part > policy.informing * max(by_part.sum(), 1e-300)
     whole = float(np.sqrt(max(beta @ own @ beta, 1e-300)))
     rows = chosen.rows[candidate.joints.index(joint)] @ beta
     keep = layout.keep[:, joint]
@@ -183,7 +181,7 @@ def weigh(
     )
 
 
-def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds) -> bool:
+def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:
     """Whether one of several recordings holds nearly all information (B,) on a candidate.
 
     Fitted on the others it would be anything, so that nothing can be learnt from holding that one out. Not of
@@ -192,7 +190,8 @@ def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds) -> 
     if any(name == "t" or name.startswith("temp") for name in candidate.effect.depends_on):
         return False
     by_recording = np.bincount(folds.recording, information)
-    return len(by_recording) > 1 and bool(by_recording.max() > (1.0 - _INFORMS) * by_recording.sum())
+    nearly_all = (1.0 - policy.informing) * by_recording.sum()
+    return len(by_recording) > 1 and bool(by_recording.max() > nearly_all)
 
 
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:

@@ -50,7 +50,9 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
         inside = {apart[k] for k in map(int, np.asarray(test.included))}
     # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
     best = max(evidence, key=lambda e: e.gain)
-    return [e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e)]
+    return [
+        e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e, policy)
+    ]
 
 
 def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:

@@ -37,6 +37,30 @@ class Policy(BaseModel):
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
     predicts better when they are held out: of up to four, all."""
 
+    informing: float = Field(0.05, gt=0, lt=0.5)
+    """Share of the information on a term from which a run (part) is asked whether it agrees: with less it
+    gains or loses by chance. Where one recording holds all but this share, that one shows the term alone."""
+
+    beyond_chance: float = Field(0.5, gt=0)
+    """Share of the loss, held out and on the rows that are fitted, that no chance removes in each of three
+    runs or more: random signs, which cannot show what lies in a few blocks (a lost motion, a reversal), are
+    then not asked. What explains as much is there, whether or not held-out runs agree on its form."""
+
+    beyond_chance_few: float = Field(0.7, gt=0)
+    """The same in parts of a single run, which resemble each other more than runs do."""
+
+    told_apart: float = Field(2.0, gt=0)
+    """Standard errors by which a sum over held-out blocks is told from noise (as far out in Student's t):
+    95 % of noise lies within."""
+
+    unexpected: float = Field(3.0, gt=0)
+    """The same for what a joint need not have, whatever is asked of it there: rotor inertia, an offset,
+    structure that cannot be added. One in 700 of noise lies beyond."""
+
+    zero_level: float = Field(0.05, gt=0, le=1)
+    """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own
+    95 % interval does then not tell it from nothing."""
+
     set_level: float = Field(0.1, gt=0, lt=1)
     """One minus the coverage of the set of names (model confidence set)."""
 
@@ -44,7 +68,12 @@ class Policy(BaseModel):
     """As `family_level`, for the generic term, which can be anything."""
 
     unknown_share: float = Field(0.1, ge=0, lt=1)
-    """As `material_share`, for the generic term."""
+    """As `material_share`, for the generic term, also of what the standard model leaves: the form of an
+    effect with a name may differ by as much."""
+
+    structure_share: float = Field(0.2, gt=0, lt=1)
+    """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
+    where trees predict it, it repeats or it is a line: less is a tenth of the RMS error."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted; reaching it is said in the verdict."""

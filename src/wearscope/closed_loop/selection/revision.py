@@ -34,7 +34,7 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
         others = absorb(search, f, [k for k in found if k is not f])
         beside = search.assemble(others, f.effect.standard)
         if f.effect.standard:
-            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.flips)
+            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
             # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
             imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
             imitated = imitated and find_whole(f, others) is None
@@ -111,10 +111,10 @@ def ask_again(
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
         near = [e for e in able if e.gain > _NEAR * own.gain and rule.gains_there(e, own)]
-        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)])
+        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)], search.policy)
         if chosen is None or chosen is own:
             return Found(f.chosen, own)
-        better = chosen.complexity < own.complexity or rule.separates(chosen, own)
+        better = chosen.complexity < own.complexity or rule.separates(chosen, own, search.policy)
         if chosen.term.effect is f.effect or (better and not search.drifts(beside, chosen)):
             return Found(chosen.chosen, chosen)
         return Found(f.chosen, own)
@@ -150,7 +150,7 @@ def restore_friction(search: "Search", found: list[Found], joints: Collection[in
             if not candidate.effect.is_plain_friction:
                 continue
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-            own = weigh(beside, candidate, subset, search.flips)
+            own = weigh(beside, candidate, subset, search.policy)
             if search.is_needed(beside, own):
                 search.progress(f"{own.term.label}: needed beside unknown structure")
                 found = [*found, Found(own.chosen, own)]

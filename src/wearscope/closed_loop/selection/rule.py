@@ -15,19 +15,14 @@ _FEWEST_BLOCKS = 4.0
 #: Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's
 #: torque: beyond, columns cancel each other, or other terms.
 _CANCELS = 12.0
-#: Share of the held-out loss that no chance removes in run after run: random signs, which cannot show what
-#: lies in a few blocks (a lost motion, a reversal), are then not asked. More is asked of parts of one run.
-_BEYOND_CHANCE, _BEYOND_CHANCE_ALONE = 0.5, 0.7
-#: The same where two runs or parts inform.
+#: `Policy.beyond_chance` where two runs or parts inform.
 _BEYOND_DOUBT = 0.9
 #: Share of the held-out loss from which a standard term is kept where only this share of the runs agree.
 _LARGE, _MOSTLY = 0.1, 2.0 / 3.0
-#: Standard errors by which a gear's plain friction, which every joint has, must gain there, and any other
-#: standard term anywhere.
-_EXPECTED, _POSSIBLE = 1.0, 3.0
-#: How much more than a name the generic term must remove of what the standard model leaves, and must add to
-#: the torque.
-_GENERIC, _GENERIC_TORQUE = 10.0, 2.5
+#: Standard errors by which a gear's plain friction, which every joint has, must gain there.
+_EXPECTED = 1.0
+#: How much more than a name the generic term must add to the torque.
+_GENERIC_TORQUE = 2.5
 #: Share of its joint's held-out loss above which a generic term gains by other joints, whose model runs away
 #: where a run is held out.
 _ALL = 1.05
@@ -45,9 +40,8 @@ _FAR_MORE = 4.0
 #: Share of what a term gains at all its joints that another one must gain at the same ones to stand in its
 #: place.
 _THERE = 0.5
-#: A difference of held-out losses is told from noise from this many standard errors, and from this share of
-#: the loss that the better one leaves.
-_ERRORS, _MATERIAL = 2.0, 0.02
+#: Share of the loss that the better one leaves from which a difference of held-out losses is material.
+_MATERIAL = 0.02
 
 
 def judge(
@@ -80,7 +74,7 @@ def judge(
     if not e.sine >= _ABSORBED:
         return Refusal.ABSORBED
     alone = 1.0 if by_run else _ALONE
-    whole = 0.0 if standard else policy.material_whole * (_GENERIC if generic else alone)
+    whole = policy.unknown_share if generic else 0.0 if standard else policy.material_whole * alone
     torque = policy.material_torque * (_GENERIC_TORQUE if generic else 1.0)
     own = e.torque >= torque and e.torque * e.sine >= _OWN * torque
     if not (e.share >= share and own and e.whole >= whole):
@@ -94,7 +88,7 @@ def judge(
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
-    if not e.p_value <= level and not is_beyond_chance(e, by_run):
+    if not e.p_value <= level and not is_beyond_chance(e, policy, by_run):
         return Refusal.CHANCE
     # Parts of one run resemble each other more than runs do: all must agree.
     if not e.agreement >= (policy.agreeing if by_run else 1.0) or (generic and e.share > _ALL):
@@ -102,12 +96,12 @@ def judge(
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
 
 
-def is_beyond_chance(e: Evidence, by_run: bool) -> bool:
+def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether every one of the informing runs is predicted far better when held out, of two nearly all.
 
     The same on the rows that are fitted: where only the held-out ones gain, the model runs away there.
     """
-    least = _BEYOND_CHANCE if by_run and not e.alone else _BEYOND_CHANCE_ALONE
+    least = policy.beyond_chance if by_run and not e.alone else policy.beyond_chance_few
     least = least if e.informing >= 3 else _BEYOND_DOUBT
     return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
 
@@ -121,10 +115,10 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     plain = e.term.effect.is_plain_friction
     gain, error = summed(-e.change)
     agrees = e.agreement >= (policy.agreeing if by_run else 1.0)
-    beyond = min(e.share, e.fitted) >= _BEYOND_CHANCE and e.agreement == 1.0
-    sure = gain > (_ERRORS if plain else _POSSIBLE) * error or beyond
+    beyond = min(e.share, e.fitted) >= policy.beyond_chance and e.agreement == 1.0
+    sure = gain > (policy.told_apart if plain else policy.unexpected) * error or beyond
     large = is_large(e) and e.agreement >= _MOSTLY
-    likely = large and gain > (_EXPECTED if plain else _POSSIBLE) * error
+    likely = large and gain > (_EXPECTED if plain else policy.unexpected) * error
     return (
         e.sine >= _ABSORBED
         and e.share >= policy.standard_share
@@ -170,19 +164,19 @@ def summed(values: np.ndarray) -> tuple[float, float]:
     return float(held.sum()), float(np.sqrt(len(held) * max(float(held.var(ddof=1)), 1e-300)))
 
 
-def separates(better: Evidence, worse: Evidence) -> bool:
+def separates(better: Evidence, worse: Evidence, policy: Policy) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
-    critical = find_critical(min(better.blocks, worse.blocks))
+    critical = find_critical(policy.told_apart, min(better.blocks, worse.blocks))
     return difference > max(critical * error, _MATERIAL * better.left)
 
 
-def find_critical(blocks: float) -> float:
+def find_critical(errors: float, blocks: float) -> float:
     """Standard errors from which a sum is told from noise, where so many blocks inform on it effectively.
 
-    As far out in Student's t with as many degrees of freedom, less one, as `_ERRORS` are in normal noise.
+    As far out in Student's t with as many degrees of freedom, less one, as `errors` are in normal noise.
     """
-    return float(stats.t.ppf(stats.norm.cdf(_ERRORS), max(blocks - 1.0, 1.0)))
+    return float(stats.t.ppf(stats.norm.cdf(errors), max(blocks - 1.0, 1.0)))
 
 
 def touches(a: Evidence, b: Evidence) -> bool:
@@ -226,10 +220,10 @@ def fit_alike(tied: Sequence[Evidence]) -> list[Evidence]:
     return [e for e in tied if 1.0 - e.fitted <= _FAR_MORE * max(least, 1e-12)]
 
 
-def choose(able: Sequence[Evidence]) -> Evidence | None:
+def choose(able: Sequence[Evidence], policy: Policy) -> Evidence | None:
     """The simplest of those terms that neither held-out runs nor the fit tell from the best one."""
     if not able:
         return None
     best = max(able, key=lambda e: e.gain)
-    tied = [e for e in able if e is best or (touches(e, best) and not separates(best, e))]
+    tied = [e for e in able if e is best or (touches(e, best) and not separates(best, e, policy))]
     return simplest(fit_alike(tied))

@@ -120,7 +120,7 @@ class Search:
                     sums = sums or assembly.sum_products(candidate)
                     if float(assembly.add(sums.select(subset)).gain.max()) < least(candidate):
                         continue
-                    self._weighed[key] = weigh(assembly, candidate, subset, self.flips, sums)
+                    self._weighed[key] = weigh(assembly, candidate, subset, self.policy, sums)
                 weighed.append(self._weighed[key])
         more = count / max(len(weighed), 1)
         weighed = [replace(e, tried=e.tried * more) for e in weighed]
@@ -244,7 +244,7 @@ class Search:
         best = able[0]
         near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > _NEAR * best.gain)]
         near = [self.refine(assembly, e) for e in near]
-        chosen = rule.choose(near)
+        chosen = rule.choose(near, self.policy)
         if (
             chosen is not None
             and chosen.term.effect is not best.term.effect
@@ -256,7 +256,7 @@ class Search:
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
-        if not effect.empirical and rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
+        if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
         kinds = (
@@ -276,18 +276,18 @@ class Search:
             return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
-        return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.flips))
+        return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.policy))
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept."""
-        return refine(self.problem, assembly, e, self.flips)
+        return refine(self.problem, assembly, e, self.policy)
 
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
 
         Gains of different scales must not be compared.
         """
-        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
         return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
