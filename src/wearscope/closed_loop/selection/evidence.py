@@ -12,6 +12,9 @@ from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, fin
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import adjust, flip_scores, make_flips, score_chance
 
+#: Share of a friction's own coefficient that it must be below zero to be overturned.
+_TURNED = 0.1
+
 
 class Refusal(Enum):
     """Why a candidate cannot be taken."""
@@ -20,7 +23,7 @@ class Refusal(Enum):
     ABSORBED = "the model absorbs it on these runs"
     LOCAL = "all its evidence lies in a few blocks of the runs"
     CANCELS = "its parameters are not determined by these runs (terms cancel)"
-    BOUNDS = "a parameter is outside its believable bounds"
+    BOUNDS = "a parameter, its own or that of plain friction beside it, is outside its believable bounds"
     SMALL = "smaller than can be believed"
     CHANCE = "not significant once all candidates are counted"
     IMMATERIAL = "too little gained on held-out runs"
@@ -72,6 +75,8 @@ class Evidence:
     tried : float
     alone : bool
         Whether only one of several recordings shows it, of which fifths are then held out.
+    overturns : bool
+        Whether plain friction that the model has at its joints would be negative beside it.
     refusal : Refusal
         Of what can be said of it without comparing it with others.
     """
@@ -95,6 +100,7 @@ class Evidence:
     beta: np.ndarray
     tried: float
     alone: bool = False
+    overturns: bool = False
     whole: float = np.inf
     p_value: float = np.nan
     refusal: Refusal = Refusal.NONE
@@ -178,7 +184,47 @@ def weigh(
         beta=beta,
         tried=candidate.tried,
         alone=alone,
+        overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
     )
+
+
+def overturns_friction(
+    assembly: Assembly, chosen: Chosen, sums: Sums, beta: np.ndarray, inner: np.ndarray, fitted: float,
+    policy: Policy,
+) -> bool:  # fmt: skip
+    """Whether plain friction that a model has at a term's joints would be negative beside the term.
+
+    Outside its standard error, and by a tenth of what it is without: a term that takes the place of friction
+    that a joint must have, in a form that fits another one. What is negative already is not its doing.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model.
+    chosen : Chosen
+        The term.
+    sums : Sums
+        Of its columns, one shape.
+    beta : ndarray (m,)
+    inner : ndarray (m, m)
+        Information on it beside the model.
+    fitted : float
+        Share of the loss that it removes.
+    policy : Policy
+    """
+    inverse, theta = assembly.whole
+    onto = inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T
+    for term, span in zip(assembly.chosen, assembly.spans, strict=True):
+        other = term.candidate
+        if not other.effect.is_plain_friction or other.joint not in chosen.candidate.joints:
+            continue
+        k = span.start
+        beside = theta[k] - onto[k] @ beta
+        variance = inverse[k, k] + onto[k] @ np.linalg.solve(inner, onto[k])
+        error = np.sqrt(max(variance * (1.0 - fitted), 0.0))
+        if theta[k] > 0.0 and beside < -max(policy.unexpected * error, _TURNED * theta[k]):
+            return True
+    return False
 
 
 def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:

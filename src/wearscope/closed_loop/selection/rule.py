@@ -84,7 +84,8 @@ def judge(
     # Its columns each other, or what it gives the torque of other terms.
     if not generic and e.chosen.candidate.penalty is None and not max(e.cancellation, e.torque) <= _CANCELS:
         return Refusal.CANCELS
-    if any(not low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True)):
+    believed = all(low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True))
+    if not believed or e.overturns:
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL

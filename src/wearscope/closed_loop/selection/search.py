@@ -279,8 +279,9 @@ class Search:
         return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.policy))
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
-        """The same term at its best continuous shape, its significance kept."""
-        return refine(self.problem, assembly, e, self.policy)
+        """The same term at its best continuous shape, its significance kept; as it is where that is unbelievable."""
+        refined = refine(self.problem, assembly, e, self.policy)
+        return e if self.judge(refined) is Refusal.BOUNDS else refined
 
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
