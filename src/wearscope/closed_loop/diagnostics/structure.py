@@ -9,6 +9,7 @@ from scipy import ndimage, signal, stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
+from wearscope.closed_loop.diagnostics.jumps import find_jumps
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
@@ -109,6 +110,7 @@ def judge_joints(
             *_from_generic(prepared, left, j),
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
+            *_from_jumps(train, own, keep, policy),
             *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
             *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
         ]
@@ -226,6 +228,22 @@ def _from_repeats(
         if share > max(policy.structure_share, highest):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
+
+
+def _from_jumps(
+    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
+) -> list[_Seen]:
+    """Jumps in time of single runs; the run that holds most of the residual's square is told."""
+    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
+    seen = []
+    for run, x, k in zip(train, own, keep, strict=True):
+        jumps = find_jumps(run.t[k], x[k])
+        if jumps is not None:
+            share = jumps.share * float((x[k] ** 2).sum()) / max(total, 1e-300)
+            where = f"{abs(jumps.size):.3g} at {jumps.time:.3g} s of {run.file}"
+            seen.append((share, f"it jumps in time, most by {where}"))
+    share = sum(part for part, _ in seen)
+    return [_Seen(share, ["t"], max(seen)[1])] if share >= policy.structure_share else []
 
 
 def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy) -> list[_Seen]:
