@@ -19,7 +19,6 @@ class Refusal(Enum):
     NONE = ""
     ABSORBED = "the model absorbs it on these runs"
     LOCAL = "all its evidence lies in a few blocks of the runs"
-    CANCELS = "its parameters are not determined by these runs (terms cancel)"
     BOUNDS = "a parameter is outside its believable bounds"
     SMALL = "smaller than can be believed"
     CHANCE = "not significant once all candidates are counted"
@@ -66,8 +65,6 @@ class Evidence:
         Of the angle between candidate and model.
     blocks : float
         Effective number of blocks that inform.
-    cancellation : float
-        Largest of its columns' RMS over the RMS of their sum.
     beta : ndarray (m,)
     tried : float
     alone : bool
@@ -91,7 +88,6 @@ class Evidence:
     informing: int
     sine: float
     blocks: float
-    cancellation: float
     beta: np.ndarray
     tried: float
     alone: bool = False
@@ -174,7 +170,6 @@ def weigh(
         informing=int(informs.sum()),
         sine=float(np.sqrt(max(beta @ inner @ beta, 0.0))) / whole,
         blocks=float(information.sum() ** 2 / max((information**2).sum(), 1e-300)),
-        cancellation=float((np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(beta)).max() / whole),
         beta=beta,
         tried=candidate.tried,
         alone=alone,
