@@ -72,6 +72,10 @@ class Policy(BaseModel):
     that held-out runs do not tell apart; a delay with and without a joint's reversals; the test runs' error
     and the training runs', from which a model does not carry over to other motions."""
 
+    away: float = Field(0.2, gt=0, lt=1)
+    """Share of a joint's largest speed above which it is away from its reversals, whose width is a few per
+    cent of that; and of its rows that must be, so that a delay can be asked of them alone."""
+
     zero_level: float = Field(0.05, gt=0, le=1)
     """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own
     95 % interval does then not tell it from nothing."""

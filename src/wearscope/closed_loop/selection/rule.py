@@ -92,16 +92,17 @@ def is_plain(e: Evidence, policy: Policy) -> bool:
     return e.term.effect.is_plain_friction and min(e.share, e.fitted) >= policy.large_share
 
 
-def find_fast(speed: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Rows (M,) of bool in which a joint is away from its reversals: the faster half of those kept.
+def find_fast(speed: np.ndarray, kept: np.ndarray, policy: Policy) -> np.ndarray | None:
+    """Rows (M,) of bool in which a joint is away from its reversals; None where too few of those kept are.
 
     Parameters
     ----------
     speed : ndarray (M,)
     kept : ndarray (M,) of bool
+    policy : Policy
     """
-    fast: np.ndarray = np.abs(speed) >= np.median(np.abs(speed[kept]))
-    return fast
+    fast: np.ndarray = np.abs(speed) > policy.away * np.abs(speed).max()
+    return fast if np.mean(fast[kept]) >= policy.away else None
 
 
 def is_alike(e: Evidence, other: Evidence, policy: Policy) -> bool:

@@ -267,7 +267,10 @@ class Search:
         effect, joint = e.term.effect, e.joint
         if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
             return False
-        fast = rule.find_fast(self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint])
+        speed, kept = self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint]
+        fast = rule.find_fast(speed, kept, self.policy)
+        if fast is None:
+            return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
         other = weigh(away, e.chosen.candidate, e.chosen.subset, self.policy)
