@@ -192,7 +192,7 @@ def remember() -> Iterator[Memory]:
         return list(take(key, lambda: list_candidates(problem, assembly, joints)))
 
     def generic_once(terms: Any, assembly: Any, joints: Any, policy: Policy) -> Any:
-        key = ("generic", terms, assembly, tuple(joints), policy.unknown_share, *tell_read(policy))
+        key = ("generic", terms, assembly, tuple(joints), policy.large_share, *tell_read(policy))
         return take(key, lambda: try_generic(terms, assembly, joints, policy))
 
     def terms_once(prepared: Any, joined: Any) -> GenericTerms:

@@ -334,8 +334,14 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     assert one.alone
     assert 3 <= one.informing <= 5
     assert one.share > 0.1
-    assert rule.is_beyond_chance(replace(one, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is False
-    assert rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is True
+    assert (
+        rule.is_beyond_chance(replace(one, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
+        is False
+    )
+    assert (
+        rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
+        is True
+    )
     assert weigh(assembly.by_fifths, still, (0,), search.policy, alone=True).gain == one.gain
     drift = search.problem.candidate(load_effect("warm_up_drift"), 0)
     slow = Candidate(

@@ -57,7 +57,7 @@ def test_names_beside_one_that_gave_way_are_asked_again(beside_balancer, monkeyp
     search = beside_balancer
     names = [find(search, name, 1) for name in ("coulomb_asymmetry", "viscous_asymmetry")]
     whole = find(search, "gravity_counterbalance", 1)
-    assert all(f.evidence.share < generic._DOUBTED for f in names)
+    assert all(f.evidence.share < Policy().beyond_doubt for f in names)
     monkeypatch.setattr(generic, "weigh_generic", lambda *_: [whole.evidence])
     (left,) = generic.doubt(search, None, names)
     assert left.evidence is whole.evidence

@@ -30,9 +30,6 @@ _LINE, _NEIGHBOURS = 40.0, 41
 _PERIODS = 8
 #: Highest peaks that are compared with what lies below them.
 _PEAKS = 20
-#: Test error over training error from which the model does not carry over to other motions, and the level at
-#: which it must lie outside what errors of the training runs differ by.
-_WORSE, _LEVEL = 1.5, 0.01
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ def judge_joints(
             *_from_repeats(repeats, own, keep, policy),
             *_from_jumps(train, own, keep, policy),
             *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
-            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
+            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested]), policy),
         ]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
@@ -283,16 +280,16 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy)
     return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]
 
 
-def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float) -> list[_Seen]:
+def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, policy: Policy) -> list[_Seen]:
     """A test error beyond the training runs' own, and beyond what those differ by (a drift's do)."""
     train = _rms(own, keep)
-    if not np.isfinite(test) or not train > 0.0 or test < _WORSE * train:
+    if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
         return []
     sizes = [_rms([x], [k]) for x, k in zip(own, keep, strict=True) if k.any()]
     logs = np.log(np.maximum(sizes, 1e-300))
     if len(logs) > 1:
         width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
-        if np.log(test) < logs.mean() + stats.t.isf(_LEVEL, len(logs) - 1) * width:
+        if np.log(test) < logs.mean() + stats.t.isf(policy.family_level, len(logs) - 1) * width:
             return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0

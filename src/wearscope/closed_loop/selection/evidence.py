@@ -12,9 +12,6 @@ from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, fin
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import adjust, flip_scores, make_flips, score_chance
 
-#: Share of a friction's own coefficient that it must be below zero to be overturned.
-_TURNED = 0.1
-
 
 class Refusal(Enum):
     """Why a candidate cannot be taken."""
@@ -194,7 +191,7 @@ def overturns_friction(
 ) -> bool:  # fmt: skip
     """Whether plain friction that a model has at a term's joints would be negative beside the term.
 
-    Outside its standard error, and by a tenth of what it is without: a term that takes the place of friction
+    Outside its standard errors, and by `large_share` of what it is without: a term that takes the place of friction
     that a joint must have, in a form that fits another one. What is negative already is not its doing.
 
     Parameters
@@ -222,7 +219,7 @@ def overturns_friction(
         beside = theta[k] - onto[k] @ beta
         variance = inverse[k, k] + onto[k] @ np.linalg.solve(inner, onto[k])
         error = np.sqrt(max(variance * (1.0 - fitted), 0.0))
-        if theta[k] > 0.0 and beside < -max(policy.unexpected * error, _TURNED * theta[k]):
+        if theta[k] > 0.0 and beside < -max(policy.unexpected * error, policy.large_share * theta[k]):
             return True
     return False
 

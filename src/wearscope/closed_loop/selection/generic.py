@@ -23,11 +23,6 @@ from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SIGNALS, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Most generic terms of a joint.
-_MOST = 2
-#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must
-#: gain so many times as much as the second.
-_DOUBTED, _CLEARLY = 0.7, 1.5
 #: Codes of temperature and time among the signals.
 _SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
@@ -117,7 +112,7 @@ def try_generic(
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        least = policy.unknown_share * assembly.sample_losses[joint]
+        least = policy.large_share * assembly.sample_losses[joint]
         for rough in terms.roughly(joint):
             count += 1
             if not by_run and rough.count > COARSE:
@@ -188,7 +183,10 @@ def explain_rest(
         taken = []
         for joint in list(joints):
             here = [e for e in able if e.joint == joint]
-            if here and sum(f.joint == joint and f.effect.empirical for f in found) < _MOST:
+            if (
+                here
+                and sum(f.joint == joint and f.effect.empirical for f in found) < search.policy.most_terms
+            ):
                 taken.append(choose_plainest(here, search.policy))
             else:
                 joints.remove(joint)
@@ -219,7 +217,9 @@ def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Foun
     if min(e.share, e.fitted) < search.policy.beyond_chance or e.agreement < 1.0:
         return found
     added = Found(e.chosen, e)
-    sure = {id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= _DOUBTED}
+    sure = {
+        id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= search.policy.beyond_doubt
+    }
     kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen), *sure})
     return [f for f in kept if f is not added]
 
@@ -230,7 +230,11 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     Of a single run, which cannot give a generic term, such a name is dropped.
     """
     for f in list(found):
-        if f.effect.standard or f.evidence.share >= _DOUBTED or not any(k is f for k in found):
+        if (
+            f.effect.standard
+            or f.evidence.share >= search.policy.beyond_doubt
+            or not any(k is f for k in found)
+        ):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
@@ -239,7 +243,7 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
             continue
         e = choose_plainest(able, search.policy)
         own = search.weigh_again(beside, f)
-        if e.gain > _CLEARLY * own.gain and rule.separates(e, own, search.policy):
+        if rule.separates(e, own, search.policy):
             alone = e.refusal is Refusal.ALONE
             what = "dropped: structure without a name" if alone else "replaced by unknown structure"
             search.progress(f"{f.evidence.term.label} is {what}")
@@ -259,7 +263,7 @@ def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
     policy = search.policy
     gain, error = rule.summed(-e.change)
-    held_out = e.share >= policy.unknown_share and gain > policy.unexpected * error
+    held_out = e.share >= policy.large_share and gain > policy.unexpected * error
     return (
         # Runs of different kinds may disagree on the form of what most of the loss is.
         (held_out or (e.fitted >= policy.beyond_chance and not is_slow(e)))

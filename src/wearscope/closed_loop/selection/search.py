@@ -21,7 +21,7 @@ from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.revision import revise
+from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -30,10 +30,6 @@ from wearscope.effects.base import MeasurementEffect
 
 #: Most passes of the revision.
 _PASSES = 3
-#: Share of the best term's gain from which another one's shape is refined before they are compared.
-_NEAR = 0.5
-#: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
-_HOPELESS = 0.4
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
 
@@ -186,7 +182,7 @@ class Search:
         return (
             self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and (rule.is_plain(e) or not self.drifts(beside, e))
+            and (rule.is_plain(e, self.policy) or not self.drifts(beside, e))
         )
 
     def extend(self, found: list[Found]) -> list[Found]:
@@ -211,8 +207,8 @@ class Search:
         losses, policy = assembly.sample_losses, self.policy
 
         def least(candidate: Candidate) -> float:
-            share = policy.standard_share if candidate.effect.standard else policy.material_share
-            return _HOPELESS * share * float(losses[list(candidate.joints)].min())
+            share = policy.material_whole if candidate.effect.standard else policy.material_share
+            return HOPELESS * share * float(losses[list(candidate.joints)].min())
 
         return least
 
@@ -237,12 +233,13 @@ class Search:
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
         able = sorted(able, key=lambda e: -e.gain)
-        while able and (self.drifts(assembly, able[0]) or self.is_of_reversals(assembly, able[0])):
-            able = able[1:]
+        drifting: list[Evidence] = []
+        while able and self.is_another(assembly, able[0], drifting):
+            drifting, able = [*drifting, able[0]], able[1:]
         if not able:
             return None
         best = able[0]
-        near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > _NEAR * best.gain)]
+        near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > NEAR * best.gain)]
         near = [self.refine(assembly, e) for e in near]
         chosen = rule.choose(near, self.policy)
         if (
@@ -252,6 +249,18 @@ class Search:
         ):
             return near[0]
         return chosen
+
+    def is_another(self, assembly: Assembly, e: Evidence, drifting: Sequence[Evidence]) -> bool:
+        """Whether a term is a drift, or the form of a reversal, or a drift in the form of another term.
+
+        A term that contains one that is a drift, and is not told from it, is one.
+        """
+        inside = [d for d in drifting if d.term.effect.name in e.term.effect.contains and rule.touches(d, e)]
+        return (
+            any(not rule.separates(e, d, self.policy) for d in inside)
+            or self.drifts(assembly, e)
+            or self.is_of_reversals(assembly, e)
+        )
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
@@ -271,12 +280,14 @@ class Search:
         effect, joint = e.term.effect, e.joint
         if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
             return False
-        fast = rule.find_fast(self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint])
+        speed, kept = self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint]
+        fast = rule.find_fast(speed, kept, self.policy)
         if fast is None:
             return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
-        return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.policy))
+        other = weigh(away, e.chosen.candidate, e.chosen.subset, self.policy)
+        return not rule.is_alike(e, other, self.policy)
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape, its significance kept; as it is where that is unbelievable."""
