@@ -35,7 +35,7 @@ def test_a_square_wave_is_found():
 
 @pytest.mark.parametrize("kind", ["white", "coloured", "walk", "line", "ramp", "warming", "heavy"])
 def test_noise_and_what_changes_smoothly_keep_no_levels(kind):
-    """None of 25 series of each kind; a walk and a ramp are held by sixteen levels, as their surrogates are."""
+    """None of 25 series of each kind, though sixteen levels hold a walk or a ramp well."""
     for seed in range(25):
         white = np.random.default_rng(seed).standard_normal(len(T))
         series = {

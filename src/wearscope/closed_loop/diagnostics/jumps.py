@@ -1,8 +1,8 @@
 """Jumps in time: a residual that keeps to a few levels, as noise of its own spectrum would not.
 
 A residual that jumps is autocorrelated over whole runs, and so is a slow drift. What tells them apart is not
-in the spectrum: random phases keep it and lose the levels (surrogate data, Theiler et al. 1992, Physica D 58);
-and a drift, or a random walk, is held as well by a line that bends as often.
+in the spectrum: random phases keep it and lose the levels (surrogate data, Theiler et al. 1992, Physica D
+58); and a drift, or a random walk, is held as well by a line that bends as often.
 """
 
 from dataclasses import dataclass

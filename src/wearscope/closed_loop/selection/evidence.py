@@ -191,8 +191,9 @@ def overturns_friction(
 ) -> bool:  # fmt: skip
     """Whether plain friction that a model has at a term's joints would be negative beside the term.
 
-    Outside its standard errors, and by `large_share` of what it is without: a term that takes the place of friction
-    that a joint must have, in a form that fits another one. What is negative already is not its doing.
+    Outside its standard errors, and by `large_share` of what it is without: a term that takes the place of
+    friction that a joint must have, in a form that fits another one. What is negative already is not its
+    doing.
 
     Parameters
     ----------

@@ -232,10 +232,9 @@ class Search:
 
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
-        able = sorted(able, key=lambda e: -e.gain)
-        drifting: list[Evidence] = []
-        while able and self.is_another(assembly, able[0], drifting):
-            drifting, able = [*drifting, able[0]], able[1:]
+        able = every = sorted(able, key=lambda e: -e.gain)
+        while able and (self.is_drift(assembly, able[0], every) or self.is_of_reversals(assembly, able[0])):
+            able = able[1:]
         if not able:
             return None
         best = able[0]
@@ -250,17 +249,11 @@ class Search:
             return near[0]
         return chosen
 
-    def is_another(self, assembly: Assembly, e: Evidence, drifting: Sequence[Evidence]) -> bool:
-        """Whether a term is a drift, or the form of a reversal, or a drift in the form of another term.
-
-        A term that contains one that is a drift, and is not told from it, is one.
-        """
-        inside = [d for d in drifting if d.term.effect.name in e.term.effect.contains and rule.touches(d, e)]
-        return (
-            any(not rule.separates(e, d, self.policy) for d in inside)
-            or self.drifts(assembly, e)
-            or self.is_of_reversals(assembly, e)
-        )
+    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence]) -> bool:
+        """Whether a drift explains a term, or one among others that it contains and is not told from."""
+        inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
+        tied = [o for o in inside if not rule.separates(e, o, self.policy)]
+        return any(self.drifts(assembly, one) for one in (*tied, e))
 
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
@@ -290,7 +283,7 @@ class Search:
         return not rule.is_alike(e, other, self.policy)
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
-        """The same term at its best continuous shape, its significance kept; as it is where that is unbelievable."""
+        """The same term at its best continuous shape that is believable, its significance kept."""
         refined = refine(self.problem, assembly, e, self.policy)
         return e if self.judge(refined) is Refusal.BOUNDS else refined
 
