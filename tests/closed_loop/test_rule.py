@@ -175,11 +175,11 @@ def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():
 
 def test_more_of_the_whole_is_asked_where_a_single_run_was_recorded():
     for whole, by_run, why in (
-        (1.1, True, Refusal.NONE),
-        (5.9, False, Refusal.IMMATERIAL),
-        (6.1, False, Refusal.NONE),
+        (1.1 * POLICY.material_whole, True, Refusal.NONE),
+        (0.99 * POLICY.material_alone, False, Refusal.IMMATERIAL),
+        (1.01 * POLICY.material_alone, False, Refusal.NONE),
     ):
-        e = evidence(whole=whole * POLICY.material_whole)
+        e = evidence(whole=whole)
         assert rule.judge(e, POLICY, FREE, 0.0, by_run) is why
 
 

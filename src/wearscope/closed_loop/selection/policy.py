@@ -27,10 +27,14 @@ class Policy(BaseModel):
 
     material_whole: float = Field(0.01, ge=0, lt=1)
     """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
-    times its size, a further one is more often the first one's form, which no machine follows exactly. A
-    single run, whose parts have its motion in common, must pass `material_share` there too. Rotor inertia,
-    Coulomb, viscous and offset, which every joint may be expected to have, need remove no more than this of
-    what the model leaves; and two terms are not told apart by less of what the better one leaves."""
+    times its size, a further one is more often the first one's form, which no machine follows exactly.
+    Rotor inertia, Coulomb and viscous, which every drive has, need remove no more than this of what the model
+    leaves, nor does an offset before other names are asked for; and two terms are not told apart by less of what the better one
+    leaves."""
+
+    material_alone: float = Field(0.025, ge=0, lt=1)
+    """`material_whole` where a single run was recorded: its parts have its motion in common, along which one
+    form passes for another more easily."""
 
     large_share: float = Field(0.1, ge=0, lt=1)
     """As `material_share`, for the generic term, of what the model and the standard model leave: an effect's

@@ -32,8 +32,7 @@ def judge(
     expected = e.term.effect.is_in_every_drive
     by_run = by_run and not e.alone
     share = policy.large_share if generic else policy.material_whole if expected else policy.material_share
-    # Parts of one run have its motion in common: what is material there is of the standard model's loss too.
-    whole = policy.material_whole if by_run and not generic else share
+    whole = policy.large_share if generic else policy.material_whole if by_run else policy.material_alone
     level = policy.unknown_level if generic else policy.family_level
     if e.refusal is not Refusal.NONE:
         return e.refusal
