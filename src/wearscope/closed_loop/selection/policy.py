@@ -29,8 +29,8 @@ class Policy(BaseModel):
     """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
     times its size, a further one is more often the first one's form, which no machine follows exactly.
     Rotor inertia, Coulomb and viscous, which every drive has, need remove no more than this of what the model
-    leaves, nor does an offset before other names are asked for; and two terms are not told apart by less of what the better one
-    leaves."""
+    leaves, nor need an offset before other names are asked for; and two terms are not told apart by less of
+    what the better one leaves."""
 
     material_alone: float = Field(0.025, ge=0, lt=1)
     """`material_whole` where a single run was recorded: its parts have its motion in common, along which one
