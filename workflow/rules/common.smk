@@ -26,11 +26,13 @@ os.environ.update(
     NUMBA_NUM_THREADS="1",
 )
 
+from wearscope.cli.study import read_yaml
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, take_label
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.files import check_folder
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.processes import MAIN, STARTER, end_with, identify_process
 from wearscope.robots.model_file import (
@@ -46,7 +48,11 @@ from wearscope.sources import find_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
 try:
+    for file in workflow.configfiles:
+        read_yaml(Path(file))  # Snakemake keeps the last of two settings of one name, silently
     STUDY = load_config(config)
+    for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
+        check_folder(f"results/{made}")
 except InputError as error:
     raise SystemExit(str(error)) from None
 
