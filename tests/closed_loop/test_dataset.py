@@ -292,8 +292,14 @@ TABLES = {
         ["'tau_j1' holds text", "row 0"],
     ),
     "flags": (lambda t: t.assign(q_j1=t["q_j1"] > 0), ["'q_j1' holds text", "plain numbers"]),
-    "dates": (lambda t: t.assign(t=pd.to_datetime(t["t"], unit="s")), ["'t' holds text or dates", "give seconds"]),
-    "durations": (lambda t: t.assign(t=pd.to_timedelta(t["t"], unit="s")), ["'t' holds text", "give seconds"]),
+    "dates": (
+        lambda t: t.assign(t=pd.to_datetime(t["t"], unit="s")),
+        ["'t' holds text or dates", "give seconds"],
+    ),
+    "durations": (
+        lambda t: t.assign(t=pd.to_timedelta(t["t"], unit="s")),
+        ["'t' holds text", "give seconds"],
+    ),
     "epoch_in_32_bits": (
         lambda t: t.assign(t=(t["t"] + 1.7e9).astype("float32")),
         ["'t' stands still in 399 of 399 steps, so", "write all its digits"],
@@ -302,7 +308,10 @@ TABLES = {
         lambda t: t.assign(t=np.round(0.7 * t["t"], 2)),
         ["'t' stands still in", "moves by 0.01 s or more", "write all its digits"],
     ),
-    "rows_twice": (lambda t: t.loc[t.index.repeat(2)].reset_index(drop=True), ["'t' stands still", "drop repeated"]),
+    "rows_twice": (
+        lambda t: t.loc[t.index.repeat(2)].reset_index(drop=True),
+        ["'t' stands still", "drop repeated"],
+    ),
     "units_in_names": (
         lambda t: t.rename(columns={"t": "t [s]", "q_j1": "q_j1 (rad)"}),
         ["'t' is missing; rename 't [s]'"],
@@ -351,7 +360,9 @@ def test_what_is_no_csv_is_told_with_its_own_remedy(folder, case):
 def test_a_mark_of_utf_8_and_a_decimal_comma_are_read(folder):
     folder.document["runs"][0]["file"] = "runs/a.csv"
     folder.write()
-    (folder.path / "runs/a.csv").write_text(folder.train.to_csv(index=False, sep=";", decimal=","), "utf-8-sig")
+    (folder.path / "runs/a.csv").write_text(
+        folder.train.to_csv(index=False, sep=";", decimal=","), "utf-8-sig"
+    )
     run = folder.read().runs[0].load()
     assert run.q == pytest.approx(folder.train[["q_j1", "q_j2"]].to_numpy(), rel=1e-12)
 
@@ -360,7 +371,9 @@ def test_a_field_that_stands_twice_is_refused(folder):
     folder.write()
     file = folder.path / "dataset.yaml"
     file.write_text(file.read_text() + "runs:\n- {file: runs/b.parquet, use: train}\n")
-    with pytest.raises(InputError, match=r"dataset\.yaml: not readable as YAML \(line \d+, .*'runs' stands twice"):
+    with pytest.raises(
+        InputError, match=r"dataset\.yaml: not readable as YAML \(line \d+, .*'runs' stands twice"
+    ):
         folder.read()
 
 

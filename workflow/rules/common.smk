@@ -350,10 +350,17 @@ def dataset_file(path):
     return here([os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path])[0]
 
 
+def refuse_braces(file):
+    """Refuse a path that Snakemake would read as a pattern."""
+    if re.search(r"[{}\n]", file):
+        raise InputError(f"{file}: the path holds a brace or the end of a line; rename that file or folder.")
+
+
 def read_dataset(path):
     """Content of a dataset.yaml; ends the run in one sentence where there is none."""
     file = dataset_file(path)
     try:
+        refuse_braces(file)
         content = load_yaml(Path(file))
         if not isinstance(content, dict):
             raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
@@ -432,7 +439,13 @@ def find_listed(folder, name):
         path = find_inside(Path(folder), name, "dataset.yaml")
     except InputError:
         return None
-    return str(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    try:
+        refuse_braces(str(path))
+    except InputError as error:
+        raise SystemExit(f"config: dataset: {error}")
+    return str(path)
 
 
 def figure_files(names):

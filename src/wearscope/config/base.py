@@ -14,8 +14,8 @@ PATTERNS = {
     _FACTOR_NAME: "starts with a letter from A to Z and holds only letters, digits and '_'",
     _NAME: "starts with a letter from A to Z or a digit and holds only letters, digits, '_', '-' and '.'",
 }
-FactorName = Annotated[str, Field(pattern=_FACTOR_NAME)]
-Name = Annotated[str, Field(pattern=_NAME)]
+FactorName = Annotated[str, Field(pattern=_FACTOR_NAME, max_length=100)]
+Name = Annotated[str, Field(pattern=_NAME, max_length=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 

@@ -73,7 +73,8 @@ def _explain_one(breach: Any, tail: str) -> str:
     if breach["type"] == "missing":
         return f"config: {path} is missing{tail}; add it."
     if breach["type"] == "string_pattern_mismatch":
-        return f"config: {path}: such a name {PATTERNS[breach['ctx']['pattern']]}, not {breach['input']!r}{tail}."
+        form = PATTERNS[breach["ctx"]["pattern"]]
+        return f"config: {path}: such a name {form}, not {breach['input']!r}{tail}."
     message = breach["msg"].removeprefix("Value error, ")
     where = f"{path}: " if path else ""
     given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"

@@ -48,9 +48,9 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> None:
         moved = steps[steps > 0.0]
         finest = f" and else moves by {moved.min():.3g} s or more" if len(moved) else ""
         raise InputError(
-            f"{where}: column 't' stands still in {len(back)} of {len(steps)} steps{finest}, so it has too few "
-            "digits or rows stand twice; write all its digits and drop repeated rows, or let 'wearscope new "
-            "dataset' spread it."
+            f"{where}: column 't' stands still in {len(back)} of {len(steps)} steps{finest}, so it has too "
+            "few digits or rows stand twice; write all its digits and drop repeated rows, or let "
+            "'wearscope new dataset' spread it."
         )
     if len(back):
         raise InputError(

@@ -90,7 +90,7 @@ def read_columns(path: Path) -> pd.DataFrame:
         told = " ".join(str(error).replace(str(path), "it").split())[:200].rstrip(".")
         remedy = "copy the file again"
         if "CSV parse error" in told:
-            remedy += ", or give it one line of column names, nothing above it, and as many values in each row"
+            remedy += ", or give it one line of column names, nothing above, and as many values in each row"
         raise InputError(f"{path}: cannot be read whole ({told}); {remedy}.") from error
 
 
@@ -115,8 +115,8 @@ def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
         row, shown = _first_text(series)
         remedy = "give seconds" if name == "t" else "give its plain numbers"
         raise InputError(
-            f"{path}: column '{name}' holds text or dates, not numbers (row {row}: {shown}); {remedy}, or let "
-            "'wearscope new dataset' convert the recordings."
+            f"{path}: column '{name}' holds text or dates, not numbers (row {row}: {shown}); {remedy}, or "
+            "let 'wearscope new dataset' convert the recordings."
         )
     try:
         values = np.array(series.to_numpy(dtype=float, na_value=np.nan))
