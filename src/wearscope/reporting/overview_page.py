@@ -30,6 +30,7 @@ from wearscope.reporting.study import Study
 _COLUMNS = {
     "fda": "detector", "cycle": "test-cycle", "n": "cells", "n_nan": "cells n/a", "median": "median SNR",
     "median_low": "95 % from", "median_high": "to", "tied_with": "not told apart from",
+    "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
 }  # fmt: skip
 
 
@@ -76,12 +77,13 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
 
 def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
     first = study.conclusions[0]
+    failed = [] if study.failures.empty else [trust.failed_points(study)]
     return render_template(
         "study/summary.html",
         answer=say([conclude(study, first)])[0],
         kind=certainty(first),
         qualifiers=say(qualify(study, first)),
-        alarms=say([*_doubts(overview), *trust.failed_simulations(study), trust.failed_points(study)]),
+        alarms=say([*_doubts(overview), *trust.failed_simulations(study), *failed]),
         robots="",
         cards=[("Robots", say(_compare(study, overview)), "robots", "Every robot and test-cycle")],
     )
@@ -141,7 +143,7 @@ def _tabulate(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) ->
 
 
 def _rank(study: Study) -> Markup:
-    shown = study.ranking.rename(columns=_COLUMNS | {"rank_low": "rank from", "rank_high": "rank to"})
+    shown = study.ranking.rename(columns=_COLUMNS)
     note = "Over the cells of all robots."
     return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
 
@@ -159,12 +161,8 @@ def _weigh(study: Study) -> Markup:
         high=100 * table["share_high"],
         median=table["median_absolute"],
     )
-    shown = shown.rename(
-        columns={
-            "fda": "detector", "cycle": "test-cycle", "share": "outweighs wear in [%]", "low": "95 % from",
-            "high": "to", "median": "median size over that of wear",
-        }
-    )  # fmt: skip
+    names = {"share": "outweighs wear in [%]", "low": "95 % from", "high": "to"}
+    shown = shown.rename(columns=_COLUMNS | names | {"median": "median size over that of wear"})
     note = "Coefficients of the surrogates over that of wear, in the cells of all robots."
     return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
 
