@@ -65,8 +65,7 @@ def main() -> None:
     for robots in given.robots:
         folder = given.folder / f"{robots}"
         take_robots(given.finished, folder, robots)
-        partitions = sorted(map(str, (folder / "results").glob("*/partitions/*/*")))
-        run_snakemake(folder, *(os.path.relpath(file, folder) for file in partitions), "--touch")
+        run_snakemake(folder, "report", "--touch", "--until", "run_partition")
         run_snakemake(folder, "report")
         (results,) = (folder / "results").iterdir()
         measured[robots] = read_jobs(results)
