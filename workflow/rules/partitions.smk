@@ -11,6 +11,24 @@ PARTITION_TABLES = [
     *(["chosen_surrogates"] if FILLED else []),
     *(["audit"] if STUDY.audit.enabled else []),
 ]
+
+
+def partition_code():
+    """Source files that what a partition makes depends on, each once: a plan of many jobs is made of them."""
+    scripts = [
+        "run_partition",
+        "choose_surrogates",
+        "compute_scope",
+        "compute_snr",
+        "validate_surrogates",
+        "make_overview",
+        "write_report",
+    ]
+    files = [file for script in scripts for file in code(script)]
+    files += code("simulate_points", *cycle_files()) + code("compute_test_quantities", *detector_files())
+    return list(dict.fromkeys(files))
+
+
 #: Partition of each robot.
 PARTITION_OF = {label(robot): part for part, one in PARTITIONS.items() for robot in one.robots}
 
@@ -31,17 +49,7 @@ if PARTITIONS:
     rule run_partition:
         input:
             robots=lambda w: [file for one in PARTITIONS[w.part].robots for file in robot_files(one)],
-            code=lambda w: [
-                *code("run_partition"),
-                *code("simulate_points", *cycle_files()),
-                *code("compute_test_quantities", *detector_files()),
-                *code("choose_surrogates"),
-                *code("compute_scope"),
-                *code("compute_snr"),
-                *code("validate_surrogates"),
-                *code("make_overview"),
-                *code("write_report"),
-            ],
+            code=partition_code(),
             style=REPORT_FILES,
         output:
             expand("{R}/partitions/{{part}}/{table}.parquet", R=R, table=PARTITION_TABLES),
