@@ -5,18 +5,28 @@
 FOLDER holds a finished study of one robot a partition, as `benchmarks/scale.py --partitions` leaves it. Its
 first robots are taken as studies of their own, whose partitions are hard links to the finished ones, and
 joined up to the report. What the partitions took is not counted.
+
+    .venv/bin/python benchmarks/joining.py FOLDER --repeated 60 --in OTHER
+
+joins the largest tables, those of test quantities and scopes, of as many robots as are said: the finished ones
+over and over, each time by another name.
 """
 
 import argparse
 import csv
 import os
+import resource
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import yaml
 from large_studies import ROOT
+
+from wearscope import tables
 
 
 def take_robots(source: Path, target: Path, robots: int) -> None:
@@ -54,13 +64,34 @@ def read_jobs(results: Path) -> dict[str, tuple[float, float]]:
     return found
 
 
+def join_repeated(finished: Path, name: str, robots: int, out: Path) -> None:
+    """Join a table of many robots here; print the largest memory after the finished, and after all."""
+    files = sorted(finished.glob(f"results/*/partitions/*/{name}.parquet"))
+
+    def make_parts() -> Iterator[pd.DataFrame]:
+        for number in range(robots):
+            yield tables.read_table(files[number % len(files)]).assign(robot=f"r{number:05d}")
+            if number + 1 in (len(files), robots):
+                peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+                print(f"{name}, {number + 1} robots: {peak:.0f} MiB at most so far", flush=True)
+
+    tables.join_tables(out, make_parts())
+    out.unlink()
+
+
 def main() -> None:
     """Join some robots, then more; print a row a job."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("finished", type=Path, help="folder of a finished divided study")
     parser.add_argument("--robots", type=int, nargs="+", default=[2, 6, 10])
     parser.add_argument("--in", dest="folder", type=Path, required=True, help="where the joined studies go")
+    parser.add_argument("--repeated", type=int, default=0, metavar="ROBOTS")
     given = parser.parse_args()
+    if given.repeated:
+        given.folder.mkdir(parents=True, exist_ok=True)
+        for name in ("test_quantities", "scope"):
+            join_repeated(given.finished, name, given.repeated, given.folder / f"{name}.parquet")
+        return
     measured = {}
     for robots in given.robots:
         folder = given.folder / f"{robots}"

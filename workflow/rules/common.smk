@@ -174,6 +174,10 @@ def needs(mib, minutes):
     )
 
 
+#: Time [min] for what goes through all robots: 1.5 s of a processor a robot were measured (docs/cluster.md).
+JOIN_MINUTES = max(20, len(ROBOTS) // 10)
+
+
 def job_minutes():
     """Time [min] that a job asks for whose points were cut to its length: three times what it is said to take."""
     return max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))

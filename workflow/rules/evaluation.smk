@@ -94,6 +94,8 @@ rule join_scope:
     priority: 1
     conda:
         ENV
+    resources:
+        **needs(1000, JOIN_MINUTES),
     params:
         group_by=STUDY.scope.group_by,
     message:
@@ -146,6 +148,8 @@ rule draw_conclusion:
         f"{R}/logs/draw_conclusion.log",
     conda:
         ENV
+    resources:
+        **needs(1000, JOIN_MINUTES),
     params:
         scope=config["scope"],
         factors=FACTORS,

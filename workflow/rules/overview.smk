@@ -36,6 +36,8 @@ if PARTITIONS:
             f"{R}/logs/draw_scopes.log",
         conda:
             ENV
+        resources:
+            **needs(1000, JOIN_MINUTES),
         params:
             factors=FACTORS,
             names=STUDY.scope.factors,
