@@ -69,7 +69,7 @@ class Policy(BaseModel):
 
     told_apart: float = Field(2.0, gt=0)
     """Standard errors by which a sum over held-out blocks is told from noise (as far out in Student's t):
-    95 % of noise lies within."""
+    one in 40 of noise lies beyond."""
 
     unexpected: float = Field(3.0, gt=0)
     """The same for what a joint need not have, whatever is asked of it there: rotor inertia, an offset,
