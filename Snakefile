@@ -39,6 +39,7 @@ include: "workflow/rules/export.smk"
 include: "workflow/rules/track.smk"
 include: "workflow/rules/reevaluate.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/overview.smk"
 include: "workflow/rules/archive.smk"
 
 

@@ -35,7 +35,7 @@ GOAL = {"robots": 1000, "cycles": 6, "points": 1000}
 DIRECT = {"cells": 120, "runs": 100_000}
 #: Robots and points of what is planned dry: up to the study of the goal, and the direct Monte Carlo, whose
 #: 120 cells are those of 12 pairs of a robot and a test-cycle.
-PLANNED = ["10x1000", "100x1000", "101x1000", "300x1000", "1000x1000", "2x1000000"]
+PLANNED = ["4x1000", "10x1000", "100x1000", "300x1000", "1000x1000", "2x1000000"]
 #: Rules whose time goes with the points, test-cycles and robots.
 COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
 
@@ -160,7 +160,7 @@ def count_jobs(robots: int, cycles: int, points: int, chunk: int, cut: int) -> i
     Of a divided study those that a scheduler sees: one a partition, of one robot, and what draws and joins.
     """
     if robots > PartitionSettings().above:
-        return robots + 18
+        return robots + 12
     # Identification, validation and the nominal run; all at once where a job holds them.
     chunks = 1 if points + 1 <= chunk else 2 * -(-(points // 2) // chunk) + 1
     chunks += 2 * -(-(points // 2) // cut) if points > cut else 0

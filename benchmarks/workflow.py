@@ -13,7 +13,6 @@ time less the jobs' own time: starting processes, Snakemake itself, and cores th
 import argparse
 import csv
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,21 +22,9 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
 
-
-def copy_tree(target: Path) -> None:
-    """Copy the files that git knows or would know."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for name in listed.stdout.splitlines():
-        if (ROOT / name).is_file():
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, target / name)
+from clones import copy_tree  # noqa: E402
 
 
 def write_first_study(file: Path) -> None:
@@ -94,7 +81,7 @@ def main() -> None:
     command += ["--configfile", "first.yaml" if given.first else given.configfile]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        copy_tree(folder)
+        copy_tree(folder, compiled=False)
         if given.first:
             write_first_study(folder / "first.yaml")
         load = os.getloadavg()[0]

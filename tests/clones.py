@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 TINY = "tests/workflow/tiny"
 
 
-def copy_tree(target: Path) -> Path:
+def copy_tree(target: Path, compiled: bool = True) -> Path:
     """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
@@ -20,8 +20,8 @@ def copy_tree(target: Path) -> Path:
         text=True,
         check=True,
     )
-    compiled = [path.relative_to(ROOT).as_posix() for path in ROOT.glob("src/**/__pycache__/*.nb?")]
-    for name in [*listed.stdout.splitlines(), *compiled]:
+    caches = ROOT.glob("src/**/__pycache__/*.nb?") if compiled else ()
+    for name in [*listed.stdout.splitlines(), *(path.relative_to(ROOT).as_posix() for path in caches)]:
         if (ROOT / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, target / name)

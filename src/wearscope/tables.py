@@ -5,9 +5,10 @@ reader looks, stand 8 bytes and the SHA-256 of all other bytes: any flipped bit 
 """
 
 import hashlib
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,13 +17,16 @@ import pyarrow.parquet as pq
 from wearscope.files import DamagedFile, write_text, write_whole
 
 __all__ = [
-    "DamagedFile", "read_arrow", "read_table", "read_units", "to_array", "to_arrow", "write_arrow",
-    "write_table", "write_text", "write_whole",
+    "DamagedFile", "Parts", "join_tables", "read_arrow", "read_table", "read_units", "to_array", "to_arrow",
+    "write_arrow", "write_table", "write_text", "write_whole",
 ]  # fmt: skip
 
 #: Says in a file's metadata that it is sealed.
 SEALED = {b"sealed": b"sha256"}
 _MARK = b"WEARSEAL"
+_PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
+#: Bytes that are held at once of a file that is sealed.
+_BLOCK = 1 << 20
 
 
 def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
@@ -81,13 +85,62 @@ def write_arrow(path: str | Path, table: pa.Table, **options: Any) -> None:
     InputError
         Where the disk refuses the file; nothing is left behind.
     """
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), **SEALED})
+    table = _mark_sealed(table)
 
     def write(name: str) -> None:
-        pq.write_table(table, name, compression="zstd", write_page_checksum=True, **options)
+        pq.write_table(table, name, **_PARQUET, **options)
         _seal(name)
 
     write_whole(path, write)
+
+
+def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str] | None = None) -> int:
+    """Write one sealed table of parts, each a row group, made one after the other and held one at a time.
+
+    So memory does not grow with their number, and the rows of one part can be read alone.
+    A single part gives the bytes that `write_table` gives.
+
+    Parameters
+    ----------
+    path : path-like
+    parts : iterable of pandas.DataFrame or mapping of str to array
+        With the same columns, of the same types; at least one.
+    units : mapping of str to str, optional
+        As in `write_table`.
+
+    Returns
+    -------
+    int
+        Rows written.
+
+    Raises
+    ------
+    InputError
+        Where the disk refuses the file; nothing is left behind.
+    ValueError
+        Where there is no part, or one has other columns or types than the first.
+    """
+    rows = 0
+
+    def write(name: str) -> None:
+        nonlocal rows
+        writer = None
+        try:
+            for part in parts:
+                table = _mark_sealed(to_arrow(part, units))
+                if writer is None:
+                    writer = pq.ParquetWriter(name, table.schema, **_PARQUET)
+                writer.write_table(table.cast(writer.schema))
+                rows += len(table)
+        finally:
+            if writer is not None:
+                writer.close()
+        if writer is None:
+            raise ValueError(f"{path}: no part to join")
+        _seal(name)
+
+    write_whole(path, write)
+    return rows
 
 
 def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None = None) -> None:
@@ -147,6 +200,41 @@ def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
     return read_arrow(path, columns).to_pandas()
 
 
+class Parts:
+    """Parts of a table, one file each, read one after the other each time they are gone through.
+
+    Parameters
+    ----------
+    paths : iterable of path-like
+    columns : list of str, optional
+        What is read; all columns where left out.
+    """
+
+    def __init__(self, paths: Iterable[str | Path], columns: list[str] | None = None) -> None:
+        self.paths, self.columns = list(paths), columns
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __iter__(self) -> Iterator[Any]:
+        for path in self.paths:
+            yield read_table(path, self.columns)
+
+    def by(self, column: str, kept: Callable[[Any], Any] = lambda rows: rows) -> Iterator[Any]:
+        """Rows of each value of a column in turn, where they follow each other, after `kept` of each part."""
+        import pandas as pd
+
+        held: list[Any] = []
+        for part in self:
+            for value, rows in kept(part).groupby(column, sort=False):
+                if held and held[0][column].iloc[0] != value:
+                    yield pd.concat(held, ignore_index=True)
+                    held = []
+                held.append(rows)
+        if held:
+            yield pd.concat(held, ignore_index=True)
+
+
 def read_units(path: str | Path) -> dict[str, str]:
     """Units by column as stored in a Parquet table's column metadata."""
     return {
@@ -164,12 +252,30 @@ def _footer(content: bytes) -> int:
     return start
 
 
+def _mark_sealed(table: pa.Table) -> pa.Table:
+    return table.replace_schema_metadata({**(table.schema.metadata or {}), **SEALED})
+
+
 def _seal(name: str) -> None:
-    content = Path(name).read_bytes()
-    footer = _footer(content)
+    """Put mark and digest before the footer, holding no more than the footer and a block."""
     with open(name, "r+b") as file:
-        file.seek(footer)
-        file.write(_MARK + hashlib.sha256(content).digest() + content[footer:])
+        end = file.seek(-8, os.SEEK_END)
+        start = end - int.from_bytes(file.read(4), "little")
+        digest = hashlib.sha256()
+        file.seek(0)
+        for block in _read_blocks(file, start):
+            digest.update(block)
+        footer = file.read()
+        digest.update(footer)
+        file.seek(start)
+        file.write(_MARK + digest.digest() + footer)
+
+
+def _read_blocks(file: IO[bytes], size: int) -> Iterable[bytes]:
+    while size:
+        block = file.read(min(size, _BLOCK))
+        size -= len(block)
+        yield block
 
 
 def _check_seal(content: bytes) -> bool | None:

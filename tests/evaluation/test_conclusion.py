@@ -39,7 +39,7 @@ def make_ranking(first="A", tied=""):
 
 
 def conclude(scope, ranking, **options):
-    return draw_conclusion(scope, pd.DataFrame(), ranking, PAPER_FACTORS, 0.01, 0.99, **options)
+    return draw_conclusion([scope], ranking, PAPER_FACTORS, 0.01, 0.99, **options)
 
 
 def test_planted_limits_are_found_in_natural_units():
@@ -95,7 +95,7 @@ def test_robots_are_concluded_side_by_side():
     snr = scope.drop_duplicates(["robot", "cycle", "axis", "fda"])[["robot", "cycle", "axis", "fda"]]
     values = np.where(snr["fda"] == "A", 5.0, 2.0)
     snr = snr.assign(snr_exact=values, snr_low=values - 0.1, snr_high=values + 0.1)
-    conclusions, rankings = conclude_study(scope, snr, PAPER_FACTORS, 0.01, 0.99)
+    conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
     assert [one.robot for one in conclusions] == ["", "r", "s"]
     assert conclusions[1].wear < conclusions[2].wear
     assert conclusions[0].wear == conclusions[2].wear

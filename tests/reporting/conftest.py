@@ -145,7 +145,7 @@ def asked(study):
     levels = nominal_levels(study.factors)
     cells = [(key[:4], one) for key, one in surrogates_of(study.surrogates, "full")]
     runs = planted_test_quantities(cycles=("a", "b"), axes=(1, 2), fdas=("A", "B", "C"), seed=3)[0]
-    conclusions, rankings = conclude_study(study.scope, study.snr, study.factors, 0.01, 0.99)
+    conclusions, rankings = conclude_study([study.scope], study.snr, study.factors, 0.01, 0.99)
     thresholds = [
         threshold_table(cells, one, study.factors, levels, -2.0).assign(asked=one.robot)
         for one in conclusions

@@ -8,10 +8,16 @@ import clones
 import pytest
 import yaml
 
+from wearscope import tables
 from wearscope.integrity import find_damage
 
-TABLES = ("test_quantities", "failed_simulations", "surrogates", "snr", "ranking", "sensitivity")
+TABLES = (
+    "test_quantities", "failures", "failed_simulations", "surrogates", "validation", "fit_table", "snr",
+    "ranking", "sensitivity", "thresholds", "rankings",
+)  # fmt: skip
 SCOPES = ("scope", "group_scope", "scope_disagreement")
+#: What has a row for each point, coefficient or grid cell of each robot.
+LARGE = ("test_quantities", "surrogates", "scope")
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +48,36 @@ def test_a_job_a_partition_takes_the_place_of_all_that_is_done_for_its_robots(cl
     assert "run_partition" not in whole
 
 
+def test_what_is_said_of_all_robots_reads_no_table_of_all_robots(clone):
+    """Only the parts of the large tables, which are gone through one at a time."""
+    settings = ("--config", "study=fresh", "audit={enabled: true}")
+    text = clones.run_well(clone, "-n", "report", *settings, study="divided.yaml")
+    # Nothing is there yet, so that each job's reason names all of its inputs that are results.
+    pattern = r"^Job \d+: (.*)\nReason: .*Input files updated by another job: (.*)$"
+    inputs = {told: set(files.split(", ")) for told, files in re.findall(pattern, text, re.MULTILINE)}
+    asking = {
+        "Compare the factors (Q-1)",
+        "Conclude which detector to use, what it finds and what it bears",
+        "Draw where the detectors work",
+        "Join the audits of the partitions",
+        "Write the report: robots and test-cycles at a glance",
+    }
+    assert asking <= inputs.keys() and "Choose the points of the audit" not in inputs
+    joined = {f"results/fresh/{table}.parquet" for table in LARGE}
+    assert all(table in text for table in joined)  # they are made, for who reads them
+    for told in asking:
+        assert not joined & inputs[told], told
+    parts = {f"results/fresh/partitions/0000{k}/scope.parquet" for k in (0, 1)}
+    assert parts <= inputs["Conclude which detector to use, what it finds and what it bears"]
+
+
 @pytest.mark.slow
 def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
+    asked = ("scope", "snr", "sensitivity", "validate", "conclusion")
     for name in ("whole", "divided"):
-        clones.run_well(clone, "scope", "snr", "sensitivity", study=f"{name}.yaml")
+        clones.run_well(clone, *asked, study=f"{name}.yaml")
+    conclusions = [(clone / f"results/{name}/conclusion.json").read_text() for name in ("whole", "divided")]
+    assert conclusions[0] == conclusions[1]
     for table in (*TABLES, *SCOPES):
         one, other = (clone / f"results/{name}/{table}.parquet" for name in ("whole", "divided"))
         assert one.read_bytes() == other.read_bytes(), table
@@ -56,6 +88,20 @@ def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
     recording = next(traces[0].glob("*/validation/point=1/recording.parquet"))
     recording.unlink()
     assert [error.path for error in find_damage(clone / "results/divided")] == [recording]
+
+
+@pytest.mark.slow
+def test_the_report_of_a_divided_study_leads_to_those_of_its_robots(clone):
+    clones.run_well(clone, "report", study="divided.yaml")
+    page = (clone / "results/divided/report.html").read_text()
+    links = dict(re.findall(r'<a href="(partitions/\d+/report.html)">(\w+)</a>', page))
+    assert sorted(links.values()) == ["large", "medium"]
+    for link, robot in links.items():
+        assert "1 robot" in (own := (clone / "results/divided" / link).read_text()) and robot in own
+    overview = tables.read_table(clone / "results/divided/overview.parquet")
+    assert sorted(overview["robot"]) == ["large", "medium"]
+    assert page.index(f">{overview['robot'].iloc[0]}</a>") < page.index(f">{overview['robot'].iloc[1]}</a>")
+    assert not clones.stale(clone, "report", study="divided.yaml")
 
 
 @pytest.mark.slow

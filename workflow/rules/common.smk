@@ -66,14 +66,6 @@ PARTITIONS = {f"{part.partitions.number:05d}": part for part in STUDY.divide()}
 R = f"results/{STUDY.study}"
 if STUDY.partitions.number is not None:
     R = f"{R}/partitions/{STUDY.partitions.number:05d}"
-if PARTITIONS:
-    # They simulate more points of the robots: asked of a partition by itself, by its own study.yaml.
-    STUDY = STUDY.model_copy(
-        update={
-            name: getattr(STUDY, name).model_copy(update={"enabled": False}) for name in ("audit", "direct")
-        }
-    )
-
 config = STUDY.model_dump(mode="json")
 # Where jobs share no file system, a storage plugin carries what they declare, the recordings of a chunk as one file.
 CARRIED = workflow.storage_settings.default_storage_provider is not None
@@ -109,7 +101,7 @@ FILLED = STUDY.surrogates.filling.enabled
 RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED else [])]
 STUDY_SETS = [*RUN_SETS, "nominal"]
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
-DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen"
+DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen" and not PARTITIONS
 # What a correction changes is asked where a loop is closed, or models of both sides are given.
 REEVALUATED = STUDY.reevaluate.enabled and bool(
     STUDY.closed_loop.demonstration or STUDY.dataset is not None or STUDY.reevaluate.before
@@ -120,6 +112,8 @@ SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
 SETUP_FIGURES = ["design", "recording", "friction"]
 FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
 FIGURES = [*SETUP_FIGURES, *FINDING_FIGURES, *(["audit"] if STUDY.audit.enabled else [])]
+if PARTITIONS:  # figures that show each cell are those of the partitions
+    FIGURES = SCOPE_FIGURES
 CATEGORIES = {
     "sensitivity": "Q-1: which factors matter",
     "snr": "Q-2: which detector is best",
@@ -166,6 +160,11 @@ def parts(table, *each):
     return expand(f"{R}/{'/'.join(each)}.parquet", robot=ROBOTS, cycle=CYCLES)
 
 
+def whole(table):
+    """A table of the study, as one file; or as one a partition, from which it would be joined."""
+    return parts(table) if PARTITIONS else [f"{R}/{table}.parquet"]
+
+
 SCREENINGS = parts("screening", "screening", "{robot}")
 
 
@@ -179,6 +178,10 @@ def needs(mib, minutes):
         mem_mb=lambda wildcards, attempt: attempt * mib,
         runtime=lambda wildcards, attempt: attempt * minutes,
     )
+
+
+#: Time [min] for what goes through all robots: 1.5 s of a processor a robot were measured (docs/cluster.md).
+JOIN_MINUTES = max(20, len(ROBOTS) // 10)
 
 
 def job_minutes():
@@ -463,14 +466,10 @@ def figure_files(names):
     return files
 
 
-def asked_of(model):
-    """Input function: the tables that make a section's surrogates."""
-    files = {"surrogates": f"{R}/surrogates.parquet"}
-    if model == "chosen":
-        files |= {
-            "chosen": f"{R}/chosen_surrogates.parquet",
-            "test_quantities": f"{R}/test_quantities.parquet",
-        }
+def asked_of(model, find=lambda table: f"{R}/{table}.parquet"):
+    """Input function: the tables that make a section's surrogates, where `find` says that they are."""
+    tables = ["surrogates", *(["chosen_surrogates", "test_quantities"] if model == "chosen" else [])]
+    files = {"chosen" if table == "chosen_surrogates" else table: find(table) for table in tables}
     return lambda wildcards: files
 
 

@@ -18,7 +18,7 @@ rule scope:
 
 rule compute_sensitivity:
     input:
-        surrogates=f"{R}/surrogates.parquet",
+        surrogates=whole("surrogates"),
         screening=SCREENINGS,
         code=code("compute_sensitivity"),
     output:
@@ -94,6 +94,8 @@ rule join_scope:
     priority: 1
     conda:
         ENV
+    resources:
+        **needs(1000, JOIN_MINUTES),
     params:
         group_by=STUDY.scope.group_by,
     message:
@@ -132,9 +134,9 @@ rule conclusion:
 
 rule draw_conclusion:
     input:
-        unpack(asked_of(STUDY.scope.model)),
-        test_quantities=f"{R}/test_quantities.parquet",
-        scope=f"{R}/scope.parquet",
+        unpack(asked_of(STUDY.scope.model, whole)),
+        test_quantities=whole("test_quantities"),
+        scope=whole("scope"),
         snr=f"{R}/snr.parquet",
         answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
         code=code("draw_conclusion"),
@@ -146,6 +148,8 @@ rule draw_conclusion:
         f"{R}/logs/draw_conclusion.log",
     conda:
         ENV
+    resources:
+        **needs(1000, JOIN_MINUTES),
     params:
         scope=config["scope"],
         factors=FACTORS,

@@ -1,12 +1,36 @@
-# A study of many robots: each partition is planned where it runs, by one job, as a study of its own robots. The
-# tables of the partitions are joined as those of robots and test-cycles are.
+# A study of many robots: each partition is planned where it runs, by one job, as a study of its own robots, with a
+# report of its own. What is told of each cell is made there, and joined here by one robot at a time.
+JOINED_TABLES = ["surrogates", "validation", "fit_table", "snr"]
 PARTITION_TABLES = [
     "test_quantities",
     "failed_simulations",
     "screening",
     "scope",
+    "overview",
+    *JOINED_TABLES,
     *(["chosen_surrogates"] if FILLED else []),
+    *(["audit"] if STUDY.audit.enabled else []),
 ]
+
+
+def partition_code():
+    """Source files that what a partition makes depends on, each once: a plan of many jobs is made of them."""
+    scripts = [
+        "run_partition",
+        "choose_surrogates",
+        "compute_scope",
+        "compute_snr",
+        "validate_surrogates",
+        "make_overview",
+        "write_report",
+    ]
+    files = [file for script in scripts for file in code(script)]
+    files += code("simulate_points", *cycle_files()) + code("compute_test_quantities", *detector_files())
+    return list(dict.fromkeys(files))
+
+
+#: Partition of each robot.
+PARTITION_OF = {label(robot): part for part, one in PARTITIONS.items() for robot in one.robots}
 
 
 #: What can be asked for as one job, with the memory of a core that works on it [MiB].
@@ -25,15 +49,11 @@ if PARTITIONS:
     rule run_partition:
         input:
             robots=lambda w: [file for one in PARTITIONS[w.part].robots for file in robot_files(one)],
-            code=lambda w: [
-                *code("run_partition"),
-                *code("simulate_points", *cycle_files()),
-                *code("compute_test_quantities", *detector_files()),
-                *code("choose_surrogates"),
-                *code("compute_scope"),
-            ],
+            code=partition_code(),
+            style=REPORT_FILES,
         output:
             expand("{R}/partitions/{{part}}/{table}.parquet", R=R, table=PARTITION_TABLES),
+            f"{R}/partitions/{{part}}/report.html",
         log:
             f"{R}/logs/partitions/{{part}}.log",
         wildcard_constraints:
@@ -47,12 +67,78 @@ if PARTITIONS:
             installed=installed("robots", "cycles", "detectors", "effects"),
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),
             file=lambda w: f"{R}/partitions/{w.part}/study.yaml",
-            targets=lambda w: [f"{R}/partitions/{w.part}/{table}.parquet" for table in PARTITION_TABLES],
+            targets=lambda w: [
+                *(f"{R}/partitions/{w.part}/{table}.parquet" for table in PARTITION_TABLES),
+                f"{R}/partitions/{w.part}/report.html",
+            ],
             snakefile=os.path.join(HOME, "Snakefile"),
         message:
             "Run partition {wildcards.part}"
         script:
             "../scripts/run_partition.py"
+
+    rule join_partitions:
+        input:
+            parts=lambda w: [
+                f"{R}/partitions/{PARTITION_OF[robot]}/{w.table}.parquet" for robot in sorted(ROBOTS)
+            ],
+            code=code("join_partitions"),
+        output:
+            f"{R}/{{table}}.parquet",
+        log:
+            f"{R}/logs/join_partitions/{{table}}.log",
+        wildcard_constraints:
+            table="|".join(JOINED_TABLES),
+        conda:
+            ENV
+        params:
+            robots=sorted(ROBOTS),
+        message:
+            "Join {wildcards.table} of the partitions"
+        script:
+            "../scripts/join_partitions.py"
+
+    rule rank_detectors:
+        input:
+            snr=f"{R}/snr.parquet",
+            code=code("rank_detectors"),
+        output:
+            f"{R}/ranking.parquet",
+        log:
+            f"{R}/logs/rank_detectors.log",
+        conda:
+            ENV
+        params:
+            group_by=STUDY.snr.group_by,
+            seed=STUDY.seed,
+        message:
+            "Rank the detectors (Q-2)"
+        script:
+            "../scripts/rank_detectors.py"
+
+    rule join_audit:
+        input:
+            parts=parts("audit"),
+            code=code("join_audit"),
+        output:
+            audit=f"{R}/audit.parquet",
+            summary=f"{R}/audit_summary.parquet",
+            verdicts=f"{R}/audit_verdicts.parquet",
+            answers=f"{R}/audit_answers.parquet",
+        log:
+            f"{R}/logs/join_audit.log",
+        conda:
+            ENV
+        params:
+            group_by=STUDY.scope.group_by,
+        message:
+            "Join the audits of the partitions"
+        script:
+            "../scripts/join_audit.py"
+
+    ruleorder: join_partitions > fit_surrogates > validate_surrogates > compute_snr
+    ruleorder: rank_detectors > compute_snr
+    ruleorder: join_audit > audit_surrogates
 
 else:
 

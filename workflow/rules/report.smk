@@ -7,7 +7,9 @@ TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.ro
 rule report:
     input:
         f"{R}/report.html",
-        f"{R}/findings.parquet",
+        [f"{R}/{table}.parquet" for table in [*JOINED_TABLES, "scope", "test_quantities"]]
+        if PARTITIONS
+        else f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
         [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
 

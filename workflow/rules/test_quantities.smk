@@ -83,6 +83,8 @@ rule join_test_quantities:
         f"{R}/logs/join_test_quantities.log",
     conda:
         ENV
+    resources:
+        **needs(1000, JOIN_MINUTES),
     message:
         "Join the test quantities, count failures"
     script:

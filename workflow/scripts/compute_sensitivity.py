@@ -3,11 +3,13 @@
 from job import run_job
 from screening import read_screening
 from wearscope import tables
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.simulation.screening import drop_idle
+
+COLUMNS = ["robot", "cycle", "axis", "fda", "model", "term", "theta_normalised"]
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params
-    surrogates = drop_idle(tables.read_table(given.surrogates), read_screening(given.screening), "term")
-    table = sensitivity_table(surrogates, params.model, params.group_by)
-    tables.write_table(snakemake.output[0], table)
+    screening = read_screening(given.screening)
+    parts = (drop_idle(part, screening, "term") for part in tables.Parts(given.surrogates, COLUMNS))
+    tables.write_table(snakemake.output[0], sensitivity_of(parts, params.model, params.group_by))

@@ -19,6 +19,6 @@ with run_job(snakemake):
         noise = read_noise(tables.read_table(replicates)) if replicates else None
         quadratic = tables.read_table(snakemake.input.surrogates)
         snr = snr_table(quadratic, **settings, seed=snakemake.params.seed, noise=noise)
-    tables.write_table(snakemake.output.snr, snr)
+    tables.join_tables(snakemake.output.snr, (rows for _, rows in snr.groupby("robot", sort=False)))
     ranking = rank_by_median(snr, by=group_by, seed=snakemake.params.seed)
     tables.write_table(snakemake.output.ranking, ranking)

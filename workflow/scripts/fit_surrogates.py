@@ -10,4 +10,5 @@ with run_job(snakemake):
         snakemake.params.models,
         snakemake.params.max_failed_share,
     )
-    tables.write_table(snakemake.output[0], table)
+    robots = (rows for _, rows in table.groupby("robot", sort=False))
+    tables.join_tables(snakemake.output[0], robots)

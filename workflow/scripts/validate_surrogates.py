@@ -10,7 +10,9 @@ with run_job(snakemake):
         tables.read_table(snakemake.input.surrogates),
         snakemake.params.max_failed_share,
     )
-    tables.write_table(snakemake.output.validation, validation, {"fit": "%"})
+    robots = (rows for _, rows in validation.groupby("robot", sort=False))
+    tables.join_tables(snakemake.output.validation, robots, {"fit": "%"})
     fits = fit_table(validation, tuple(snakemake.params.models))
     units = {name: "%" for name in fits.columns if name.startswith("axis_")}
-    tables.write_table(snakemake.output.fit_table, fits, units)
+    robots = (rows for _, rows in fits.groupby("robot", sort=False))
+    tables.join_tables(snakemake.output.fit_table, robots, units)

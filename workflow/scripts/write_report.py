@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from job import run_job
+from made import tell_provenance
 from reevaluated import read_reevaluation
 from screening import read_screening
 from wearscope import tables
@@ -11,7 +12,6 @@ from wearscope.designs.factors import Factor
 from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.plugins import load
-from wearscope.provenance import describe_provenance, list_platform_files
 from wearscope.reporting.costs import read_costs
 from wearscope.reporting.findings import read_findings
 from wearscope.reporting.study import Study
@@ -34,7 +34,6 @@ with run_job(snakemake):
     detectors = {
         name: load(one["use"], "detectors", "DETECTOR") for name, one in params.config["detectors"].items()
     }
-    made = describe_provenance(list_platform_files())
     study = Study(
         config=params.config,
         factors=[Factor(**one) for one in params.factors],
@@ -52,13 +51,7 @@ with run_job(snakemake):
         costs=read_costs(params.benchmarks),
         conclusions=[read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text())],
         units={name: name_unit(detector, models.values()) for name, detector in detectors.items()},
-        provenance={
-            "wearscope": made["code"]["wearscope"],
-            "commit": made["code"]["commit"],
-            "sources (SHA-256)": made["code"]["sha256"],
-            "Python": made["python"],
-            "packages": made["packages"],
-        },
+        provenance=tell_provenance(),
         sources={
             robot: list(dict.fromkeys([model.source, *(entry.source for entry in model.effects)]))
             for robot, model in models.items()

@@ -266,7 +266,8 @@ class StudyConfig(Section):
     def divide(self) -> list["StudyConfig"]:
         """Partitions, each a study of some of the robots; none where the study is not divided.
 
-        What a closed loop or a correction asks is asked of the whole study, not of a partition.
+        What a closed loop or a correction asks is asked of the whole study, not of a partition; direct Monte
+        Carlo, which is of one robot, of neither.
         """
         size = self.partitions.robots
         if self.partitions.number is not None or len(self.robots) <= self.partitions.above:
@@ -274,6 +275,7 @@ class StudyConfig(Section):
         rest = {
             "closed_loop": self.closed_loop.model_copy(update={"demonstration": False}),
             "reevaluate": self.reevaluate.model_copy(update={"enabled": False}),
+            "direct": self.direct.model_copy(update={"enabled": False}),
             "dataset": None,
         }
         parts = []

@@ -1,6 +1,6 @@
 """Which detector to use, what it finds and what it bears: the study's answer in numbers, not yet in words."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.detection import detection_table
 from wearscope.evaluation.responses import Cells
+from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
 from wearscope.evaluation.snr import rank_by_median
 from wearscope.surrogates.fitting import CELL
 
 Array = NDArray[np.float64]
-#: Share of the draws of a surrogate for which a grid cell must pass to count as sure.
-SURE = 0.95
 #: Shares of a group's cells that are asked to be sure, the first one that any change of the fault reaches.
 SHARES = (1.0, 0.5)
 #: Of the largest variation that a detector bears at any change of the fault: what is enough.
@@ -94,8 +93,7 @@ def read_conclusion(fields: Mapping[str, object]) -> Conclusion:
 
 
 def draw_conclusion(
-    scope: pd.DataFrame,
-    snr: pd.DataFrame,
+    scope: Iterable[pd.DataFrame],
     ranking: pd.DataFrame,
     factors: Sequence[Factor],
     p_f: float,
@@ -111,9 +109,9 @@ def draw_conclusion(
 
     Parameters
     ----------
-    scope : DataFrame
-        From `wearscope.evaluation.scope`; one factor varies at a time.
-    snr : DataFrame
+    scope : iterable of DataFrame
+        Parts of the table from `wearscope.evaluation.scope`, each of other cells; one factor varies at a
+        time. Gone through twice, one part held at a time.
     ranking : DataFrame
         Of these cells, by detector.
     factors : sequence of Factor
@@ -123,57 +121,76 @@ def draw_conclusion(
     robot : str
         For the record.
     """
-    exact = scope[scope["method"] == ("exact" if (scope["method"] == "exact").any() else "kde")]
-    shown_sure = bool(exact["confidence"].notna().any())
-    sure = exact["confidence"] >= SURE if shown_sure else exact["passes"]
-    exact = exact.assign(sure=sure.to_numpy(dtype=float))
+    counts = add_counts(count_scope(choose_method(part)) for part in scope)
+    shown_sure = bool(counts["known"].any())
+    # Where no confidence was asked, the estimates alone decide.
+    counts = counts.assign(sure=counts["sure" if shown_sure else "passes"])
     kept = ranking[~ranking["fda"].isin(list(withheld)) & (ranking["median"] > 0)]
-    none = Conclusion(robot, "", [], sorted(withheld), np.nan, [], 0, 0, shown_sure, p_f, p_d)
     if kept.empty:
-        return none
+        return Conclusion(robot, "", [], sorted(withheld), np.nan, [], 0, 0, shown_sure, p_f, p_d)
     best = kept.iloc[0]
     tied = [name for name in str(best["tied_with"]).split(", ") if name in set(kept["fda"])]
     candidates = [str(best["fda"]), *tied]
-    reach = exact.groupby("fda")["sure"].mean()
+    totals = counts.groupby("fda")[["sure", "cells"]].sum()
+    reach = totals["sure"] / totals["cells"]
     chosen = max(candidates, key=lambda name: (float(reach.get(name, 0.0)), -candidates.index(name)))
-    own = exact[exact["fda"] == chosen]
-    cells = len(own[CELL].drop_duplicates())
-    wear, bounds, count = _smallest_change(own, factors)
+    delta, borne = smallest_change(counts[counts["fda"] == chosen])
+    cells, sure = 0, 0
+    for part in scope:
+        own = choose_method(part)
+        found = count_sure(own[own["fda"] == chosen], delta, borne, shown_sure)
+        cells, sure = cells + found[0], sure + found[1]
+    steps = {factor.name: natural_step(factor) for factor in factors}
+    ends = counts.groupby("factor")["sigma"].max()
+    bounds = [
+        Bound(name, float(sigma * steps[name]), bool(sigma >= ends[name])) for name, sigma in borne.items()
+    ]
     return Conclusion(
-        robot, chosen, sorted(set(candidates) - {chosen}), sorted(withheld), wear, bounds, cells, count,
-        shown_sure, p_f, p_d,
+        robot, chosen, sorted(set(candidates) - {chosen}), sorted(withheld), float(delta * steps[FAULT]),
+        bounds, cells, sure, shown_sure, p_f, p_d,
     )  # fmt: skip
 
 
-def _smallest_change(own: pd.DataFrame, factors: Sequence[Factor]) -> tuple[float, list[Bound], int]:
-    """Change of wear, bounds of the factors, and in how many cells; NaN where nothing is found."""
-    by_name = {factor.name: factor for factor in factors}
+def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the exact method, of the other where that was not asked."""
+    exact = scope["method"] == "exact"
+    return scope[exact] if exact.any() else scope
+
+
+def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
+    """Coded change of wear, and what is borne there by factor, of a detector's counts; NaN where none."""
     for share in SHARES:
-        borne, ends, deltas = {}, {}, np.zeros(0)
+        limits, deltas = {}, np.zeros(0)
         for name, rows in own.groupby("factor", sort=True):
-            wide = rows.pivot_table(index="delta", columns="sigma", values="sure", aggfunc="sum")
+            wide = rows.pivot(index="delta", columns="sigma", values="sure")
             # A factor that moves nothing of a robot has no scope there, and holds it back in nothing.
-            needed = int(np.ceil(share * len(rows[CELL].drop_duplicates())))
+            needed = int(np.ceil(share * rows["cells"].max()))
             deltas, sigmas = wide.index.to_numpy(float), wide.columns.to_numpy(float)
-            borne[str(name)] = tolerated(wide.to_numpy(float) >= needed, sigmas)
-            ends[str(name)] = float(sigmas[-1])
-        stacked = np.stack(list(borne.values()))
+            limits[str(name)] = tolerated(wide.to_numpy(float) >= needed, sigmas)
+        stacked = np.stack(list(limits.values()))
         possible = (stacked > 0).all(axis=0) & (deltas > 0)
         if not possible.any():
             continue
         enough = ENOUGH * np.where(possible, stacked, 0.0).max(axis=1)
         k = int(np.argmax(possible & (stacked >= enough[:, None]).all(axis=0)))
-        at = own[np.isclose(own["delta"], deltas[k])]
-        sure = pd.Series(True, index=at[CELL].drop_duplicates().set_index(CELL).index)
-        for name, values in borne.items():
-            rows = at[(at["factor"] == name) & (at["sigma"] <= values[k] * (1 + 1e-9))]
-            sure &= rows.groupby(CELL)["sure"].min().reindex(sure.index, fill_value=1.0).astype(bool)
-        bounds = [
-            Bound(name, float(values[k] * natural_step(by_name[name])), bool(values[k] >= ends[name]))
-            for name, values in borne.items()
-        ]
-        return float(deltas[k] * natural_step(by_name[FAULT])), bounds, int(sure.sum())
-    return np.nan, [], 0
+        return float(deltas[k]), {name: float(values[k]) for name, values in limits.items()}
+    return np.nan, {}
+
+
+def count_sure(
+    own: pd.DataFrame, delta: float, borne: Mapping[str, float], shown_sure: bool
+) -> tuple[int, int]:
+    """Cells of a detector's rows, and those in which the bounds at a change of wear are sure."""
+    cells = own[CELL].drop_duplicates()
+    if np.isnan(delta):
+        return len(cells), 0
+    at = own[np.isclose(own["delta"], delta)]
+    at = at.assign(sure=at["confidence"] >= SURE if shown_sure else at["passes"])
+    sure = pd.Series(True, index=pd.MultiIndex.from_frame(cells))
+    for name, sigma in borne.items():
+        rows = at[(at["factor"] == name) & (at["sigma"] <= sigma * (1 + 1e-9))]
+        sure &= rows.groupby(CELL)["sure"].min().reindex(sure.index, fill_value=True).astype(bool)
+    return len(cells), int(sure.sum())
 
 
 def tolerated(passes: NDArray[np.bool_], sigmas: Array) -> Array:
@@ -219,8 +236,40 @@ def threshold_table(
     return found["threshold"].max().reset_index()[columns]
 
 
+def threshold_tables(
+    cells: Iterable[Cells],
+    conclusions: Sequence[Conclusion],
+    factors: Sequence[Factor],
+    levels: Mapping[str, float],
+    f0: float,
+) -> pd.DataFrame:
+    """Thresholds of every conclusion, on the cells that it is about; ``asked`` says which robot's it is.
+
+    Parameters
+    ----------
+    cells : iterable of cells
+        In parts, each gone through once.
+    conclusions : sequence of Conclusion
+    factors, levels, f0
+        As in `threshold_table`.
+    """
+    found: list[list[pd.DataFrame]] = [[] for _ in conclusions]
+    for part in cells:
+        part = list(part)
+        robots = {key[0] for key, _ in part}
+        for one, own in zip(conclusions, found, strict=True):
+            if one.robot in ("", *robots):
+                about = [(key, cell) for key, cell in part if one.robot in ("", key[0])]
+                own.append(threshold_table(about, one, factors, levels, f0))
+    thresholds = [
+        pd.concat(own, ignore_index=True).sort_values(CELL, ignore_index=True).assign(asked=one.robot)
+        for one, own in zip(conclusions, found, strict=True)
+    ]
+    return pd.concat(thresholds, ignore_index=True)
+
+
 def conclude_study(
-    scope: pd.DataFrame,
+    scope: Iterable[pd.DataFrame],
     snr: pd.DataFrame,
     factors: Sequence[Factor],
     p_f: float,
@@ -230,6 +279,15 @@ def conclude_study(
 ) -> tuple[list[Conclusion], pd.DataFrame]:
     """Conclusions of all robots together and, where there are several, of each; and their rankings.
 
+    Parameters
+    ----------
+    scope : iterable of DataFrame
+        Parts of the scope table, as in `draw_conclusion`, each with all rows of its robots.
+    snr : DataFrame
+    factors, p_f, p_d, withheld
+        As in `draw_conclusion`.
+    seed : int
+
     Returns
     -------
     conclusions : list of Conclusion
@@ -238,11 +296,16 @@ def conclude_study(
         ``robot`` (empty for all together) and the columns of `wearscope.evaluation.snr.rank_by_median`.
     """
     robots = sorted(snr["robot"].unique())
-    conclusions, rankings = [], []
-    for robot in ["", *(robots if len(robots) > 1 else [])]:
-        asked = (scope, snr) if not robot else (scope[scope["robot"] == robot], snr[snr["robot"] == robot])
-        ranking = rank_by_median(asked[1], by=("fda",), seed=seed)
-        rankings.append(ranking.assign(robot=robot))
-        conclusions.append(draw_conclusion(*asked, ranking, factors, p_f, p_d, withheld, robot))
-    table = pd.concat(rankings, ignore_index=True)
+    robots = robots if len(robots) > 1 else []
+    rankings = {"": rank_by_median(snr, by=("fda",), seed=seed)}
+    rankings |= {
+        robot: rank_by_median(snr[snr["robot"] == robot], by=("fda",), seed=seed) for robot in robots
+    }
+    asked = (factors, p_f, p_d, withheld)
+    found = {"": draw_conclusion(scope, rankings[""], *asked)}
+    for part in scope if robots else ():
+        for robot, rows in part.groupby("robot", sort=False):
+            found[str(robot)] = draw_conclusion([rows], rankings[str(robot)], *asked, str(robot))
+    table = pd.concat([rows.assign(robot=robot) for robot, rows in rankings.items()], ignore_index=True)
+    conclusions = [found[robot] for robot in rankings]
     return conclusions, table[["robot", *(name for name in table.columns if name != "robot")]]

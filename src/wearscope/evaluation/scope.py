@@ -254,6 +254,15 @@ def group_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
     return grouped.agg(passes="sum", cells="size").reset_index()
 
 
+def add_group_scopes(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Group scope matrices of all parts, each of other cells, from `group_scope` by the same groups."""
+    if len(parts) == 1:
+        return parts[0]
+    table = pd.concat(parts, ignore_index=True)
+    keys = [name for name in table.columns if name not in ("passes", "cells")]
+    return table.groupby(keys, sort=True, observed=True)[["passes", "cells"]].sum().reset_index()
+
+
 def scope_matrix(rows: pd.DataFrame, value: str = "passes") -> pd.DataFrame:
     """Matrix (N_Delta, N_sigma) of one factor and method: index ``delta``, columns ``sigma``."""
     return rows.pivot(index="delta", columns="sigma", values=value)

@@ -1,6 +1,6 @@
 """Which factors matter (Q-1): normalised coefficients (8), grouped (9)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -55,11 +55,23 @@ def sensitivity_table(
     by: Sequence[str] = ("fda",),
     level: float = 0.95,
 ) -> pd.DataFrame:
+    """Box-plot statistics of every column of every group matrix (Fig. 2); see `sensitivity_of`."""
+    return sensitivity_of([surrogates], model, by, level)
+
+
+def sensitivity_of(
+    parts: Iterable[pd.DataFrame],
+    model: str = "simplified",
+    by: Sequence[str] = ("fda",),
+    level: float = 0.95,
+) -> pd.DataFrame:
     """Box-plot statistics of every column of every group matrix (Fig. 2), and how often a term outweighs f.
 
     Parameters
     ----------
-    surrogates : DataFrame
+    parts : iterable of DataFrame
+        Of the table from `wearscope.surrogates.fitting.fit_surrogates`, each of other cells; of those gone
+        through only the normalised coefficients are kept.
     model : str
     by : sequence of str
     level : float
@@ -72,10 +84,21 @@ def sensitivity_table(
         `wearscope.evaluation.grouping.box_statistics`, ``n_relevant``, ``share_relevant``, ``share_low``,
         ``share_high`` (of the cells with a normalised coefficient), ``median_absolute``.
     """
+    terms: dict[str, None] = {}
+    columns: dict[tuple, list[dict[str, np.ndarray]]] = {}
+    for part in parts:
+        for key, matrix in group_matrices(part, model, by).items():
+            terms |= dict.fromkeys(matrix.columns)
+            columns.setdefault(key, []).append(
+                {term: matrix[term].to_numpy(dtype=float) for term in matrix.columns}
+            )
     records = []
-    for key, matrix in group_matrices(surrogates, model, by).items():
-        for term in matrix.columns:
-            values = matrix[term].to_numpy(dtype=float)
+    for key in sorted(columns):
+        for term in terms:
+            # A term that was dropped from a part's robots is missing there, not zero.
+            values = np.concatenate(
+                [one.get(term, np.full(len(next(iter(one.values()))), np.nan)) for one in columns[key]]
+            )
             good = values[np.isfinite(values)]
             relevant = int(np.sum(np.abs(good) > 1.0))
             low, high = wilson_interval(relevant, good.size, level)

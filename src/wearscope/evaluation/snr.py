@@ -320,9 +320,10 @@ def rank_by_median(
             for name in ("snr_low", "snr_high")
         )
         return _rank_few(values, low, high, keys, by)
-    rows = bootstrap_indices(len(values), draws, generator_for(seed, "rank", value, *by))
+    stream = generator_for(seed, "rank", value, *by)
     median = _median(values)
-    boot = np.stack([_median(values[index]) for index in rows])
+    # Drawn one at a time: all at once they would take draws times the memory of the values.
+    boot = np.stack([_median(values[bootstrap_indices(len(values), 1, stream)[0]]) for _ in range(draws)])
     tail = 0.5 - level / 2
     order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
     filled = np.where(np.isnan(boot), -np.inf, boot)

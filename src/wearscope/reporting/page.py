@@ -193,7 +193,11 @@ PROSE = 60
 
 
 def render_table(
-    table: pd.DataFrame, caption: str = "", digits: int = 3, filter_by: Mapping[str, str] | None = None
+    table: pd.DataFrame,
+    caption: str = "",
+    digits: int = 3,
+    filter_by: Mapping[str, str] | None = None,
+    cells: Sequence[Mapping[str, object]] = (),
 ) -> Markup:
     """Table of a data frame that sorts and exports: missing numbers as n/a, text escaped.
 
@@ -205,23 +209,27 @@ def render_table(
         Of the numbers shown.
     filter_by : mapping of str to str, optional
         Column and the page's filter that hides the rows of its other values.
+    cells : sequence of mapping
+        By row, its values for the page's filters, where no column holds them.
     """
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(str(name)) for name in table.columns)
     lines = list(table.itertuples(index=False))
-    prose = any(isinstance(value, str) and len(value) > PROSE for values in lines for value in values)
+    texts = (value for values in lines for value in values if isinstance(value, str))
+    prose = any(len(text.striptags() if isinstance(text, Markup) else text) > PROSE for text in texts)
     rows = []
     places = {list(table.columns).index(column): key for column, key in (filter_by or {}).items()}
-    for values in lines:
-        cells = Markup("")
+    for place, values in enumerate(lines):
+        row = Markup("")
         for column, value in zip(table.columns, values, strict=True):
             number = isinstance(value, Real) and not isinstance(value, bool)
             text = value if isinstance(value, Markup) else escape(format_number(value, digits))
             told = Markup(' data-label="{}"').format(str(column)) if prose else ""
             kind = Markup(' class="number"') if number else ""
-            cells += Markup("<td{}{}>{}</td>").format(kind, told, text)
-        own = {key: str(values[place]) for place, key in places.items()}
+            row += Markup("<td{}{}>{}</td>").format(kind, told, text)
+        own = {key: str(values[column]) for column, key in places.items()}
+        own |= {key: str(value) for key, value in cells[place].items()} if cells else {}
         attribute = Markup(' data-cell="{}"').format(json.dumps(own)) if own else ""
-        rows.append(Markup("<tr{}>{}</tr>").format(attribute, cells))
+        rows.append(Markup("<tr{}>{}</tr>").format(attribute, row))
     title = Markup("<caption><span>{}</span></caption>").format(caption) if caption else ""
     body = Markup("\n").join(rows)
     return Markup(

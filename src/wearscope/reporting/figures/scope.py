@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from wearscope.evaluation.scope_counts import count_scope
 from wearscope.reporting.labels import count_text, factor_name, natural_step, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
 
@@ -28,6 +29,13 @@ Matrix = NDArray[np.float64]
 def draw_scope(
     scope: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
 ) -> Figure:
+    """Group scope matrices (Fig. 4) of a table from `wearscope.evaluation.scope`; see `draw_scope_counts`."""
+    return draw_scope_counts(count_scope(scope[scope["factor"] == factor], by), factor, factors, by)
+
+
+def draw_scope_counts(
+    counts: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
+) -> Figure:
     """Group scope matrices (Fig. 4): a column for each group, a row for each method, then their difference.
 
     The solid line bounds where half the cells of a group pass; the dashed one, where half of them pass with
@@ -35,8 +43,8 @@ def draw_scope(
 
     Parameters
     ----------
-    scope : DataFrame
-        From `wearscope.evaluation.scope.scope_table`.
+    counts : DataFrame
+        From `wearscope.evaluation.scope_counts.count_scope`, by the same groups.
     factor : str
         The nuisance that varies.
     factors : sequence of Factor
@@ -44,7 +52,7 @@ def draw_scope(
     by : sequence of str
         At most `MOST` groups are drawn, the title says so where there are more.
     """
-    rows = scope[scope["factor"] == factor]
+    rows = counts[counts["factor"] == factor]
     known = {one.name: one for one in factors}
     groups = list(split_groups(rows, by))
     shown = groups[:MOST]
@@ -84,7 +92,7 @@ def draw_scope(
 
 
 def _cells(rows: pd.DataFrame) -> int:
-    return len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
+    return int(rows["cells"].max())
 
 
 def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, Matrix]:
@@ -93,8 +101,9 @@ def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, M
     Parameters
     ----------
     rows : DataFrame
-        One method's rows.
-    passing : array of bool (N,)
+        One method's rows, of cells or of counts.
+    passing : array (N,)
+        Whether a row's cell passes, or how many of its cells do.
 
     Returns
     -------
@@ -125,8 +134,8 @@ def _draw_method(ax: Axes, rows: pd.DataFrame, norm: Normalize) -> None:
     _draw_grid(ax, sigma, delta, count, cmap="cividis", norm=norm)
     half = _cells(rows) / 2
     _draw_edge(ax, count, half, "solid")
-    if rows["confidence"].notna().any() if "confidence" in rows else False:
-        _draw_edge(ax, count_matrix(rows, rows["confidence"] >= 0.95)[2], half, "dashed")
+    if rows["known"].any():
+        _draw_edge(ax, count_matrix(rows, rows["sure"])[2], half, "dashed")
 
 
 def _draw_edge(ax: Axes, count: Matrix, half: float, style: str) -> None:
@@ -167,13 +176,11 @@ def _scaling(
 
 def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
     """Number of cells that pass by kernel density estimate and not exactly, less the reverse."""
-    keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
     found = []
     for rows in groups:
-        halves = [rows[rows["method"] == method].sort_values(keys) for method in METHOD_NAMES]
-        passes = [half["passes"].to_numpy(dtype=float) for half in halves]
-        grid = count_matrix(halves[0], passes[1] - passes[0])
-        found.append((*grid, int(np.sum(passes[0] != passes[1])), len(passes[0])))
+        exact, kde = (rows[rows["method"] == method] for method in METHOD_NAMES)
+        grid = count_matrix(exact, kde["passes"].to_numpy() - exact["passes"].to_numpy())
+        found.append((*grid, int(exact["differ"].sum()), int(exact["cells"].sum())))
     reach = max(1.0, *(float(np.abs(count).max()) for _, _, count, _, _ in found))
     for ax, (sigma, delta, count, n, total) in zip(axes, found, strict=True):
         _draw_grid(ax, sigma, delta, count, cmap="PuOr", vmin=-reach, vmax=reach)

@@ -1,0 +1,176 @@
+"""The report of a study of many robots: what it concludes, and each robot and test-cycle, worst first.
+
+Details are on the pages of the partitions, to which it links: so it holds a row, not a chart, for each.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope.reporting import trust
+from wearscope.reporting.charts.base import Choice
+from wearscope.reporting.charts.study import FILTER_LABELS, words
+from wearscope.reporting.conclusion import certainty, conclude, qualify
+from wearscope.reporting.labels import (
+    count_text,
+    factor_name,
+    finite,
+    join_words,
+    term_name,
+    unit_text,
+)
+from wearscope.reporting.page import Section, embed_figure, render_page, render_table, render_template
+from wearscope.reporting.sections.background import Provenance
+from wearscope.reporting.sections.base import say
+from wearscope.reporting.study import Study
+
+#: Columns of a table of groups, as people read them.
+_COLUMNS = {
+    "fda": "detector", "cycle": "test-cycle", "n": "cells", "n_nan": "cells n/a", "median": "median SNR",
+    "median_low": "95 % from", "median_high": "to", "tied_with": "not told apart from",
+    "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
+}  # fmt: skip
+
+
+def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) -> str:
+    """Report of a divided study as one self-contained page.
+
+    Parameters
+    ----------
+    study : Study
+        Without its tables by cell (surrogates, validation, fits, snr, scope, checks), which are not asked.
+    overview : DataFrame
+        From `wearscope.evaluation.overview`, the worst first.
+    pages : mapping of str to str
+        By robot, where its own page is, relative to this one.
+    """
+    robots = overview["robot"].nunique()
+    config = study.config
+    subtitle = (
+        f"{count_text(len(config['detectors']), 'detector')}, {count_text(robots, 'robot')}, "
+        f"{count_text(len(config['cycles']), 'test-cycle')}, "
+        f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}; "
+        f"seed {config['seed']}"
+    )
+    sections = [
+        Section("Conclusion", _summarise(study, overview), "summary"),
+        Section("Robots and test-cycles", _tabulate(study, overview, pages), "robots"),
+        Section("Which detector is best?", _rank(study), "q2"),
+        Section("Which factors matter?", _weigh(study), "q1"),
+        Section("Where does it work?", _draw_scopes(study), "q3"),
+        Provenance(study).render(),
+    ]
+    filters = [
+        Choice(key, FILTER_LABELS[key], [(str(value), words(value)) for value in sorted(values)])
+        for key, values in (
+            ("robot", overview["robot"].unique()),
+            ("cycle", overview["cycle"].unique()),
+            ("fda", list(config["detectors"])),
+        )
+    ]
+    return render_page(
+        f"Study {config['study']}", sections, subtitle, "Made by wearscope from its tables.", filters
+    )
+
+
+def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
+    first = study.conclusions[0]
+    failed = [] if study.failures.empty else [trust.failed_points(study)]
+    return render_template(
+        "study/summary.html",
+        answer=say([conclude(study, first)])[0],
+        kind=certainty(first),
+        qualifiers=say(qualify(study, first)),
+        alarms=say([*_doubts(overview), *trust.failed_simulations(study), *failed]),
+        robots="",
+        cards=[("Robots", say(_compare(study, overview)), "robots", "Every robot and test-cycle")],
+    )
+
+
+def _doubts(overview: pd.DataFrame) -> list[str]:
+    """Where nothing is found."""
+    lost = overview[overview["wear"].isna()]
+    if lost.empty:
+        return []
+    names = list(dict.fromkeys(lost["robot"]))
+    shown = join_words([*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])])
+    many = count_text(len(lost), "robot and test-cycle", "robots and test-cycles")
+    return [f"In {many} no change of wear that was asked is found: on {shown}."]
+
+
+def _compare(study: Study, overview: pd.DataFrame) -> list[str]:
+    """Detectors that are recommended, and how far what is found spreads over robots and test-cycles."""
+    counts = overview.drop_duplicates("robot")["detector"].value_counts()
+    used = [f"{name or 'none'} on {count_text(int(count), 'robot')}" for name, count in counts.items()]
+    said = [f"Detector to use by robot: {join_words(used)}."]
+    found = finite(overview["wear"])
+    if found.size:
+        unit = unit_text(study.factor("f").unit)
+        low, middle, high = np.quantile(found, [0.0, 0.5, 1.0])
+        said.append(
+            f"Smallest change of {factor_name(study.factor('f'))} that is found: "
+            f"{low:.3g} to {high:.3g}{' ' + unit if unit else ''}, {middle:.3g} in the median of "
+            f"{count_text(found.size, 'robot and test-cycle', 'robots and test-cycles')}."
+        )
+    return said
+
+
+def _tabulate(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) -> Markup:
+    unit = unit_text(study.factor("f").unit)
+    links = [Markup('<a href="{}">{}</a>').format(pages[robot], robot) for robot in overview["robot"]]
+    shown = pd.DataFrame(
+        {
+            # As objects: a column of strings would forget that these are HTML.
+            "robot": pd.Series(links, dtype=object),
+            "test-cycle": overview["cycle"].map(words),
+            "detector to use": overview["detector"].replace("", "none"),
+            f"finds wear from{f' [{unit}]' if unit else ''}": overview["wear"],
+            "median SNR": overview["snr"],
+            "lowest fit [%]": overview["fit"],
+            "cells": overview["cells"],
+            "of them sure": overview["cells_sure"],
+            "failed simulations": overview["failed_simulations"],
+        }
+    )
+    note = (
+        "Worst first: where no wear is found (n/a), then by the smallest change that is found, then by SNR. "
+        "All of the detector recommended for the robot. A robot's name leads to its page."
+    )
+    keys = overview.rename(columns={"detector": "fda"})[["robot", "cycle", "fda"]]
+    return render_table(shown, note, cells=keys.to_dict("records"))
+
+
+def _rank(study: Study) -> Markup:
+    shown = study.ranking.rename(columns=_COLUMNS)
+    note = "Over the cells of all robots."
+    return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
+
+
+def _weigh(study: Study) -> Markup:
+    """Terms by the share of cells in which they outweigh wear."""
+    table = study.sensitivity[study.sensitivity["term"] != "f"]
+    table = table.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
+    keys = [name for name in ("robot", "cycle", "axis", "fda") if name in table]
+    shown = table[keys].assign(
+        term=[term_name(term, study.factors) for term in table["term"]],
+        cells=table["n"],
+        share=100 * table["share_relevant"],
+        low=100 * table["share_low"],
+        high=100 * table["share_high"],
+        median=table["median_absolute"],
+    )
+    names = {"share": "outweighs wear in [%]", "low": "95 % from", "high": "to"}
+    shown = shown.rename(columns=_COLUMNS | names | {"median": "median size over that of wear"})
+    note = "Coefficients of the surrogates over that of wear, in the cells of all robots."
+    return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
+
+
+def _draw_scopes(study: Study) -> Markup:
+    figures = Markup("")
+    for name, file in study.figures.items():
+        factor = factor_name(study.factor(name.removeprefix("scope_")))
+        shown = f"Number of cells of all robots in which each detector works while {factor} varies"
+        figures += embed_figure(file, shown, f"{factor}: cells that meet the requirement.")
+    return figures

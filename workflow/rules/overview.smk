@@ -1,0 +1,91 @@
+# A study of many robots is told by a row for each robot and test-cycle; details are in the reports of its partitions.
+rule make_overview:
+    input:
+        scope=f"{R}/scope.parquet",
+        snr=f"{R}/snr.parquet",
+        fits=f"{R}/chosen_surrogates.parquet" if STUDY.scope.model == "chosen" else f"{R}/validation.parquet",
+        failed_simulations=f"{R}/failed_simulations.parquet",
+        conclusion=f"{R}/conclusion.json",
+        code=code("make_overview"),
+    output:
+        f"{R}/overview.parquet",
+    log:
+        f"{R}/logs/make_overview.log",
+    conda:
+        ENV
+    params:
+        model=STUDY.scope.model,
+        factors=FACTORS,
+        unit=STUDY.factors["f"].unit,
+    message:
+        "Tell robots and test-cycles at a glance"
+    script:
+        "../scripts/make_overview.py"
+
+
+if PARTITIONS:
+
+    rule draw_scopes:
+        input:
+            scope=whole("scope"),
+            code=code("draw_scopes"),
+            style=REPORT_FILES,
+        output:
+            **figure_files(SCOPE_FIGURES),
+        log:
+            f"{R}/logs/draw_scopes.log",
+        conda:
+            ENV
+        resources:
+            **needs(1000, JOIN_MINUTES),
+        params:
+            factors=FACTORS,
+            names=STUDY.scope.factors,
+            by=STUDY.scope.group_by,
+        message:
+            "Draw where the detectors work"
+        script:
+            "../scripts/draw_scopes.py"
+
+    rule write_overview:
+        input:
+            overviews=whole("overview"),
+            pages=expand("{R}/partitions/{part}/report.html", R=R, part=PARTITIONS),
+            conclusion=f"{R}/conclusion.json",
+            thresholds=f"{R}/thresholds.parquet",
+            ranking=f"{R}/ranking.parquet",
+            sensitivity=f"{R}/sensitivity.parquet",
+            failures=f"{R}/failures.parquet",
+            failed_simulations=f"{R}/failed_simulations.parquet",
+            answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
+            figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
+            robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
+            code=code("write_overview", *detector_files()),
+            style=REPORT_FILES,
+        output:
+            overview=f"{R}/overview.parquet",
+            report=report(
+                f"{R}/report.html",
+                caption="../report/report.rst",
+                category="Report",
+                labels={"figure": "the whole report"},
+            ),
+        log:
+            f"{R}/logs/write_overview.log",
+        conda:
+            ENV
+        params:
+            installed=installed("robots", "detectors", "effects"),
+            config=REPORTED,
+            factors=FACTORS,
+            robots=ROBOTS,
+            pages={robot: f"partitions/{part}/report.html" for robot, part in PARTITION_OF.items()},
+            benchmarks=f"{R}/benchmarks",
+            allow_code=STUDY.allow_code,
+        message:
+            "Write the report: robots and test-cycles at a glance"
+        script:
+            "../scripts/write_overview.py"
+
+    ruleorder: draw_scopes > draw_findings
+    ruleorder: write_overview > write_report > make_overview

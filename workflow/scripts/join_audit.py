@@ -1,0 +1,15 @@
+"""The audits of all partitions as one: how often the interval held, what is withheld."""
+
+import pandas as pd
+
+from job import run_job
+from wearscope import tables
+from wearscope.evaluation.audit import audit_answers, audit_summary, audit_verdicts
+
+with run_job(snakemake):
+    out = snakemake.output
+    table = pd.concat(list(tables.Parts(snakemake.input.parts)), ignore_index=True)
+    tables.write_table(out.audit, table)
+    tables.write_table(out.summary, audit_summary(table, snakemake.params.group_by))
+    tables.write_table(out.verdicts, audit_verdicts(table))
+    tables.write_table(out.answers, audit_answers(table))

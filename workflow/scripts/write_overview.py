@@ -1,0 +1,54 @@
+"""The report of a divided study: robots and test-cycles at a glance, linked to the partitions' reports."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from job import run_job
+from made import tell_provenance
+from wearscope import tables
+from wearscope.designs.factors import Factor
+from wearscope.detectors.base import name_unit
+from wearscope.evaluation.conclusion import read_conclusion
+from wearscope.evaluation.overview import sort_worst_first
+from wearscope.plugins import load
+from wearscope.reporting.costs import read_costs
+from wearscope.reporting.overview_page import render_overview
+from wearscope.reporting.study import Study
+from wearscope.robots.model import load_model
+
+TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
+#: Tables by cell: the partitions' reports tell of them.
+LEFT_OUT = ("surrogates", "validation", "fits", "snr", "scope", "checks")
+
+with run_job(snakemake) as say:
+    given, params, out = snakemake.input, snakemake.params, snakemake.output
+    overview = sort_worst_first(pd.concat(list(tables.Parts(given.overviews)), ignore_index=True))
+    tables.write_table(out.overview, overview, tables.read_units(given.overviews[0]))
+    answers = tables.read_table(given.answers) if given.get("answers") else None
+    detectors = {
+        name: load(one["use"], "detectors", "DETECTOR") for name, one in params.config["detectors"].items()
+    }
+
+    def models():
+        """The robots' models, one at a time."""
+        return (load_model(file, allow_code=params.allow_code) for file in params.robots.values())
+
+    study = Study(
+        config=params.config,
+        factors=[Factor(**one) for one in params.factors],
+        **{name: tables.read_table(given[name]) for name in TABLES},
+        **dict.fromkeys(LEFT_OUT, pd.DataFrame()),
+        audit=answers,
+        audit_answers=answers,
+        figures={Path(file).stem: Path(file) for file in given.figures},
+        costs=read_costs(params.benchmarks),
+        conclusions=[
+            read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text(encoding="utf-8"))
+        ],
+        units={name: name_unit(detector, models()) for name, detector in detectors.items()},
+        provenance=tell_provenance(),
+    )
+    tables.write_text(out.report, render_overview(study, overview, params.pages))
+    say(f"{len(overview)} robots and test-cycles, the worst first")
