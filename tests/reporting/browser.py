@@ -7,6 +7,12 @@ import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
+#: Cells of tables whose text runs over their edge, as a script.
+RUNNING_OVER = (
+    "[...document.querySelectorAll('td')].filter(one => one.scrollWidth > one.clientWidth + 1)"
+    ".map(one => one.textContent)"
+)
+
 
 def find_browser():
     """Path of a browser, or a skipped test that says why."""

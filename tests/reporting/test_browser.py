@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from reporting.browser import find_browser, open_page
+from reporting.browser import RUNNING_OVER, find_browser, open_page
 from reporting.test_closed_loop_page import VERDICT, write
 
 from wearscope import tables
@@ -64,6 +64,7 @@ def test_every_chart_is_drawn_and_nothing_complains(file, width, scheme):
             box = figure.locator(".view svg").bounding_box()
             assert box["width"] <= width and box["height"] > 40
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(RUNNING_OVER) == []
 
 
 def test_numbers_shown_are_those_of_the_tables(file, asked):

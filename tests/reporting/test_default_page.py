@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from reporting.browser import open_page
+from reporting.browser import RUNNING_OVER, open_page
 
 from wearscope import tables
 from wearscope.reporting.charts.base import CELL_KEYS
@@ -64,6 +64,7 @@ def test_nothing_complains_and_every_chart_is_drawn(file, width, scheme):
             assert drawn.count() == 1 and drawn.bounding_box()["width"] <= width
             assert drawn.locator("path, text").count() > 3
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(RUNNING_OVER) == []
         assert "(not asked)" not in page.locator("body").inner_text()
 
 

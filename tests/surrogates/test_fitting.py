@@ -217,3 +217,11 @@ def test_coefficients_are_drawn_from_the_t_distribution_of_their_estimate():
     assert np.isnan(
         Surrogate(("1", "f"), theta, covariance, np.nan, 0).draw_coefficients(np.random.default_rng(0), 2)
     ).all()
+
+
+def test_planted_coefficients_scatter_as_stated():
+    """Direct effects by 0.3, squares and products by 0.05, each within 5 of its standard errors."""
+    truth = np.array(list(planted_test_quantities()[1].values()))
+    count = 1 + len(PAPER_FACTORS)
+    for part, deviation in ((truth[:, 2:count], 0.3), (truth[:, count:], 0.05)):
+        assert part.std() == pytest.approx(deviation, rel=5 / np.sqrt(2 * part.size))

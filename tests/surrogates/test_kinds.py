@@ -224,6 +224,12 @@ def test_fewest_runs_are_as_stated(fit):
     assert fit(Z[:fewest], cubic(Z[:fewest])) is not None
 
 
+def test_as_many_runs_as_coefficients_leave_a_quadratic_no_error_to_tell():
+    coefficients = (len(NAMES) + 1) * (len(NAMES) + 2) // 2
+    assert fit_quadratic(Z[:coefficients], noisy(quadratic)[:coefficients], NAMES) is None
+    assert fit_quadratic(Z[: coefficients + 1], noisy(quadratic)[: coefficients + 1], NAMES) is not None
+
+
 def test_drawn_responses_lie_about_the_mean_with_the_stated_error():
     fitted = fit_quadratic(Z, noisy(quadratic, noise=0.3), NAMES)
     chosen = ChosenSurrogate(fitted, tuple(NAMES), spread=2.0)

@@ -1,5 +1,7 @@
 """What a study assumed, as sentences made from its configuration and tables."""
 
+from collections.abc import Sequence
+
 from wearscope.reporting.findings import STAND_INS
 from wearscope.reporting.labels import join_words, unit_text
 from wearscope.reporting.page import format_number
@@ -10,7 +12,7 @@ def list_assumptions(study: Study) -> list[tuple[str, str]]:
     """Assumptions as pairs of what they are about and a sentence or two."""
     return [
         ("Detectors", _detectors(study)),
-        *[(f"Robot {robot}", "; ".join(texts)) for robot, texts in study.sources.items()],
+        *[(f"Robot {robot}", _say_once(texts)) for robot, texts in study.sources.items()],
         ("Factors", _factors(study)),
         ("Distribution p(w)", _distribution(study)),
         ("Extrapolation to z⁰", _extrapolation(study)),
@@ -28,6 +30,11 @@ def list_assumptions(study: Study) -> list[tuple[str, str]]:
             "measured data say how well, see the closed loop.",
         ),
     ]
+
+
+def _say_once(texts: Sequence[str]) -> str:
+    """Sources of a robot's numbers; what several of them repeat stands once."""
+    return "; ".join(dict.fromkeys(part for text in texts for part in text.split("; ")))
 
 
 def _detectors(study: Study) -> str:

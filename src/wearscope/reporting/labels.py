@@ -21,6 +21,11 @@ def term_label(term: str) -> str:
     return term.replace(":", "·").replace("^2", "²")
 
 
+def words(value: object) -> str:
+    """A name of the configuration as text: point_to_point is point to point."""
+    return str(value).replace("_", " ")
+
+
 def factor_name(factor: "Factor") -> str:
     """What a factor is called where its unit or code would say too little: ``wear``, ``temperature``."""
     return "wear" if factor.role == "fault" and factor.kind in ("", "wear") else factor.description

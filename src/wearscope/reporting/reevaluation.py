@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text, join_words, name_term, unit_text
+from wearscope.reporting.labels import count_text, join_words, name_term, unit_text, words
 from wearscope.reporting.page import format_number
 
 #: Certainty from which a change, an order or a comparison with the truth is stated.
@@ -160,7 +160,7 @@ def _best(one: Reevaluation) -> str:
             same.append(f"axis {axis}")
         else:
             parts.append(
-                f"on axis {axis} ({cycle.replace('_', ' ')}) {join_words(was, 'or') or 'none'} before, "
+                f"on axis {axis} ({words(cycle)}) {join_words(was, 'or') or 'none'} before, "
                 f"{join_words(names, 'or') or 'none'} after"
             )
     text = "Which detector is best: "

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text, factor_name
+from wearscope.reporting.labels import count_text, factor_name, words
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -105,7 +105,7 @@ def direct_outcome(study: Study) -> list[str]:
         for row in table.itertuples()
     ]
     return [
-        f"SNR without a surrogate, {first['robot']}, {first['cycle']}, axis {first['axis']}, "
+        f"SNR without a surrogate, {first['robot']}, {words(first['cycle'])}, axis {first['axis']}, "
         f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
         f"included: {'; '.join(parts)}. "
         f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
@@ -121,7 +121,7 @@ def failed_simulations(study: Study) -> list[str]:
     first = failed.iloc[0]
     return [
         f"{count_text(len(failed), 'simulation')} failed, the first at {first['robot']}, "
-        f"{first['cycle']}, {first['set']} point {first['point']}: {first['reason']}. No detector has "
+        f"{words(first['cycle'])}, {first['set']} point {first['point']}: {first['reason']}. No detector has "
         "a value there; surrogates, validation and all that follows rest on the other points."
     ]
 
@@ -142,7 +142,7 @@ def failed_points(study: Study) -> str:
     if study.failures.empty:
         return "No detector failed at any point."
     worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
-    cycle = worst["cycle"].replace("_", " ")
+    cycle = words(worst["cycle"])
     total = int(study.failures["failed"].sum())
     return (
         f"{count_text(total, 'test quantity', 'test quantities')} failed in "

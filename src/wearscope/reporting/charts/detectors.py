@@ -89,7 +89,7 @@ def chart_snr_cells(study: Study) -> Chart:
             "snr:Q",
             title="SNR",
             scale=alt.Scale(type="symlog", domain=[-top, 0, top], range=["#b35806", "#f1f1f0", "#2166ac"]),
-            legend=alt.Legend(format="~s"),
+            legend=alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')"),
         ),
         tooltip=[
             *cell_tips(),

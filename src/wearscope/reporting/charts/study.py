@@ -13,6 +13,7 @@ from wearscope.reporting.labels import (
     term_factors,
     term_name,
     unit_text,
+    words,
 )
 from wearscope.reporting.study import Study
 
@@ -28,11 +29,6 @@ def study_filters(study: Study) -> list[Choice]:
         Choice(key, FILTER_LABELS[key], [(str(value), words(value)) for value in sorted(values[key])])
         for key in _KEYS
     ]
-
-
-def words(value: object) -> str:
-    """A name of the configuration as text: point_to_point is point to point."""
-    return str(value).replace("_", " ")
 
 
 def study_labels(study: Study) -> dict[str, Mapping[str, str]]:

@@ -33,8 +33,8 @@ def chart_fits(study: Study) -> Chart:
         "Fit of every cell's surrogate by detector, with the ceiling that the noise of a run leaves.",
         alt.layer(ceilings, points).properties(width="container", height={"step": 20}),
         {"fits": Source("fits", _BY)},
-        "A point is a cell; 100 % is perfect, a constant has 0 %. Ticks: what a perfect surrogate would "
-        "have, as the noise of single runs leaves the rest.",
+        "A point is a cell, a row a robot; 100 % is perfect, a constant has 0 %. Ticks: what a perfect "
+        "surrogate would have, as the noise of single runs leaves the rest.",
     )
 
 

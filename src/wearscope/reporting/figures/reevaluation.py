@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from wearscope.reporting.labels import words
 from wearscope.reporting.style import AFTER, BEFORE, figure_style, new_figure
 
 _SIDES = (("before", BEFORE, "o", -0.22), ("after", AFTER, "s", 0.0), ("truth", "black", "D", 0.22))
@@ -33,7 +34,7 @@ def draw_reevaluation(table: pd.DataFrame) -> Figure:
                 ax.vlines(place + shift, low, high, color=colour, lw=2.2, alpha=0.5)
                 ax.plot(place + shift, value, marker, color=colour, ms=5, ls="none", label=side)
             ax.set_xticks(place, list(part["fda"]))
-            ax.set_title(f"axis {axis}, {cycle}", fontsize=9)
+            ax.set_title(f"axis {axis}, {words(cycle)}", fontsize=9)
             ax.set_yscale("symlog", linthresh=1.0)
             ax.grid(axis="y")
         axes[0].set_ylabel("SNR (11)")

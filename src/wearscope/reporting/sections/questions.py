@@ -8,9 +8,8 @@ from wearscope.reporting import answers
 from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
 from wearscope.reporting.charts.factors import chart_response, chart_weights
 from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
-from wearscope.reporting.charts.study import words
 from wearscope.reporting.conclusion import thresholds_of
-from wearscope.reporting.labels import MODEL_NAMES, unit_text
+from wearscope.reporting.labels import MODEL_NAMES, unit_text, words
 from wearscope.reporting.page import render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
 
