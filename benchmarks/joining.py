@@ -8,8 +8,8 @@ joined up to the report. What the partitions took is not counted.
 
     .venv/bin/python benchmarks/joining.py FOLDER --repeated 60 --in OTHER
 
-joins the largest tables, those of test quantities and scopes, of as many robots as are said: the finished ones
-over and over, each time by another name.
+joins the largest tables, those of test quantities and scopes, of as many robots as are said: the finished
+ones over and over, each time by another name.
 """
 
 import argparse
