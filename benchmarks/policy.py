@@ -8,22 +8,17 @@ search takes longer than `--seconds` of one core are left out, and counted. What
 have in common is worked out once (`benchmarks/remembering.py`). A line a case goes to `--out` as it comes,
 and cases that stand there are not run again. Printed: for each number, of how many cases the names change,
 and how many planted cases are exact, required effects are named, entries are extra. A number that may not be
-doubled takes its largest value.
+halved or doubled takes its least or largest value.
 """
 
 import argparse
 import gc
 import json
-import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any
-from unittest.mock import patch
 
 from pydantic import ValidationError
 
@@ -32,34 +27,22 @@ from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import score_case
 from wearscope.closed_loop import diagnosis
-from wearscope.closed_loop.selection import evidence, generic, naming, revision, rule, search
+from wearscope.closed_loop.selection import evidence, search
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
 #: Not numbers of the rule.
 _LEFT_OUT = ("seed",)
-#: What a share takes where its double is none.
-_LARGEST = 0.999
-#: Numbers that stand beside what they decide and not in the rule.
-_ELSEWHERE = {
-    diagnosis: ("_ZERO",),
-    evidence: ("_INFORMS",),
-    generic: ("_MOST", "_DOUBTED", "_CLEARLY", "_OUTSIDE", "_PLAINLY"),
-    naming: ("_NEAR",),
-    revision: ("_IMITATED", "_NEAR", "_HOPELESS"),
-    search: ("_PASSES", "_NEAR", "_HOPELESS", "_SETTLED"),
-}
+#: Numbers that are read after the search: which names are nothing, and what is left.
+_CONCLUDING = ("zero_level", "unexpected", "structure_share", "family_level", "alike")
+#: What a share takes where its double is none, and a factor where its half is none.
+_LARGEST, _LEAST = 0.999, 1.0
 #: Values of numbers at which they decide nothing any more, or another one decides for them.
-_NEVER = float("inf")
 _WITHOUT = {
-    "_ABSORBED": 0.0, "_FEWEST_BLOCKS": 0.0, "_CANCELS": _NEVER, "_BEYOND_CHANCE": _NEVER,
-    "_BEYOND_CHANCE_ALONE": rule._BEYOND_CHANCE, "_BEYOND_DOUBT": rule._BEYOND_CHANCE, "_LARGE": _NEVER,
-    "_MOSTLY": _NEVER, "_EXPECTED": rule._ERRORS, "_POSSIBLE": rule._ERRORS, "_GENERIC": 1.0,
-    "_GENERIC_TORQUE": 1.0, "_ALL": _NEVER, "_ALONE": 1.0, "_OWN": 0.0, "_ALIKE": _NEVER, "_FAR_MORE": _NEVER,
-    "_MATERIAL": 0.0, "diagnosis._ZERO": 1.0, "generic._DOUBTED": 0.0,
-    "generic._CLEARLY": 1.0, "generic._OUTSIDE": 0.0, "generic._PLAINLY": _NEVER, "naming._NEAR": 0.0,
-    "revision._IMITATED": 0.0, "revision._NEAR": 0.0, "search._NEAR": 0.0, "material_torque": 0.0,
-    "material_whole": 0.0, "standard_share": 0.0, "agreeing": 0.0,
+    "agreeing": 0.0, "alike": float("inf"), "beyond_chance": float("inf"),
+    "beyond_doubt": Policy().beyond_chance, "fewest_blocks": 0.0, "large_share": Policy().material_share,
+    "material_alone": Policy().material_whole, "material_torque": 0.0, "material_whole": 0.0,
+    "unexpected": Policy().told_apart, "unknown_level": Policy().family_level, "zero_level": 1.0,
 }  # fmt: skip
 
 
@@ -67,40 +50,16 @@ class TakesTooLong(Exception):
     """A search with the numbers as they are goes on beyond the time that it may take."""
 
 
-@dataclass(frozen=True)
-class Variant:
-    """Numbers of the rule of which one is another one."""
-
-    policy: Policy = field(default_factory=Policy)
-    module: ModuleType | None = None
-    constant: str = ""
-    value: float = 0.0
-
-    @contextmanager
-    def put(self) -> Iterator[Policy]:
-        """Put the number where it is read."""
-        with ExitStack() as stack:
-            if self.module is not None:
-                stack.enter_context(patch.object(self.module, self.constant, self.value))
-            yield self.policy
-
-
-def list_variants() -> dict[str, Variant]:
-    """Variants by number and what is done to it; the present one under ``as it is``."""
-    variants = {"as it is": Variant()}
-    constants = [(rule, name) for name in vars(rule) if re.fullmatch(r"_[A-Z_]+", name)]
-    constants += [(module, name) for module, names in _ELSEWHERE.items() for name in names]
-    for module, constant in constants:
-        name = constant if module is rule else f"{module.__name__.rpartition('.')[2]}.{constant}"
-        for word, value in _change(name, getattr(module, constant)):
-            variants[f"{name} {word}"] = Variant(module=module, constant=constant, value=value)
+def list_variants() -> dict[str, Policy]:
+    """The rule's numbers as they are, then with one changed, by its name and what is done to it."""
+    variants = {"as it is": Policy()}
     for name, today in Policy().model_dump(exclude=set(_LEFT_OUT)).items():
         for word, value in _change(name, today):
             try:
                 policy = Policy(**{name: value})
             except ValidationError:
-                policy = Policy(**{name: _LARGEST})
-            variants[f"{name} {word}"] = Variant(policy)
+                policy = Policy(**{name: _LARGEST if value > today else _LEAST})
+            variants[f"{name} {word}"] = policy
     return variants
 
 
@@ -113,7 +72,7 @@ def _change(name: str, value: float) -> list[tuple[str, float]]:
 
 
 def diagnose_variants(
-    path: Path, variants: dict[str, Variant], score: Callable[[dict], dict], limit: float = float("inf")
+    path: Path, variants: dict[str, Policy], score: Callable[[dict], dict], limit: float = float("inf")
 ) -> Iterator[tuple[str, dict, float]]:
     """Name, score and seconds of one core of each variant on a data set.
 
@@ -121,7 +80,7 @@ def diagnose_variants(
     ----------
     path : Path
         Of its ``dataset.yaml``.
-    variants : dict of str to Variant
+    variants : dict of str to Policy
     score : callable
         What is kept of a verdict.
     limit : float
@@ -141,28 +100,28 @@ def diagnose_variants(
     scores: dict[tuple, dict] = {}
     first = True
     with remember() as memory:
-        for name, variant in variants.items():
+        for name, policy in variants.items():
             begun = time.process_time()
-            with variant.put() as policy:
-                tried = search.Search(problem, policy, stop)
-                answer = diagnosis.find_terms(tried)
-                stop("")
-                key = tell_answer(tried, answer)
-                if key not in scores:
-                    scores[key] = score(diagnosis.conclude(tried, answer).verdict)
+            tried = search.Search(problem, policy, stop)
+            answer = diagnosis.find_terms(tried)
+            stop("")
+            key = tell_answer(tried, answer)
+            if key not in scores:
+                scores[key] = score(diagnosis.conclude(tried, answer).verdict)
             yield name, scores[key], time.process_time() - begun
             first = False
             memory.limit()
 
 
 def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
-    """All that a verdict depends on but its rule's numbers."""
+    """All that a verdict depends on but the rule's numbers that it is not concluded by."""
 
     def tell(e: evidence.Evidence) -> tuple:
         return (e.chosen.candidate, e.chosen.subset, e.joint, e.gain, e.share, e.fitted, e.refusal)
 
     return (
-        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)), diagnosis._ZERO,
+        tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)),
+        *(getattr(tried.policy, name) for name in _CONCLUDING),
         tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in answer.found),
         tuple(map(tuple, answer.equivalent)),
         tuple((joint, tell(e)) for joint, e in sorted(answer.left.items())),

@@ -4,7 +4,7 @@
 the evidence on a candidate, its shape, drifts, reversals, generic terms. Outcomes are kept by the very
 objects that they depend on, and a function that meets the same objects again gives the outcome itself: a
 search takes the same steps and ends with the same bits as without. What the rule says is asked anew every
-time; what is remembered reads no number of it but one, `_INFORMS`, which is part of what the outcomes are
+time; what is remembered of evidence reads the signs and `informing`, which are part of what the outcomes are
 kept by.
 """
 
@@ -23,11 +23,11 @@ from wearscope.closed_loop.selection.assembly import Added, Assembly, Chosen, Su
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms, try_generic
 from wearscope.closed_loop.selection.offers import list_candidates
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.shape_fit import refine
-from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import _scale_of
 from wearscope.closed_loop.selection.whitening import drift_p_value
 
@@ -58,6 +58,11 @@ class Memory:
 def tell_chosen(chosen: Any) -> tuple:
     """What a model's terms are, in order: candidates stand for themselves."""
     return tuple((c.candidate, c.subset) for c in chosen)
+
+
+def tell_read(policy: Policy) -> tuple:
+    """What evidence reads of the rule's numbers."""
+    return policy.flips, policy.seed, policy.informing
 
 
 class LateSums:
@@ -164,14 +169,13 @@ def remember() -> Iterator[Memory]:
         key = (*key, tell_chosen(chosen), sigma.tobytes(), asked)
         return take(key, lambda: LateAssembly(memory, layout, target, tuple(chosen), sigma, joints))
 
-    def weigh_once(assembly: Any, candidate: Any, subset: Any, flips: Any, sums: Any = None) -> Evidence:
-        key = ("weigh", assembly, candidate, subset, len(flips), evidence._INFORMS)
-        return take(key, lambda: weigh(assembly, candidate, subset, flips, sums))
+    def weigh_once(assembly: Any, candidate: Any, subset: Any, policy: Policy, sums: Any = None) -> Evidence:
+        key = ("weigh", assembly, candidate, subset, *tell_read(policy))
+        return take(key, lambda: weigh(assembly, candidate, subset, policy, sums))
 
-    def refine_once(problem: Any, assembly: Any, e: Evidence, flips: Any) -> Evidence:
-        key = ("refine", problem, assembly, e.chosen.candidate, e.chosen.subset, e.gain, len(flips))
-        key = (*key, evidence._INFORMS)
-        first, finer = take(key, lambda: (e, refine(problem, assembly, e, flips)))
+    def refine_once(problem: Any, assembly: Any, e: Evidence, policy: Policy) -> Evidence:
+        key = ("refine", problem, assembly, e.chosen.candidate, e.chosen.subset, e.gain, *tell_read(policy))
+        first, finer = take(key, lambda: (e, refine(problem, assembly, e, policy)))
         if finer is first:
             return e
         return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
@@ -187,15 +191,12 @@ def remember() -> Iterator[Memory]:
         key = ("list", problem, assembly, tuple(joints))
         return list(take(key, lambda: list_candidates(problem, assembly, joints)))
 
-    def generic_once(terms: Any, assembly: Any, joints: Any, share: float, flips: Any) -> Any:
-        key = ("generic", terms, assembly, tuple(joints), share, len(flips), evidence._INFORMS)
-        return take(key, lambda: try_generic(terms, assembly, joints, share, flips))
+    def generic_once(terms: Any, assembly: Any, joints: Any, policy: Policy) -> Any:
+        key = ("generic", terms, assembly, tuple(joints), policy.large_share, *tell_read(policy))
+        return take(key, lambda: try_generic(terms, assembly, joints, policy))
 
     def terms_once(prepared: Any, joined: Any) -> GenericTerms:
         return take(("terms", id(prepared)), lambda: GenericTerms(prepared, joined))
-
-    def flips_once(count: int, blocks: int, seed: int) -> Any:
-        return take(("flips", count, blocks, seed), lambda: make_flips(count, blocks, seed))
 
     def scale_standard_once(problem: Problem, chosen: Any, sigma: Any) -> Any:
         key = ("standard", problem, tell_chosen(chosen), sigma.tobytes())
@@ -219,7 +220,7 @@ def remember() -> Iterator[Memory]:
         (search, "weigh", weigh_once), (standard, "weigh", weigh_once), (revision, "weigh", weigh_once),
         (search, "refine", refine_once), (search, "drift_p_value", drift_once),
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
-        (search, "make_flips", flips_once), (generic, "try_generic", generic_once),
+        (generic, "try_generic", generic_once),
         (standard, "_scale_of", scale_standard_once), (Search, "scale", scale_once),
         (Problem, "reverse_over", reverse_over_once), (Problem, "remake", remake_once),
     ]  # fmt: skip

@@ -32,6 +32,21 @@ class DamagedFile(InputError):
         return type(self), (self.path, str(self))
 
 
+def check_folder(path: str | Path) -> None:
+    """Refuse a path that no folder can be made at, as it or a part of it is something else.
+
+    Raises
+    ------
+    InputError
+        Where a part of it is a file, or a link to nowhere.
+    """
+    path = Path(path)
+    for part in (*reversed(path.parents), path):
+        if not part.is_dir() and os.path.lexists(part):
+            what = "a link to nowhere" if part.is_symlink() and not part.exists() else "a file, no folder"
+            raise InputError(f"{part}: is {what}; move it away, results are written there.")
+
+
 def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
     """Write a file under a temporary name in the same folder, then rename it.
 

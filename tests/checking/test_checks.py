@@ -209,6 +209,13 @@ def test_all_that_is_wrong_with_a_data_set_is_said_at_once(spoilt):
     assert len(found.problems) == 4
 
 
+def test_a_unit_that_is_none_is_told_once(spoilt):
+    rewrite(spoilt, units={"q": "°", "tau": "N·m"})
+    found = check_dataset(spoilt)
+    assert told(found, "'units.q' should be 'rad' or 'm'", "'units.tau' should be 'N m' or 'N'")
+    assert len(found.problems) == 2
+
+
 def test_fields_that_are_wrong_are_each_named(spoilt):
     rewrite(spoilt, sample_rate="fast", runs=[{"file": "runs/0.parquet", "use": "both"}])
     assert told(check_dataset(spoilt), "'sample_rate'", "'runs[0].use'")

@@ -73,6 +73,7 @@ def test_words_are_completed(monkeypatch):
         (["show", "x.txt"], "is neither a table nor a figure"),
         (["new", "robot", "none.urdf"], "none.urdf: cannot be read"),
         (["new", "detector", "My-Detector"], "use small letters"),
+        (["new", "study", "s" * 101], "take at most 100 characters"),
         (["new", "effect", "coulomb"], "is the platform's own"),
         (["new", "cycle", "c", "--via", "a b"], "holds other than numbers"),
         (["new", "cycle", "c", "--via", "30 10"], "say --unit rad or deg"),

@@ -199,7 +199,7 @@ def test_a_part_of_the_machine_gives_the_same_evidence_where_it_is_not_coupled(r
     assert find_reach(problem.base, candidate) == {0}
     part = Assembly(problem.layout, problem.target, problem.base, search.sigma, {0})
     assert part.p < whole.p
-    one, other = (weigh(a, candidate, (0,), search.flips) for a in (whole, part))
+    one, other = (weigh(a, candidate, (0,), search.policy) for a in (whole, part))
     for name in ("gain", "share", "statistic", "sine", "agreement", "blocks"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9), name
     np.testing.assert_allclose(one.change, other.change, rtol=1e-7, atol=1e-10)
@@ -260,7 +260,7 @@ def test_the_work_of_a_candidate_is_a_pass_over_the_rows_and_a_solution_a_fold(
             for name in ("_solve", "add", "sum_products", "hold_out"):
                 patch.setattr(Assembly, name, count(name, getattr(assembly_module.Assembly, name)))
             for name in ("quadratic_viscous", "stribeck"):
-                weigh(assembly, problem.candidate(load_effect(name), 0), (0,), search.flips)
+                weigh(assembly, problem.candidate(load_effect(name), 0), (0,), search.policy)
         counted[runs] = calls
         folds = len(problem.layout.folds.test)
         assert folds == min(runs - 1, 10)
@@ -320,7 +320,7 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     assembly = search.assemble(())
     layout = assembly.layout
     candidate = search.problem.candidate(load_effect("stribeck"), 0)
-    both = weigh(assembly, candidate, (0,), search.flips)
+    both = weigh(assembly, candidate, (0,), search.policy)
     assert not both.alone
     rests = np.repeat(layout.run_of == 0, [block.stop - block.start for block in layout.blocks])
     still = Candidate(
@@ -330,18 +330,24 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
         candidate.joints,
         tuple(x * rests[:, None] for x in candidate.rows),
     )
-    one = weigh(assembly, still, (0,), search.flips)
+    one = weigh(assembly, still, (0,), search.policy)
     assert one.alone
     assert 3 <= one.informing <= 5
     assert one.share > 0.1
-    assert rule.is_beyond_chance(replace(one, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is False
-    assert rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), by_run=True) is True
-    assert weigh(assembly.by_fifths, still, (0,), search.flips, alone=True).gain == one.gain
+    assert (
+        rule.is_beyond_chance(replace(one, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
+        is False
+    )
+    assert (
+        rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
+        is True
+    )
+    assert weigh(assembly.by_fifths, still, (0,), search.policy, alone=True).gain == one.gain
     drift = search.problem.candidate(load_effect("warm_up_drift"), 0)
     slow = Candidate(
         drift.effect, 0, drift.shapes, drift.joints, tuple(x * rests[:, None] for x in drift.rows)
     )
-    assert not weigh(assembly, slow, (0,), search.flips).alone
+    assert not weigh(assembly, slow, (0,), search.policy).alone
 
 
 @pytest.mark.parametrize(("runs", "folds"), [(1, 5), (2, 5), (3, 3)])

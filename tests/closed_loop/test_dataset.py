@@ -1,8 +1,10 @@
 """Every breach of the folder format gets one sentence that names the file, the field or the row."""
 
 import copy
+import gzip
 import re
 import shutil
+from datetime import date
 
 import numpy as np
 import pandas as pd
@@ -289,8 +291,31 @@ TABLES = {
         lambda t: t.assign(tau_j1=t["tau_j1"].map("{:.2f} Nm".format)),
         ["'tau_j1' holds text", "row 0"],
     ),
-    "flags": (lambda t: t.assign(q_j1=t["q_j1"] > 0), ["'q_j1' holds text"]),
-    "dates": (lambda t: t.assign(t=pd.to_datetime(t["t"], unit="s")), ["'t' holds text or dates"]),
+    "flags": (lambda t: t.assign(q_j1=t["q_j1"] > 0), ["'q_j1' holds text", "plain numbers"]),
+    "dates": (
+        lambda t: t.assign(t=pd.to_datetime(t["t"], unit="s")),
+        ["'t' holds text or dates", "give seconds"],
+    ),
+    "durations": (
+        lambda t: t.assign(t=pd.to_timedelta(t["t"], unit="s")),
+        ["'t' holds text", "give seconds"],
+    ),
+    "epoch_in_32_bits": (
+        lambda t: t.assign(t=(t["t"] + 1.7e9).astype("float32")),
+        ["'t' stands still in 399 of 399 steps, so", "write all its digits"],
+    ),
+    "time_in_hundredths": (
+        lambda t: t.assign(t=np.round(0.7 * t["t"], 2)),
+        ["'t' stands still in", "moves by 0.01 s or more", "write all its digits"],
+    ),
+    "rows_twice": (
+        lambda t: t.loc[t.index.repeat(2)].reset_index(drop=True),
+        ["'t' stands still", "drop repeated"],
+    ),
+    "units_in_names": (
+        lambda t: t.rename(columns={"t": "t [s]", "q_j1": "q_j1 (rad)"}),
+        ["'t' is missing; rename 't [s]'"],
+    ),
     "no_rows": (lambda t: t[:0], ["0 rows"]),
     "few_rows": (lambda t: t[:20], ["20 rows", "at least 50"]),
     "too_short": (lambda t: t[:60], ["lasts 0.59 s"]),
@@ -310,6 +335,58 @@ def test_breach_in_a_csv_is_named(folder):
     folder.document["runs"][0]["file"] = "runs/a.csv"
     folder.tables["runs/a.csv"] = folder.tables.pop("runs/a.parquet").drop(columns="q_j1")
     refuse(folder, "runs/a.csv: column 'q_j1' is missing")
+
+
+NO_CSV = {
+    "parquet": (lambda t: t.to_parquet(), "is a Parquet file; call it .parquet"),
+    "gzip": (lambda t: gzip.compress(t.to_csv(index=False).encode()), "is compressed by gzip; unpack it"),
+    "spreadsheet": (lambda t: b"PK\x03\x04rest", "is a zip archive or spreadsheet; save its table as CSV"),
+    "utf16": (lambda t: t.to_csv(index=False).encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
+    "title": (lambda t: b"# of today\n" + t.to_csv(index=False).encode(), "give it one line of column names"),
+}
+
+
+@pytest.mark.parametrize("case", NO_CSV)
+def test_what_is_no_csv_is_told_with_its_own_remedy(folder, case):
+    make, told = NO_CSV[case]
+    folder.document["runs"][0]["file"] = "runs/a.csv"
+    folder.write()
+    (folder.path / "runs/a.csv").write_bytes(make(folder.train))
+    with pytest.raises(InputError) as caught:
+        folder.read()
+    assert str(caught.value).startswith(str(folder.path / "runs/a.csv")) and told in str(caught.value)
+
+
+def test_a_mark_of_utf_8_and_a_decimal_comma_are_read(folder):
+    folder.document["runs"][0]["file"] = "runs/a.csv"
+    folder.write()
+    (folder.path / "runs/a.csv").write_text(
+        folder.train.to_csv(index=False, sep=";", decimal=","), "utf-8-sig"
+    )
+    run = folder.read().runs[0].load()
+    assert run.q == pytest.approx(folder.train[["q_j1", "q_j2"]].to_numpy(), rel=1e-12)
+
+
+def test_a_field_that_stands_twice_is_refused(folder):
+    folder.write()
+    file = folder.path / "dataset.yaml"
+    file.write_text(file.read_text() + "runs:\n- {file: runs/b.parquet, use: train}\n")
+    with pytest.raises(
+        InputError, match=r"dataset\.yaml: not readable as YAML \(line \d+, .*'runs' stands twice"
+    ):
+        folder.read()
+
+
+def test_another_ending_of_the_file_s_name_is_told(folder):
+    folder.write()
+    (folder.path / "dataset.yaml").rename(folder.path / "dataset.yml")
+    with pytest.raises(InputError, match=r"rename dataset\.yml to dataset\.yaml"):
+        folder.read()
+
+
+def test_a_date_is_a_name(folder):
+    folder.document["name"] = date(2024, 5, 1)
+    assert folder.write().read().name == "2024-05-01"
 
 
 @pytest.mark.parametrize(

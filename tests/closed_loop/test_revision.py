@@ -17,7 +17,7 @@ def find(search, name, joint):
     """A term of some effect as if it had been found."""
     candidate = search.problem.candidate(load_effect(name), joint)
     subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-    evidence = weigh(search.assemble(()), candidate, subset, search.flips)
+    evidence = weigh(search.assemble(()), candidate, subset, search.policy)
     return Found(Chosen(candidate.at(0), subset), evidence)
 
 
@@ -57,7 +57,7 @@ def test_names_beside_one_that_gave_way_are_asked_again(beside_balancer, monkeyp
     search = beside_balancer
     names = [find(search, name, 1) for name in ("coulomb_asymmetry", "viscous_asymmetry")]
     whole = find(search, "gravity_counterbalance", 1)
-    assert all(f.evidence.share < generic._DOUBTED for f in names)
+    assert all(f.evidence.share < Policy().beyond_doubt for f in names)
     monkeypatch.setattr(generic, "weigh_generic", lambda *_: [whole.evidence])
     (left,) = generic.doubt(search, None, names)
     assert left.evidence is whole.evidence

@@ -89,3 +89,20 @@ def test_a_rest_is_bridged_though_the_joint_alone_moves_no_load():
     bridged = bridge_rest(tau, known, a, v, rest)
     np.testing.assert_array_equal(bridged[~rest], tau[~rest])
     np.testing.assert_allclose(bridged[rest], known[rest], atol=2e-3)
+
+
+def test_a_rest_is_bridged_though_the_joint_alone_moves_its_load_as_a_rotor_would():
+    """About an upright axis the load of a joint that moves alone is inertia times its own acceleration.
+
+    Its factor cannot be told from a rotor's there, but the load that others' motion puts on it at rest can.
+    """
+    t = np.arange(0.0, 10.0, 0.01)
+    rest = (t > 5.0)[:, None]
+    rng = np.random.default_rng(2)
+    v = np.where(rest, 0.0, np.sin(3.0 * t)[:, None])
+    a = np.where(rest, 0.0, 3.0 * np.cos(3.0 * t)[:, None])
+    known = np.where(rest, 5.0 * np.sin(7.0 * t)[:, None], 2.0 * a + 1e-4 * rng.standard_normal(v.shape))
+    tau = known + 0.7 * a + 3.0 * np.sign(v) + 0.2 * rng.standard_normal(v.shape)
+    bridged = bridge_rest(tau, known, a, v, rest)
+    np.testing.assert_array_equal(bridged[~rest], tau[~rest])
+    assert np.abs(bridged[rest] - known[rest]).max() < 0.3 * np.abs(known[rest]).max()

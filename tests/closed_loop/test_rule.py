@@ -39,19 +39,20 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
     [
         ({}, Refusal.NONE),
         ({"refusal": Refusal.FULL}, Refusal.FULL),
-        ({"sine": 0.9e-3}, Refusal.ABSORBED),
         ({"share": 0.999 * POLICY.material_share}, Refusal.IMMATERIAL),
         ({"share": 1.001 * POLICY.material_share}, Refusal.NONE),
-        ({"torque": 0.999 * POLICY.material_torque}, Refusal.IMMATERIAL),
-        ({"torque": 1.001 * POLICY.material_torque}, Refusal.NONE),
-        ({"torque": 0.01, "sine": 0.999 / 3 * POLICY.material_torque / 0.01}, Refusal.IMMATERIAL),
-        ({"torque": 0.01, "sine": 1.001 / 3 * POLICY.material_torque / 0.01}, Refusal.NONE),
+        # What of its torque no other term could give: 0.9 of it here.
+        ({"torque": 0.999 / 0.9 * POLICY.material_torque}, Refusal.ABSORBED),
+        ({"torque": 1.001 / 0.9 * POLICY.material_torque}, Refusal.NONE),
+        ({"torque": 0.01, "sine": 0.999 * POLICY.material_torque / 0.01}, Refusal.ABSORBED),
+        ({"torque": 0.01, "sine": 1.001 * POLICY.material_torque / 0.01}, Refusal.NONE),
         ({"whole": 0.999 * POLICY.material_whole}, Refusal.IMMATERIAL),
         ({"whole": 1.001 * POLICY.material_whole}, Refusal.NONE),
         ({"informing": 1}, Refusal.LOCAL),
-        ({"cancellation": 13.0}, Refusal.CANCELS),
+        ({"cancellation": 12.1}, Refusal.CANCELS),
         ({"torque": 12.1}, Refusal.CANCELS),
-        ({"torque": 11.9}, Refusal.NONE),
+        ({"cancellation": 11.9, "torque": 11.9}, Refusal.NONE),
+        ({"overturns": True}, Refusal.BOUNDS),
         ({"beta": np.array([-0.1])}, Refusal.BOUNDS),
         ({"beta": np.array([2.1])}, Refusal.BOUNDS),
         ({"beta": np.array([2.0])}, Refusal.NONE),
@@ -61,8 +62,8 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         # What gains on held-out runs alone keeps the model from running away there.
         ({"p_value": 1.0, "share": 0.9, "fitted": 0.49}, Refusal.CHANCE),
         ({"p_value": 1.0, "share": 0.49, "fitted": 0.9}, Refusal.CHANCE),
-        ({"p_value": 1.0, "share": 0.89, "fitted": 0.9, "informing": 2}, Refusal.CHANCE),
-        ({"p_value": 1.0, "share": 0.9, "fitted": 0.9, "informing": 2}, Refusal.NONE),
+        ({"p_value": 1.0, "share": 0.69, "fitted": 0.7, "informing": 2}, Refusal.CHANCE),
+        ({"p_value": 1.0, "share": 0.7, "fitted": 0.7, "informing": 2}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "informing": 3}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "agreement": 0.99}, Refusal.CHANCE),
         ({"agreement": 0.75}, Refusal.DISAGREES),
@@ -98,15 +99,14 @@ def test_nan_is_not_taken_for_evidence():
 def test_generic_structure_needs_more_than_a_name():
     for changed, why in (
         ({}, Refusal.NONE),
-        ({"share": 0.999 * POLICY.unknown_share}, Refusal.IMMATERIAL),
-        ({"whole": 9.999 * POLICY.material_whole}, Refusal.IMMATERIAL),
+        ({"share": 0.999 * POLICY.large_share}, Refusal.IMMATERIAL),
+        ({"whole": 0.999 * POLICY.large_share}, Refusal.IMMATERIAL),
         ({"p_value": 1.001 * POLICY.unknown_level}, Refusal.CHANCE),
     ):
         e = evidence("unknown", shape=(0.0,) * 10, **changed)
         assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
     # Columns of a spline cancel each other as they like; a single run shows nothing of other motions.
     e = evidence("unknown", shape=(0.0,) * 10, cancellation=1e6)
-    assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is Refusal.NONE
     assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=False, generic=True) is Refusal.ALONE
 
 
@@ -122,6 +122,17 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 
 
+def test_an_offset_which_no_drive_must_have_is_asked_as_any_name_is():
+    for name in ("coulomb", "viscous", "rotor_inertia"):
+        assert load_effect(name).is_in_every_drive
+    for changed, why in (
+        ({}, Refusal.NONE),
+        ({"share": 0.999 * POLICY.material_share}, Refusal.IMMATERIAL),
+        ({"whole": 0.999 * POLICY.material_whole}, Refusal.IMMATERIAL),
+    ):
+        assert rule.judge(evidence("torque_offset", **changed), POLICY, FREE, 0.0, by_run=True) is why
+
+
 def test_a_standard_term_without_which_the_parts_run_away_is_needed():
     """One part gains far more than the others: that is no scatter of a gain that could be nil."""
     change = np.full(40, -3.0)
@@ -134,17 +145,19 @@ def test_a_standard_term_without_which_the_parts_run_away_is_needed():
         assert not rule.is_needed(replace(away, **changed), POLICY, by_run=True), changed
 
 
-def test_friction_that_explains_much_is_kept_where_most_runs_agree():
-    """What every joint has is asked for one standard error there; what it may have, for three."""
-    for name, errors in (("viscous", 1.0), ("coulomb", 1.0), ("rotor_inertia", 3.0), ("torque_offset", 3.0)):
-        one = evidence(name, noise=1.0)
-        error = rule.summed(-one.change)[1]
-        for gain, kept in ((1.01 * errors * error, True), (0.99 * errors * error, False)):
-            e = evidence(name, gain=gain, noise=1.0, share=0.1, fitted=0.1, agreement=0.7)
-            assert rule.is_needed(e, POLICY, by_run=True) is kept, (name, gain)
-        e = evidence(name, noise=0.1, share=0.1, fitted=0.1, agreement=0.7)
-        for changed in ({"share": 0.09}, {"fitted": 0.09}, {"agreement": 0.66}, {"sine": 1e-4}):
+def test_friction_that_explains_much_is_kept_where_it_gains_in_most_runs():
+    """What every joint has is not asked for its standard error there; what it may have is."""
+    for name in ("viscous", "coulomb"):
+        e = evidence(name, gain=0.5, noise=1.0, share=0.1, fitted=0.1, agreement=0.6)
+        assert rule.is_needed(e, POLICY, by_run=True), name
+        for changed in ({"share": 0.09}, {"fitted": 0.09}, {"agreement": 0.5}, {"sine": 1e-4}):
             assert not rule.is_needed(replace(e, **changed), POLICY, by_run=True), (name, changed)
+    for name in ("rotor_inertia", "torque_offset"):
+        error = rule.summed(-evidence(name, noise=1.0).change)[1]
+        for gain, kept in ((3.03 * error, True), (2.97 * error, False)):
+            e = evidence(name, gain=gain, noise=1.0, share=0.1, fitted=0.1)
+            assert rule.is_needed(e, POLICY, by_run=True) is kept, (name, gain)
+            assert not rule.is_needed(replace(e, agreement=0.7), POLICY, by_run=True), name
 
 
 def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():
@@ -162,36 +175,36 @@ def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():
 
 def test_more_of_the_whole_is_asked_where_a_single_run_was_recorded():
     for whole, by_run, why in (
-        (1.1, True, Refusal.NONE),
-        (2.4, False, Refusal.IMMATERIAL),
-        (2.6, False, Refusal.NONE),
+        (1.1 * POLICY.material_whole, True, Refusal.NONE),
+        (0.99 * POLICY.material_alone, False, Refusal.IMMATERIAL),
+        (1.01 * POLICY.material_alone, False, Refusal.NONE),
     ):
-        e = evidence(whole=whole * POLICY.material_whole)
+        e = evidence(whole=whole)
         assert rule.judge(e, POLICY, FREE, 0.0, by_run) is why
 
 
 def test_a_generic_term_that_gains_by_other_joints_is_none():
-    for share, why in ((1.04, Refusal.NONE), (1.06, Refusal.DISAGREES)):
+    for share, why in ((0.99, Refusal.NONE), (1.01, Refusal.DISAGREES)):
         e = evidence("unknown", shape=(0.0,) * 10, share=share)
         assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
-    assert rule.judge(evidence(share=1.06), POLICY, FREE, 0.0, by_run=True) is Refusal.NONE
+    assert rule.judge(evidence(share=1.01), POLICY, FREE, 0.0, by_run=True) is Refusal.NONE
 
 
 def test_a_simpler_term_that_fits_far_worse_is_not_tied():
-    """Held-out losses tell neither from the other; of the fitted rows one leaves 1 %, one 3 or 5 %."""
+    """Held-out losses tell neither from the other; of the fitted rows one leaves 1 %, one 2 or 3 %."""
     richer = evidence("gravity_counterbalance", subset=(0, 1, 2), fitted=0.99)
-    for fitted, name in ((0.97, "viscous"), (0.95, "gravity_counterbalance")):
+    for fitted, name in ((0.98, "viscous"), (0.97, "gravity_counterbalance")):
         simple = evidence("viscous", gain=39.9, fitted=fitted)
-        assert not rule.separates(richer, simple)
-        assert rule.choose([richer, simple]).term.effect.name == name
-    assert rule.fit_alike([]) == []
+        assert not rule.separates(richer, simple, POLICY)
+        assert rule.choose([richer, simple], POLICY).term.effect.name == name
+    assert rule.fit_alike([], POLICY) == []
 
 
 def test_the_rule_changes_nothing_it_is_given():
     e = evidence()
     before = {name: np.copy(getattr(e, name)) for name in ("change", "beta", "chance", "gain", "p_value")}
     rule.judge(e, POLICY, FREE, 0.0, by_run=True)
-    rule.choose([e, evidence("stribeck", 41.0, shape=(0.3, 1.0))])
+    rule.choose([e, evidence("stribeck", 41.0, shape=(0.3, 1.0))], POLICY)
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(e, name), value)
     with pytest.raises(AttributeError):
@@ -207,44 +220,44 @@ def test_sum_and_error_are_those_of_the_blocks_that_are_held_out():
 
 def test_terms_are_told_apart_materially_and_outside_their_noise():
     best = evidence(gain=40.0, noise=0.0)
-    # Two in a hundred of what the better one leaves, 60, is 1.2.
-    assert not rule.separates(best, evidence(gain=38.9, noise=0.0))
-    assert rule.separates(best, evidence(gain=38.7, noise=0.0))
+    # One in a hundred of what the better one leaves, 60, is 0.6.
+    assert not rule.separates(best, evidence(gain=39.5, noise=0.0), POLICY)
+    assert rule.separates(best, evidence(gain=39.3, noise=0.0), POLICY)
     # A standard error of the difference of 1 x sqrt(40) x 40/39 ...: 10 lies within two of them.
-    assert not rule.separates(best, evidence(gain=30.0, noise=1.0))
-    assert rule.separates(best, evidence(gain=25.0, noise=1.0))
-    assert not rule.separates(evidence(gain=25.0, noise=0.0), best)
+    assert not rule.separates(best, evidence(gain=30.0, noise=1.0), POLICY)
+    assert rule.separates(best, evidence(gain=25.0, noise=1.0), POLICY)
+    assert not rule.separates(evidence(gain=25.0, noise=0.0), best, POLICY)
 
 
 def test_few_blocks_tell_less():
     """Two standard errors of normal noise are 4.5 where three blocks inform."""
-    assert rule.find_critical(10_000) == pytest.approx(2.0, abs=1e-3)
-    assert rule.find_critical(3) == pytest.approx(4.53, abs=0.01)
-    assert rule.find_critical(1.2) > 13.0
+    assert rule.find_critical(POLICY.told_apart, 10_000) == pytest.approx(2.0, abs=1e-3)
+    assert rule.find_critical(POLICY.told_apart, 3) == pytest.approx(4.53, abs=0.01)
+    assert rule.find_critical(POLICY.told_apart, 1.2) > 13.0
     best, worse = evidence(gain=40.0, noise=0.0), evidence(gain=25.0, noise=1.0)
-    assert rule.separates(best, worse)
-    assert not rule.separates(best, replace(worse, blocks=4.0))
-    assert not rule.separates(replace(best, blocks=4.0), worse)
+    assert rule.separates(best, worse, POLICY)
+    assert not rule.separates(best, replace(worse, blocks=4.0), POLICY)
+    assert not rule.separates(replace(best, blocks=4.0), worse, POLICY)
 
 
 def test_a_delay_is_alike_within_a_factor_and_of_one_sign():
     e = evidence("time_delay", beta=np.array([2.0]))
-    for other, same in ((2.0, True), (5.1, True), (5.2, False), (1.3, True), (1.2, False), (-2.0, False)):
-        assert rule.is_alike(e, replace(e, beta=np.array([other]))) is same, other
+    for other, same in ((2.0, True), (4.4, True), (4.6, False), (1.4, True), (1.3, False), (-2.0, False)):
+        assert rule.is_alike(e, replace(e, beta=np.array([other])), POLICY) is same, other
 
 
 def test_rows_away_from_reversals_are_asked_only_where_there_are_some():
     speed = np.array([0.0, 0.1, -0.5, 1.0, -1.0])
     kept = np.ones(5, dtype=bool)
-    assert rule.find_fast(speed, kept).tolist() == [False, False, True, True, True]
+    assert rule.find_fast(speed, kept, POLICY).tolist() == [False, False, True, True, True]
     # Of those that count, none is fast.
-    assert rule.find_fast(speed, np.array([True, True, False, False, False])) is None
+    assert rule.find_fast(speed, np.array([True, True, False, False, False]), POLICY) is None
 
 
 def test_noise_that_two_terms_share_does_not_tie_them():
     """Held-out losses are compared block by block: what both leave alike cancels."""
     best, worse = evidence(gain=40.0, noise=5.0), evidence(gain=35.0, noise=5.0)
-    assert rule.separates(best, worse)
+    assert rule.separates(best, worse, POLICY)
 
 
 def test_the_simplest_of_those_tied_gives_the_name():
@@ -252,26 +265,26 @@ def test_the_simplest_of_those_tied_gives_the_name():
     simple = evidence("quadratic_viscous", 39.5)
     rich = evidence("cross_coupling", 39.9, shape=(1.0,), subset=(0, 1))
     assert stribeck.complexity > simple.complexity
-    assert rule.choose([stribeck, simple, rich]) is simple
+    assert rule.choose([stribeck, simple, rich], POLICY) is simple
     # Told apart from the best, it is not asked.
-    assert rule.choose([stribeck, evidence("quadratic_viscous", 30.0, noise=0.1)]) is stribeck
+    assert rule.choose([stribeck, evidence("quadratic_viscous", 30.0, noise=0.1)], POLICY) is stribeck
     # Of equals, what gains most.
     other = evidence("viscous_asymmetry", 39.7)
     assert other.complexity == simple.complexity
-    assert rule.choose([simple, other]) is other and rule.choose([other, simple]) is other
+    assert rule.choose([simple, other], POLICY) is other and rule.choose([other, simple], POLICY) is other
 
 
 def test_a_term_felt_elsewhere_is_not_tied():
     best = evidence("stribeck", 40.0, shape=(0.3, 1.0))
     elsewhere = evidence("quadratic_viscous", 39.9, joints=(1,))
-    assert rule.choose([best, elsewhere]) is best
+    assert rule.choose([best, elsewhere], POLICY) is best
     wide = evidence("payload_error", 39.9, joints=(0, 1), subset=(0,))
     assert rule.touches(best, wide) and rule.touches(wide, elsewhere)
     assert not rule.touches(best, elsewhere)
 
 
 def test_nothing_able_is_no_name():
-    assert rule.choose([]) is None
+    assert rule.choose([], POLICY) is None
 
 
 def test_what_is_built_against_gravity_is_preferred_only_where_it_works_against_it():

@@ -51,7 +51,7 @@ def judge(record, pose):
         model = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
         )
-        return judge_joints(problem.prepared, model, [], {})
+        return judge_joints(problem.prepared, model, [], {}, Policy())
 
     return states
 
@@ -62,12 +62,12 @@ def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose
     problem, assembly = search.problem, search.assemble(())
     terms = GenericTerms(problem.prepared, problem.joined)
     rough = next(iter(terms.roughly(0)))
-    e = weigh(assembly, terms.exactly(rough), tuple(range(rough.count)), search.flips)
+    e = weigh(assembly, terms.exactly(rough), tuple(range(rough.count)), search.policy)
     left = {0: replace(e, share=-3.0, fitted=0.64, refusal=Refusal.DISAGREES)}
     model = fit_declared_model(
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
     )
-    said, other = judge_joints(problem.prepared, model, [], left)
+    said, other = judge_joints(problem.prepared, model, [], left, Policy())
     assert said.state == "unexplained"
     assert 0.0 < said.unexplained_rms == pytest.approx(0.8 * search.sigma[0], rel=0.1)
     assert said.depends_on

@@ -104,7 +104,7 @@ def test_slow_effects_are_not_significant_beside_a_walk(record, search_of, off):
             if candidate.effect.name not in ("gravity_counterbalance", "joint_spring", "viscous_asymmetry"):
                 continue
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-            e = weigh(assembly, candidate, subset, search.flips)
+            e = weigh(assembly, candidate, subset, search.policy)
             plain.append((1 + np.sum(e.chance >= e.statistic)) / (1 + len(e.chance)))
             beside.append(drift_p_value(assembly, e.chosen, e.joint, search.flips))
     beside, plain = np.array(beside), np.array(plain)

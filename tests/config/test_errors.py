@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from wearscope.errors import LONGEST, InputError, explain_yaml
+from wearscope.plain_yaml import load_plain_yaml
 
 
 @pytest.mark.parametrize("odd", ["a\nb", "\x1b[2J", "\r", "\u2028", "\ud800", "\x00"])
@@ -34,3 +35,30 @@ def test_a_line_of_yaml_is_named(text, told):
     with pytest.raises(yaml.YAMLError) as caught:
         yaml.safe_load(text)
     assert explain_yaml(caught.value).startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: 1\nb: 2\na: 3\n", "line 3, column 1: 'a' stands twice"),
+        ("a: 1\n'a': 1\n", "line 2, column 1: 'a' stands twice"),
+        ("x:\n- {b: 1, c: 2, b: 3}\n", "line 2, column 16: 'b' stands twice"),
+    ],
+)
+def test_a_key_that_stands_twice_is_refused(text, told):
+    with pytest.raises(yaml.YAMLError) as caught:
+        load_plain_yaml(text)
+    assert explain_yaml(caught.value).startswith(told)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: {x: 1}\nb: {x: 1}\n",  # in two mappings
+        "a: &a {x: 1, y: 2}\nb:\n  <<: *a\n  x: 3\nc:\n  <<: *a\n  x: 4\nd: *a\n",  # overruled on purpose
+        "1: a\n'1': b\n",  # a number and a text
+        "[a, a]",
+    ],
+)
+def test_other_yaml_is_read_as_ever(text):
+    assert load_plain_yaml(text) == yaml.safe_load(text)

@@ -319,3 +319,20 @@ def test_wear_and_temperature_are_told_apart_up_to_a_condition_number(size, sign
     assert not _told_apart((left * size[0]) ** 2, 0.0, size[1] ** 2, *size)
     assert not _told_apart(size[0] ** 2, 0.0, (left * size[1]) ** 2, *size)
     assert _told_apart((100.0 * left * size[0]) ** 2, 0.0, size[1] ** 2, *size)
+
+
+def test_temperature_is_searched_down_to_where_the_stribeck_speed_ends():
+    detector = load_detector("wear_temperature_fit", {"start_temperature": 50.0})
+    detector.fit([simulate()], 0, MODEL)
+    ends = 0.2481 / 0.0098  # eta3 + eta4 T is zero there
+    assert detector.lowest == pytest.approx(ends + (50.0 - ends) / 100, rel=1e-12)
+
+
+@pytest.mark.parametrize(("wear", "temperature"), [(60.0, 40.0), (90.0, 62.0)])
+def test_traded_speeds_are_each_other_s(wear, temperature):
+    detector = fitted("wear_temperature_fit", simulate())
+    there = detector._trade_speeds(np.array([wear, temperature]))
+    speed, worn_speed = LAW["eta3"] + LAW["eta4"] * temperature, LAW["eta8"] * wear
+    assert LAW["eta3"] + LAW["eta4"] * there[1] == pytest.approx(worn_speed, rel=1e-12)
+    assert LAW["eta8"] * there[0] == pytest.approx(speed, rel=1e-12)
+    assert detector._trade_speeds(there) == pytest.approx([wear, temperature], rel=1e-12)

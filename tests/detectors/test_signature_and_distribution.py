@@ -244,3 +244,14 @@ def test_the_grid_reaches_a_tenth_of_the_range_and_three_bandwidths_beyond_the_n
 def test_a_kernel_without_width_is_refused(bandwidth):
     with pytest.raises(ValueError, match="bandwidth must be positive"):
         load_detector("distribution_distance", {"bandwidth": bandwidth})
+
+
+@pytest.mark.parametrize("n", [401, 402])
+def test_a_batch_at_half_the_rate_is_read_up_to_the_signature_s_end(n):
+    nominal = make_batch(np.linspace(-30.0, 50.0, n))
+    torque = nominal.tau[::2, 1].copy()
+    last = 200  # sample 400 of the signature
+    torque[last] += 10.0
+    late = make_batch(torque, rate=125.0)
+    expected = 100.0 / np.sum(nominal.tau[::2, 1][: last + 1] ** 2)
+    assert fitted("residual_energy", nominal).test_quantity(late) == pytest.approx(expected, rel=1e-9)

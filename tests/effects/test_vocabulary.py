@@ -310,3 +310,16 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
         torque += held.get("quadratic", 0.0) * v * np.abs(v)
         torque += held.get("stiffness", 0.0) * q + held.get("preload", 0.0)
         np.testing.assert_allclose(effect.torque(signals, 0, values), torque[:, 0], atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("value", [-2.0, 0.0, 3.0])
+def test_a_parameter_may_lie_at_its_bounds(value):
+    effect = Effect("own", "k", (Parameter("k", "N m", -2.0, 3.0),), "x", ("q_{joint}",))
+    effect.check_values({"k": value}, "here")
+
+
+@pytest.mark.parametrize("value", [-2.001, 3.001, float("nan")])
+def test_a_parameter_beyond_its_bounds_is_refused(value):
+    effect = Effect("own", "k", (Parameter("k", "N m", -2.0, 3.0),), "x", ("q_{joint}",))
+    with pytest.raises(InputError, match=r"here: own\.k = .* lies outside \[-2\.0, 3\.0\] N m"):
+        effect.check_values({"k": value}, "here")

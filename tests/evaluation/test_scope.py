@@ -1,7 +1,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 from wearscope.errors import InputError
 from wearscope.evaluation.scope import (
@@ -68,6 +68,13 @@ def test_the_threshold_leaves_just_the_false_alarms_allowed(p):
     np.testing.assert_allclose(tail, p, rtol=1e-9)
     lower = tail_probability(quadratic, h - 1e-6 * spread(quadratic))
     assert np.all(lower > p)
+
+
+@pytest.mark.parametrize("far", [4.0, 6.0, 8.0])
+def test_a_threshold_near_an_output_s_turning_point_is_found(far):
+    """y = far^2 - (x - far)^2 turns where x = far: at h it is left by |x - far| > sqrt(far^2 - h)."""
+    half = optimize.brentq(lambda d: stats.norm.sf(far - d) - stats.norm.sf(far + d) - 1e-4, 0.0, 20.0)
+    assert threshold([0.0, 2 * far, -1.0], 1e-4) == pytest.approx(far**2 - half**2, rel=1e-7)
 
 
 def test_standardised_coefficients_give_the_same_output():

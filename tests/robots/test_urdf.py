@@ -312,6 +312,7 @@ def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
         ),
         (simple().replace("</robot>", ""), ["hinge"], "not well-formed XML"),
         (simple().replace("robot", "model"), ["hinge"], "starts with <model>"),
+        ('<robot name="bare"/>', None, "URDF: has no links"),
         (
             simple().replace("</robot>", '<x:macro xmlns:x="http://ros.org/wiki/xacro"/></robot>'),
             ["hinge"],

@@ -4,8 +4,9 @@ import re
 import shutil
 from pathlib import Path
 
+import pytest
 import yaml
-from clones import TINY, run
+from clones import ROOT, TINY, run
 from plain_robot import write_plain_robot
 
 
@@ -74,3 +75,39 @@ def test_unknown_detector_is_told(clone, bad):
 def test_refused_detector_option_is_told(clone, bad):
     bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
     refuse(clone, bad, "torque_change.py", "fail_abov")
+
+
+def test_a_setting_that_stands_twice_is_told(clone):
+    (clone / "bad.yaml").write_text((clone / TINY / "config.yaml").read_text() + "seed: 1\nseed: 2\n")
+    done = run(clone, "check", study="bad.yaml")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert re.search(r"bad\.yaml: is not readable YAML \(line \d+, .*'seed' stands twice", done.stderr)
+
+
+@pytest.mark.parametrize("place", ["results", "results/bad", "results/tracking"])
+def test_a_file_where_results_are_to_be_is_told(clone, bad, place):
+    path, aside = clone / place, clone / "aside"
+    path.parent.mkdir(exist_ok=True)
+    if path.exists():
+        path.rename(aside)
+    path.write_text("mine")
+    try:
+        refuse(clone, bad, f"{place}: is a file, no folder; move it away")
+        assert path.read_text() == "mine"
+    finally:
+        path.unlink()
+        if aside.exists():
+            aside.rename(path)
+
+
+@pytest.mark.parametrize("place", ["{arm}", "arm"])
+def test_a_brace_in_a_path_of_a_data_set_is_told(clone, tmp_path, place):
+    data = tmp_path / place
+    shutil.copytree(ROOT / "src" / "wearscope" / "example_data", data)
+    if place == "arm":
+        (data / "runs" / "sweeps.parquet").rename(data / "runs" / "{sweeps}.parquet")
+        text = (data / "dataset.yaml").read_text().replace("runs/sweeps.", "'runs/{sweeps}.")
+        (data / "dataset.yaml").write_text(text.replace("}.parquet", "}.parquet'"))
+    done = run(clone, "-n", "closed_loop", "--config", f"dataset={data}")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "the path holds a brace" in done.stderr and str(data) in done.stderr

@@ -26,11 +26,13 @@ os.environ.update(
     NUMBA_NUM_THREADS="1",
 )
 
+from wearscope.cli.study import read_yaml
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, take_label
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
+from wearscope.files import check_folder
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.processes import MAIN, STARTER, end_with, identify_process
 from wearscope.robots.model_file import (
@@ -46,7 +48,11 @@ from wearscope.sources import find_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
 try:
+    for file in workflow.configfiles:
+        read_yaml(Path(file))  # Snakemake keeps the last of two settings of one name, silently
     STUDY = load_config(config)
+    for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
+        check_folder(f"results/{made}")
 except InputError as error:
     raise SystemExit(str(error)) from None
 
@@ -347,10 +353,17 @@ def dataset_file(path):
     return here([os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path])[0]
 
 
+def refuse_braces(file):
+    """Refuse a path that Snakemake would read as a pattern."""
+    if re.search(r"[{}\n]", file):
+        raise InputError(f"{file}: the path holds a brace or the end of a line; rename that file or folder.")
+
+
 def read_dataset(path):
     """Content of a dataset.yaml; ends the run in one sentence where there is none."""
     file = dataset_file(path)
     try:
+        refuse_braces(file)
         content = load_yaml(Path(file))
         if not isinstance(content, dict):
             raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
@@ -429,7 +442,13 @@ def find_listed(folder, name):
         path = find_inside(Path(folder), name, "dataset.yaml")
     except InputError:
         return None
-    return str(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    try:
+        refuse_braces(str(path))
+    except InputError as error:
+        raise SystemExit(f"config: dataset: {error}")
+    return str(path)
 
 
 def figure_files(names):

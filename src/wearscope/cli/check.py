@@ -93,6 +93,8 @@ def _tell_kind(path: Path) -> str:
         ):
             if (path / name).is_file():
                 return kind
+            if (other := (path / name).with_suffix(".yml")).is_file():
+                raise InputError(f"{other}: is to be called {Path(name).name}; rename it.")
         return ""
     if not path.is_file():
         return ""

@@ -8,6 +8,7 @@ import yaml
 
 from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
+from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
 
 
@@ -77,7 +78,7 @@ def read_yaml(path: Path) -> dict:
         Where it is none.
     """
     try:
-        content = yaml.safe_load(read_text(path, "a configuration, which is a YAML file"))
+        content = load_plain_yaml(read_text(path, "a configuration, which is a YAML file"))
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

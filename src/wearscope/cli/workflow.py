@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from wearscope.errors import InputError
+from wearscope.files import check_folder
 from wearscope.home import find_home
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
@@ -196,6 +197,7 @@ def call_snakemake(
         log.parent.mkdir(parents=True, exist_ok=True)
         file = log.open("w", encoding="utf-8")
     except OSError as error:
+        check_folder(log.parent)
         raise InputError(f"{log}: cannot be written ({error.strerror}); choose another folder.") from None
     with (
         file,

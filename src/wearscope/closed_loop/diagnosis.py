@@ -38,8 +38,6 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import parse_urdf
 
 RESIDUAL_UNITS = {"t": "s"}
-#: p-value above which a term's coefficients may all be zero.
-_ZERO = 0.05
 
 
 @dataclass(frozen=True)
@@ -258,7 +256,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     problem, found = search.problem, answer.found
     prepared = problem.prepared
     before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    after, kept = drop_undetermined(before, found, search.sigma)
+    after, kept = drop_undetermined(before, found, search.sigma, search.policy.zero_level)
     equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
     found = kept
     after, equivalent = settle_rests(problem, after, len(before.entries), equivalent)
@@ -269,7 +267,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
             after.entries[len(before.entries) :], found, equivalent, marked, strict=True
         )
     ]
-    states = judge_joints(prepared, after, named, answer.left)
+    states = judge_joints(prepared, after, named, answer.left, search.policy)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     return Diagnosis(prepared, search.policy, named, before, after, states, candidates, full, problem)
@@ -308,7 +306,7 @@ def settle_rests(
 
 
 def drop_undetermined(
-    before: Regression, found: list[Found], sigma: np.ndarray
+    before: Regression, found: list[Found], sigma: np.ndarray, level: float
 ) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
@@ -322,6 +320,8 @@ def drop_undetermined(
     sigma : ndarray (n,)
         Residual scale with the terms found: that of the declared model would weigh the runs too little
         against the prior of the inertial parameters.
+    level : float
+        p-value above which all of a term's coefficients may be zero.
     """
     found = list(found)
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
@@ -331,7 +331,7 @@ def drop_undetermined(
         doubtful = [
             (e.p_value, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not (f.effect.empirical or f.effect.per_robot) and not e.p_value <= _ZERO
+            if not (f.effect.empirical or f.effect.per_robot) and not e.p_value <= level
         ]
         if not doubtful:
             return after, found

@@ -8,8 +8,14 @@ Model = Literal["main", "full", "simplified"]
 AskedModel = Literal["main", "full", "simplified", "chosen"]
 SurrogateKind = Literal["quadratic", "polynomial_chaos", "gaussian_process", "bent_gaussian_process"]
 CellKey = Literal["robot", "cycle", "axis", "fda"]
-FactorName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+_FACTOR_NAME, _NAME = r"^[A-Za-z][A-Za-z0-9_]*$", r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+#: What the patterns of names ask for, in words.
+PATTERNS = {
+    _FACTOR_NAME: "starts with a letter from A to Z and holds only letters, digits and '_'",
+    _NAME: "starts with a letter from A to Z or a digit and holds only letters, digits, '_', '-' and '.'",
+}
+FactorName = Annotated[str, Field(pattern=_FACTOR_NAME, max_length=100)]
+Name = Annotated[str, Field(pattern=_NAME, max_length=100)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from wearscope.config.base import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 
@@ -71,6 +72,9 @@ def _explain_one(breach: Any, tail: str) -> str:
         return f"config: {path} is no known setting{tail}; {remedy}"
     if breach["type"] == "missing":
         return f"config: {path} is missing{tail}; add it."
+    if breach["type"] == "string_pattern_mismatch":
+        form = PATTERNS[breach["ctx"]["pattern"]]
+        return f"config: {path}: such a name {form}, not {breach['input']!r}{tail}."
     message = breach["msg"].removeprefix("Value error, ")
     where = f"{path}: " if path else ""
     given = "" if breach["type"] == "value_error" else f", not {breach['input']!r}"

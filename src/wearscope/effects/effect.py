@@ -187,6 +187,11 @@ class Effect:
         return self.standard and self.is_friction
 
     @property
+    def is_in_every_drive(self) -> bool:
+        """Whether no drive is without it: a standard effect whose coefficients cannot be negative."""
+        return self.standard and all(p.lower >= 0.0 for p in self.coefficients)
+
+    @property
     def is_thermal(self) -> bool:
         """Whether its torque depends on temperature or time."""
         return bool({"temp_{joint}", "t"} & set(self.depends_on))

@@ -10,6 +10,7 @@ import yaml
 from wearscope import plugins
 from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
+from wearscope.plain_yaml import load_plain_yaml
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
 #: A model file or URDF that is larger is not read [bytes].
@@ -71,7 +72,7 @@ def read_text(path: str | Path, what: str) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); name {what}.") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not a text file; name {what}.") from error
+        raise InputError(f"{path}: is not a text file in UTF-8; save it as UTF-8, or name {what}.") from error
     except ValueError as error:
         raise InputError(f"{str(path)!r}: is no path ({error}); name {what}.") from error
 
@@ -85,7 +86,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
         Where it cannot be read, is no mapping, names no URDF, or lists its effects in another form.
     """
     try:
-        fields = yaml.safe_load(read_text(path, "the robot's model file"))
+        fields = load_plain_yaml(read_text(path, "the robot's model file"))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

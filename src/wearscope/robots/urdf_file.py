@@ -177,6 +177,8 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
     if any("xacro" in element.tag for element in robot.iter() if isinstance(element.tag, str)):
         raise InputError(f"{source}: holds xacro macros; expand it to plain URDF first (xacro FILE).")
     links: dict[str, Link] = {}
+    if robot.find("link") is None:
+        raise InputError(f"{source}: has no links; name the robot's URDF.")
     if len(robot.findall("link")) > MOST_LINKS:
         raise InputError(f"{source}: has more than {MOST_LINKS} links; name the robot's URDF.")
     for element in robot.findall("link"):

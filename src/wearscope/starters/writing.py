@@ -92,8 +92,9 @@ def check_folder_name(name: str, what: str) -> str:
     ------
     InputError
     """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
         raise InputError(
-            f"{what} '{name}': use letters, digits, '_', '-' and '.', and begin with a letter or digit."
+            f"{what} '{name}': use letters, digits, '_', '-' and '.', begin with a letter or digit, and take "
+            "at most 100 characters."
         )
     return name

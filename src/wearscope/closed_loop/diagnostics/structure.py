@@ -9,9 +9,11 @@ from scipy import ndimage, signal, stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
+from wearscope.closed_loop.diagnostics.jumps import find_jumps
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
 from wearscope.effects.unknown import name_signals
 
@@ -20,10 +22,6 @@ if TYPE_CHECKING:
     from wearscope.closed_loop.selection.evidence import Evidence
 
 State = Literal["explained", "corrected", "unexplained"]
-#: Least share of a residual's variance that counts as structure.
-_SHARE = 0.2
-#: Standard errors by which it must stand out.
-_ERRORS = 3.0
 #: Rows that trees are grown on, folds, seed.
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
@@ -32,9 +30,6 @@ _LINE, _NEIGHBOURS = 40.0, 41
 _PERIODS = 8
 #: Highest peaks that are compared with what lies below them.
 _PEAKS = 20
-#: Test error over training error from which the model does not carry over to other motions, and the level at
-#: which it must lie outside what errors of the training runs differ by.
-_WORSE, _LEVEL = 1.5, 0.01
 
 
 @dataclass(frozen=True)
@@ -72,6 +67,7 @@ def judge_joints(
     after: Regression,
     named: "Sequence[Attribution]",
     left: "Mapping[int, Evidence]",
+    policy: Policy,
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -86,6 +82,7 @@ def judge_joints(
     named : sequence of Attribution
     left : mapping of int to Evidence
         Generic structure by joint that could not be added.
+    policy : Policy
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -108,10 +105,11 @@ def judge_joints(
         rms = _rms(own, keep)
         seen = [
             *_from_generic(prepared, left, j),
-            *_from_trees(features, own, keep, prepared, j),
-            *_from_repeats(repeats, own, keep),
-            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms),
-            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])),
+            *_from_trees(features, own, keep, prepared, j, policy),
+            *_from_repeats(repeats, own, keep, policy),
+            *_from_jumps(train, own, keep, policy),
+            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
+            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested]), policy),
         ]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
@@ -143,8 +141,9 @@ def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int
 
 
 def _from_trees(
-    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared, joint: int
-) -> list[_Seen]:
+    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
+    joint: int, policy: Policy,
+) -> list[_Seen]:  # fmt: skip
     """Boosted trees on all signals that predict rows that they were not grown on."""
     x = np.concatenate([f[k] for f, k in zip(features, keep, strict=True)])
     y = np.concatenate([r[k] for r, k in zip(own, keep, strict=True)])
@@ -171,7 +170,7 @@ def _from_trees(
     sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
     error = np.sqrt(len(sums) * sums.var(ddof=1))
     share = float(sums.sum() / max((y**2).sum(), 1e-300))
-    if share < _SHARE or sums.sum() < _ERRORS * error:
+    if share < policy.structure_share or sums.sum() < policy.unexpected * error:
         return []
     return [_Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
 
@@ -204,7 +203,7 @@ def _list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
 
 
 def _from_repeats(
-    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray]
+    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
 ) -> list[_Seen]:
     """What repeats when the motion does, from pairs of runs."""
     seen = []
@@ -220,13 +219,31 @@ def _from_repeats(
         # What autocorrelated noise gives by chance: the same runs, shifted against each other.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
-        highest = max((_ERRORS + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max()))
-        if share > max(_SHARE, highest):
+        highest = max(
+            (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
+        )
+        if share > max(policy.structure_share, highest):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
 
 
-def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
+def _from_jumps(
+    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
+) -> list[_Seen]:
+    """Jumps in time of single runs; the run that holds most of the residual's square is told."""
+    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
+    seen = []
+    for run, x, k in zip(train, own, keep, strict=True):
+        jumps = find_jumps(run.t[k], x[k])
+        if jumps is not None:
+            share = jumps.share * float((x[k] ** 2).sum()) / max(total, 1e-300)
+            where = f"{abs(jumps.size):.3g} at {jumps.time:.3g} s of {run.file}"
+            seen.append((share, f"it jumps in time, most by {where}"))
+    share = sum(part for part, _ in seen)
+    return [_Seen(share, ["t"], max(seen)[1])] if share >= policy.structure_share else []
+
+
+def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy) -> list[_Seen]:
     """A spectral line: a torque that is periodic in time.
 
     Parameters
@@ -236,6 +253,7 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
     rate : float
     rms : float
         Of the residual after it, whose share is told.
+    policy : Policy
     """
     shares, frequencies, sizes = [], [], []
     for x in full:
@@ -256,22 +274,22 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float) -> list[_Seen]:
         shares.append(share if ratio.max() > _LINE else 0.0)
         frequencies.append(k * rate / len(x))
         sizes.append(share * float(np.var(x)) / max(rms**2, 1e-300))
-    if not shares or np.median(shares) < _SHARE:
+    if not shares or np.median(shares) < policy.structure_share:
         return []
     middle = float(np.median(frequencies))
     return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]
 
 
-def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float) -> list[_Seen]:
+def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, policy: Policy) -> list[_Seen]:
     """A test error beyond the training runs' own, and beyond what those differ by (a drift's do)."""
     train = _rms(own, keep)
-    if not np.isfinite(test) or not train > 0.0 or test < _WORSE * train:
+    if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
         return []
     sizes = [_rms([x], [k]) for x, k in zip(own, keep, strict=True) if k.any()]
     logs = np.log(np.maximum(sizes, 1e-300))
     if len(logs) > 1:
         width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
-        if np.log(test) < logs.mean() + stats.t.isf(_LEVEL, len(logs) - 1) * width:
+        if np.log(test) < logs.mean() + stats.t.isf(policy.family_level, len(logs) - 1) * width:
             return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0

@@ -14,6 +14,8 @@ _OFF = 0.02
 #: A step is a loss of samples from this multiple of the longer of median and stated step, and a gap that
 #: splits the run where more samples than this are lost.
 _LOSS, _MOST_LOST = 1.6, 5
+#: A clock that stands still in more than this share of its steps is a coarse one.
+_MOST_REPEATED = 0.1
 #: Units of time that recorders write, over a second.
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
@@ -42,6 +44,14 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> None:
         )
     steps = np.diff(t)
     back = np.flatnonzero(steps <= 0)
+    if len(back) > _MOST_REPEATED * len(steps) and steps.min() == 0.0:
+        moved = steps[steps > 0.0]
+        finest = f" and else moves by {moved.min():.3g} s or more" if len(moved) else ""
+        raise InputError(
+            f"{where}: column 't' stands still in {len(back)} of {len(steps)} steps{finest}, so it has too "
+            "few digits or rows stand twice; write all its digits and drop repeated rows, or let "
+            "'wearscope new dataset' spread it."
+        )
     if len(back):
         raise InputError(
             f"{where}: column 't' does not increase at row {back[0] + 1} "

@@ -16,6 +16,7 @@ from wearscope import plugins
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside, read_text
 from wearscope.errors import InputError, explain_yaml
+from wearscope.plain_yaml import load_plain_yaml
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0
@@ -33,7 +34,7 @@ _Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=Fa
 
 
 def take_label(value: Any) -> Any:
-    """Label of a session: YAML reads a date as one."""
+    """Text of a name or a session's label: YAML reads a date as one."""
     return value.isoformat() if isinstance(value, date) else value
 
 
@@ -84,7 +85,7 @@ class UnitFields(_Fields):
 class DatasetFields(_Fields):
     """`dataset.yaml`."""
 
-    name: str = Field(min_length=1)
+    name: _Label = Field(min_length=1)
     description: str = ""
     source: str = ""
     robot: RobotFields
@@ -107,6 +108,7 @@ def folder_name(name: Any, where: str) -> str:
         Where the name is missing, holds other than letters, digits, '_', '-', '.' and inner spaces, is too
         long, or consists of dots only.
     """
+    name = take_label(name)
     if isinstance(name, int | float) and not isinstance(name, bool):
         name = str(name)
     plain = isinstance(name, str) and re.fullmatch(r"[\w.-]+( +[\w.-]+)*", name) is not None
@@ -142,7 +144,12 @@ def list_breaches(path: Path) -> list[str]:
     try:
         DatasetFields.model_validate(content)
     except ValidationError as error:
-        return list(dict.fromkeys(str(_explain(path, content, one)) for one in error.errors()))
+        found: dict[tuple[str, ...], str] = {}
+        for one in error.errors():
+            # Of a field that may be of two kinds, what is wrong as the first of them.
+            place = tuple(str(part) for part in one["loc"] if "[" not in str(part))
+            found.setdefault(place, str(_explain(path, content, one)))
+        return list(dict.fromkeys(found.values()))
     except (RecursionError, ValueError, OverflowError) as error:
         return [f"{path}: holds a value that cannot be read ({str(error)[:100]})."]
     return []
@@ -185,9 +192,12 @@ def load_yaml(path: Path) -> Any:
     InputError
         Where there is no such file, or it is no YAML.
     """
-    text = read_text(path, "a data set is a folder with a dataset.yaml in it")
+    remedy = "a data set is a folder with a dataset.yaml in it"
+    if (other := path.with_suffix(".yml")).is_file():
+        remedy = f"rename {other.name} to {path.name}"
+    text = read_text(path, remedy)
     try:
-        return yaml.safe_load(text)
+        return load_plain_yaml(text)
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as documented.") from error
     except (yaml.YAMLError, ValueError, TypeError) as error:

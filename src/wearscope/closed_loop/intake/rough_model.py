@@ -13,9 +13,9 @@ from scipy import optimize
 #: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
 #: of a torque, the middle holds reversals and rest only.
 _MIDDLE = 0.5
-#: Span of the rigid body's torque while a joint moves, over that of the whole run, from which its factor is
-#: fitted.
-_TOLD = 0.1
+#: Standard deviation a priori of the factor of the rigid body's torque about one, and as how many independent
+#: samples a run's rows count beside it.
+_FACTOR, _SAMPLES = 0.5, 30
 #: What the coefficients stand for.
 ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
 
@@ -130,8 +130,8 @@ def bridge_rest(
     """Torque (N, n) with the rough model's in place of what holds a joint at rest.
 
     Static friction may have any value there, which no regressor follows; a filter carries it into the motion
-    before and after. Where others move the joint's load while it rests, its own motion may tell nothing of
-    the rigid body's factor, which is one then.
+    before and after. Where others move the joint's load while it rests, its own motion may tell little of the
+    rigid body's factor, as where it moves alone about an upright axis: the factor is then about one.
 
     Parameters
     ----------
@@ -144,12 +144,12 @@ def bridge_rest(
     for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
         body, moves = known[:, j], ~rest[:, j]
         x = rough_columns(body, a[:, j], sign[:, j], v[:, j])
-        told = np.ptp(body[moves]) >= _TOLD * np.ptp(body)
-        theta = np.zeros(x.shape[1])
-        theta[0] = 1.0
-        first = 0 if told else 1
-        left = tau[moves, j] - (0.0 if told else body[moves])
-        theta[first:] = fit_rough([x[moves, first:]], [left])
+        left = tau[moves, j] - body[moves]
+        error = left - x[moves] @ fit_rough([x[moves]], [left])
+        held = np.zeros((1, x.shape[1]))
+        held[0, 0] = np.sqrt(float(error @ error) / _SAMPLES) / _FACTOR
+        theta = fit_rough([x[moves], held], [left, np.zeros(1)])
+        theta[0] += 1.0
         # Not shifted to meet its neighbours: friction that grows towards rest is in them and ends with them.
         bridged[rest[:, j], j] = x[rest[:, j]] @ theta
     return bridged

@@ -1,5 +1,6 @@
 """Columns of a recording, from Parquet or CSV, as finite numbers."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,23 @@ LEAST_ROWS, LEAST_TIME = 50, 1.0
 _LARGEST = 1e30
 #: Separators of a CSV file that are tried where the header holds them.
 _SEPARATORS = (",", ";", "\t")
+#: First bytes of files that are no CSV, with what they are and the remedy.
+_NO_CSV = {
+    b"PAR1": "is a Parquet file; call it .parquet",
+    b"\x1f\x8b": "is compressed by gzip; unpack it",
+    b"PK\x03\x04": "is a zip archive or spreadsheet; save its table as CSV",
+    b"\xff\xfe": "is UTF-16 text; save it as UTF-8",
+    b"\xfe\xff": "is UTF-16 text; save it as UTF-8",
+}
 
 
 def _read_csv(path: Path) -> pa.Table:
     """CSV with commas, semicolons or tabs, as UTF-8 or Latin-1."""
     with path.open("rb") as file:
         header = file.readline(100_000)
+    for start, told in _NO_CSV.items():
+        if header.startswith(start):
+            raise InputError(f"{path}: {told}, or correct runs[].file in dataset.yaml.")
     separator = max(_SEPARATORS, key=lambda one: header.count(one.encode()))
     point = "," if separator == ";" and _has_comma(path) else "."
 
@@ -76,7 +88,10 @@ def read_columns(path: Path) -> pd.DataFrame:
         if isinstance(error, InputError):
             raise
         told = " ".join(str(error).replace(str(path), "it").split())[:200].rstrip(".")
-        raise InputError(f"{path}: cannot be read whole ({told}); copy the file again.") from error
+        remedy = "copy the file again"
+        if "CSV parse error" in told:
+            remedy += ", or give it one line of column names, nothing above, and as many values in each row"
+        raise InputError(f"{path}: cannot be read whole ({told}); {remedy}.") from error
 
 
 def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
@@ -88,7 +103,7 @@ def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
         Where it is missing, holds text, or a value that is no finite number, with its row.
     """
     if name not in frame.columns:
-        near = [c for c in map(str, frame.columns) if c.strip().lower() == name.lower()]
+        near = [c for c in map(str, frame.columns) if _bare(c) == name.lower()]
         hint = f"rename '{near[0]}'" if near else "add it, or correct robot.joints"
         if not near and len(frame.columns) == 1 and path.suffix.lower() == ".csv":
             hint = "the file has a single column, so separate its columns by ',', ';' or a tab"
@@ -98,8 +113,10 @@ def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
         raise InputError(f"{path}: holds 0 rows; a run needs at least {LEAST_ROWS} rows and one second.")
     if not pd.api.types.is_numeric_dtype(series) or pd.api.types.is_bool_dtype(series):
         row, shown = _first_text(series)
+        remedy = "give seconds" if name == "t" else "give its plain numbers"
         raise InputError(
-            f"{path}: column '{name}' holds text or dates, not numbers (row {row}: {shown}); convert it."
+            f"{path}: column '{name}' holds text or dates, not numbers (row {row}: {shown}); {remedy}, or "
+            "let 'wearscope new dataset' convert the recordings."
         )
     try:
         values = np.array(series.to_numpy(dtype=float, na_value=np.nan))
@@ -112,6 +129,11 @@ def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
             f"({len(bad)} in all); cut or correct these rows."
         )
     return values
+
+
+def _bare(column: str) -> str:
+    """Name of a column without its unit in brackets, in small letters."""
+    return re.split(r"[\[(]", column)[0].strip().lower()
 
 
 def _first_text(series: pd.Series) -> tuple[int, str]:

@@ -68,6 +68,11 @@ class Sums:
             self.penalty[np.ix_(k, k)],
         )
 
+    def at(self, shape: int) -> "Sums":
+        """The same with one of the shapes."""
+        k = slice(shape, shape + 1)
+        return Sums(self.columns, self.cross[:, k], self.gram[:, k], self.score[:, k], self.penalty)
+
 
 @dataclass(frozen=True)
 class Added:

@@ -9,10 +9,8 @@ from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
-from wearscope.closed_loop.selection.significance import adjust, flip_scores, score_chance
-
-#: Share of the information on a candidate from which a run or part of one is asked whether it agrees.
-_INFORMS = 0.05
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.significance import adjust, flip_scores, make_flips, score_chance
 
 
 class Refusal(Enum):
@@ -22,7 +20,7 @@ class Refusal(Enum):
     ABSORBED = "the model absorbs it on these runs"
     LOCAL = "all its evidence lies in a few blocks of the runs"
     CANCELS = "its parameters are not determined by these runs (terms cancel)"
-    BOUNDS = "a parameter is outside its believable bounds"
+    BOUNDS = "a parameter, its own or that of plain friction beside it, is outside its believable bounds"
     SMALL = "smaller than can be believed"
     CHANCE = "not significant once all candidates are counted"
     IMMATERIAL = "too little gained on held-out runs"
@@ -74,6 +72,8 @@ class Evidence:
     tried : float
     alone : bool
         Whether only one of several recordings shows it, of which fifths are then held out.
+    overturns : bool
+        Whether plain friction that the model has at its joints would be negative beside it.
     refusal : Refusal
         Of what can be said of it without comparing it with others.
     """
@@ -97,6 +97,7 @@ class Evidence:
     beta: np.ndarray
     tried: float
     alone: bool = False
+    overturns: bool = False
     whole: float = np.inf
     p_value: float = np.nan
     refusal: Refusal = Refusal.NONE
@@ -113,7 +114,7 @@ class Evidence:
 
 
 def weigh(
-    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], flips: np.ndarray,
+    assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], policy: Policy,
     sums: Sums | None = None, alone: bool = False,
 ) -> Evidence:  # fmt: skip
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open.
@@ -124,8 +125,7 @@ def weigh(
         The model.
     candidate : Candidate
     subset : tuple of int
-    flips : ndarray (F, B)
-        Random signs of the blocks.
+    policy : Policy
     sums : Sums, optional
         Of all the candidate's columns, where they are there.
     alone : bool
@@ -140,8 +140,8 @@ def weigh(
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
     information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
-    if not alone and shows_alone(candidate, information, layout.folds):
-        return weigh(assembly.by_fifths, candidate, subset, flips, every, alone=True)
+    if not alone and shows_alone(candidate, information, layout.folds, policy):
+        return weigh(assembly.by_fifths, candidate, subset, policy, every, alone=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = float(added.gain[best] / max(assembly.sample_losses[touched].sum(), 1e-300))
@@ -150,12 +150,13 @@ def weigh(
     reach = list(find_reach(assembly.chosen, candidate))
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
+    flips = make_flips(policy.flips, len(layout.blocks), policy.seed)
     observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
     chance = _odds(flipped, sample)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
     gain_by_part = -np.bincount(parts, np.nan_to_num(change))
-    informs = by_part > _INFORMS * max(by_part.sum(), 1e-300)
+    informs = by_part > policy.informing * max(by_part.sum(), 1e-300)
     whole = float(np.sqrt(max(beta @ own @ beta, 1e-300)))
     rows = chosen.rows[candidate.joints.index(joint)] @ beta
     keep = layout.keep[:, joint]
@@ -180,10 +181,51 @@ def weigh(
         beta=beta,
         tried=candidate.tried,
         alone=alone,
+        overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
     )
 
 
-def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds) -> bool:
+def overturns_friction(
+    assembly: Assembly, chosen: Chosen, sums: Sums, beta: np.ndarray, inner: np.ndarray, fitted: float,
+    policy: Policy,
+) -> bool:  # fmt: skip
+    """Whether plain friction that a model has at a term's joints would be negative beside the term.
+
+    Outside its standard errors, and by `large_share` of what it is without: a term that takes the place of
+    friction that a joint must have, in a form that fits another one. What is negative already is not its
+    doing.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model.
+    chosen : Chosen
+        The term.
+    sums : Sums
+        Of its columns, one shape.
+    beta : ndarray (m,)
+    inner : ndarray (m, m)
+        Information on it beside the model.
+    fitted : float
+        Share of the loss that it removes.
+    policy : Policy
+    """
+    inverse, theta = assembly.whole
+    onto = inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T
+    for term, span in zip(assembly.chosen, assembly.spans, strict=True):
+        other = term.candidate
+        if not other.effect.is_plain_friction or other.joint not in chosen.candidate.joints:
+            continue
+        k = span.start
+        beside = theta[k] - onto[k] @ beta
+        variance = inverse[k, k] + onto[k] @ np.linalg.solve(inner, onto[k])
+        error = np.sqrt(max(variance * (1.0 - fitted), 0.0))
+        if theta[k] > 0.0 and beside < -max(policy.unexpected * error, policy.large_share * theta[k]):
+            return True
+    return False
+
+
+def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:
     """Whether one of several recordings holds nearly all information (B,) on a candidate.
 
     Fitted on the others it would be anything, so that nothing can be learnt from holding that one out. Not of
@@ -192,7 +234,8 @@ def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds) -> 
     if any(name == "t" or name.startswith("temp") for name in candidate.effect.depends_on):
         return False
     by_recording = np.bincount(folds.recording, information)
-    return len(by_recording) > 1 and bool(by_recording.max() > (1.0 - _INFORMS) * by_recording.sum())
+    nearly_all = (1.0 - policy.informing) * by_recording.sum()
+    return len(by_recording) > 1 and bool(by_recording.max() > nearly_all)
 
 
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:

@@ -16,21 +16,13 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SIGNALS, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Most generic terms of a joint.
-_MOST = 2
-#: A name that removes less of its joint's loss than the first is doubted: a generic term in its place must
-#: gain so many times as much as the second.
-_DOUBTED, _CLEARLY = 0.7, 1.5
-#: Standard errors by which structure that cannot be added must stand out of the noise of held-out losses.
-_OUTSIDE = 3.0
-#: Share of the loss of the rows that are fitted from which there is structure, whatever held-out runs say.
-_PLAINLY = 0.5
 #: Codes of temperature and time among the signals.
 _SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
@@ -107,7 +99,7 @@ def _reduce(effect: Effect, runs: list[PreparedRun], joint: int, shapes: np.ndar
 
 
 def try_generic(
-    terms: GenericTerms, assembly: Assembly, joints: list[int], share: float, flips: np.ndarray
+    terms: GenericTerms, assembly: Assembly, joints: list[int], policy: Policy
 ) -> tuple[list[Evidence], float]:
     """Evidence on what removes a share of its joint's loss, and how many were tried for each of them.
 
@@ -120,7 +112,7 @@ def try_generic(
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        least = share * assembly.sample_losses[joint]
+        least = policy.large_share * assembly.sample_losses[joint]
         for rough in terms.roughly(joint):
             count += 1
             if not by_run and rough.count > COARSE:
@@ -129,7 +121,7 @@ def try_generic(
                 continue
             candidate = _scale(terms.exactly(rough), sigma)
             if _gain(assembly, candidate) >= least:
-                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), flips))
+                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), policy))
     return weighed, max(1.0, count / max(len(weighed), 1))
 
 
@@ -138,7 +130,7 @@ def weigh_generic(
 ) -> list[Evidence]:
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
     policy, by_run = search.policy, assembly.layout.folds.by_run
-    weighed, tried = try_generic(terms, assembly, joints, policy.unknown_share, search.flips)
+    weighed, tried = try_generic(terms, assembly, joints, policy)
     weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
     return [
         replace(
@@ -162,11 +154,11 @@ def _gain(assembly: Assembly, candidate: Candidate) -> float:
     return float(assembly.add(assembly.sum_products(candidate)).gain[0])
 
 
-def choose_plainest(able: list[Evidence]) -> Evidence:
+def choose_plainest(able: list[Evidence], policy: Policy) -> Evidence:
     """The generic term that gains most, with as few hat functions as do as well."""
     best = max(able, key=lambda e: e.gain)
     like = [e for e in able if e.term.shape[:3] == best.term.shape[:3] and e.joint == best.joint]
-    return min((e for e in like if not rule.separates(best, e)), key=lambda e: len(e.beta))
+    return min((e for e in like if not rule.separates(best, e, policy)), key=lambda e: len(e.beta))
 
 
 def explain_rest(
@@ -191,8 +183,11 @@ def explain_rest(
         taken = []
         for joint in list(joints):
             here = [e for e in able if e.joint == joint]
-            if here and sum(f.joint == joint and f.effect.empirical for f in found) < _MOST:
-                taken.append(choose_plainest(here))
+            if (
+                here
+                and sum(f.joint == joint and f.effect.empirical for f in found) < search.policy.most_terms
+            ):
+                taken.append(choose_plainest(here, search.policy))
             else:
                 joints.remove(joint)
                 rest = [e for e in weighed if e.joint == joint and is_structure(search, e)]
@@ -219,10 +214,12 @@ def explain_rest(
 
 def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
     """The terms found without doubted names, where structure that cannot be added explains as much."""
-    if min(e.share, e.fitted) < _PLAINLY or e.agreement < 1.0:
+    if min(e.share, e.fitted) < search.policy.beyond_chance or e.agreement < 1.0:
         return found
     added = Found(e.chosen, e)
-    sure = {id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= _DOUBTED}
+    sure = {
+        id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= search.policy.beyond_doubt
+    }
     kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen), *sure})
     return [f for f in kept if f is not added]
 
@@ -233,16 +230,20 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     Of a single run, which cannot give a generic term, such a name is dropped.
     """
     for f in list(found):
-        if f.effect.standard or f.evidence.share >= _DOUBTED or not any(k is f for k in found):
+        if (
+            f.effect.standard
+            or f.evidence.share >= search.policy.beyond_doubt
+            or not any(k is f for k in found)
+        ):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
         able = [e for e in weighed if e.refusal in (Refusal.NONE, Refusal.ALONE)]
         if not able:
             continue
-        e = choose_plainest(able)
+        e = choose_plainest(able, search.policy)
         own = search.weigh_again(beside, f)
-        if e.gain > _CLEARLY * own.gain and rule.separates(e, own):
+        if rule.separates(e, own, search.policy):
             alone = e.refusal is Refusal.ALONE
             what = "dropped: structure without a name" if alone else "replaced by unknown structure"
             search.progress(f"{f.evidence.term.label} is {what}")
@@ -260,11 +261,12 @@ def is_slow(e: Evidence) -> bool:
 
 def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
+    policy = search.policy
     gain, error = rule.summed(-e.change)
-    held_out = e.share >= search.policy.unknown_share and gain > _OUTSIDE * error
+    held_out = e.share >= policy.large_share and gain > policy.unexpected * error
     return (
         # Runs of different kinds may disagree on the form of what most of the loss is.
-        (held_out or (e.fitted >= _PLAINLY and not is_slow(e)))
-        and e.p_value <= search.policy.unknown_level
+        (held_out or (e.fitted >= policy.beyond_chance and not is_slow(e)))
+        and e.p_value <= policy.unknown_level
         and e.refusal is not Refusal.NONE
     )

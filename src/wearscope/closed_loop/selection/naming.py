@@ -18,8 +18,6 @@ from wearscope.closed_loop.selection.search import Search
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
 #: Difference of losses, of the largest, below which two alternatives are the same.
 _SAME = 1e-9
-#: Share of the best alternative's gain below which one is not compared.
-_NEAR = 0.7
 #: What may stand beside a name although it may not give it.
 _OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
 
@@ -50,7 +48,9 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
         inside = {apart[k] for k in map(int, np.asarray(test.included))}
     # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
     best = max(evidence, key=lambda e: e.gain)
-    return [e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e)]
+    return [
+        e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e, policy)
+    ]
 
 
 def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:
@@ -77,10 +77,14 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         weighed.sort(key=lambda e: -e.gain)
         able = [e for e in weighed if e.refusal is Refusal.NONE and rule.gains_there(e, own)]
         best = max([own.gain, *(e.gain for e in able)])
-        near = [e for e in weighed if e.refusal in _OPEN and e.gain > _NEAR * best and not _is_same(e, own)]
+        near = [
+            e
+            for e in weighed
+            if e.refusal in _OPEN and e.gain > search.policy.beyond_doubt * best and not _is_same(e, own)
+        ]
         near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
-        able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE])
+        able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
         opposing = [e for e in able if opposes_gravity(search.problem, e)]
         name = rule.simplest(able, opposing) if able and not f.effect.standard else own
         found = [Found(name.chosen, name) if k is f else k for k in found]

@@ -22,20 +22,71 @@ class Policy(BaseModel):
     changes the joint's RMS error by less than 3 %, which nobody would act on."""
 
     material_torque: float = Field(0.001, ge=0, lt=1)
-    """Least RMS of a term's torque over that of the joint's torque: the accuracy of filters, derivatives and
-    of an encoder's clock lies below it."""
+    """Least RMS of what a term gives the torque, and no other term of the model could, over that of the
+    joint's torque: the accuracy of filters, derivatives and of an encoder's clock lies below it."""
 
     material_whole: float = Field(0.01, ge=0, lt=1)
     """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
-    times its size, a further one is more often the first one's form, which no machine follows exactly."""
+    times its size, a further one is more often the first one's form, which no machine follows exactly.
+    Rotor inertia, Coulomb and viscous, which every drive has, need remove no more than this of what the model
+    leaves, nor need an offset before other names are asked for; and two terms are not told apart by less of
+    what the better one leaves."""
 
-    standard_share: float = Field(0.01, ge=0, lt=1)
-    """The same as `material_share` for rotor inertia, Coulomb, viscous and offset, which every joint may be
-    expected to have."""
+    material_alone: float = Field(0.025, ge=0, lt=1)
+    """`material_whole` where a single run was recorded: its parts have its motion in common, along which one
+    form passes for another more easily."""
+
+    large_share: float = Field(0.1, ge=0, lt=1)
+    """As `material_share`, for the generic term, of what the model and the standard model leave: an effect's
+    form may differ from its name's by as much. Plain friction that removes as much is kept where it gains in
+    most of the runs, and no drift is asked about."""
 
     agreeing: float = Field(0.8, ge=0, le=1)
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
     predicts better when they are held out: of up to four, all."""
+
+    informing: float = Field(0.05, gt=0, lt=0.5)
+    """Share of the information on a term from which a run (part) is asked whether it agrees: with less it
+    gains or loses by chance. Where one recording holds all but this share, that one shows the term alone."""
+
+    beyond_chance: float = Field(0.5, gt=0)
+    """Share of the loss, held out and on the rows that are fitted, that no chance removes in each of three
+    runs or more: random signs, which cannot show what lies in a few blocks (a lost motion, a reversal), are
+    then not asked. What explains as much is there, whether or not held-out runs agree on its form."""
+
+    beyond_doubt: float = Field(0.7, gt=0)
+    """The same in two runs, and in parts of a single one, which resemble each other more than runs do. A name
+    that removes less is given up where a generic term in its place does better, and what gains less than this
+    share of the best alternative does not stand beside a name."""
+
+    fewest_blocks: float = Field(4.0, ge=0)
+    """Fewest blocks, effectively, that the evidence from a single run may lie in: fewer are one event,
+    which nothing repeats."""
+
+    cancels: float = Field(12.0, gt=1)
+    """Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's
+    torque: beyond, columns cancel each other, or other terms."""
+
+    told_apart: float = Field(2.0, gt=0)
+    """Standard errors by which a sum over held-out blocks is told from noise (as far out in Student's t):
+    one in 40 of noise lies beyond."""
+
+    unexpected: float = Field(3.0, gt=0)
+    """The same for what a joint need not have, whatever is asked of it there: rotor inertia, an offset,
+    structure that cannot be added. One in 700 of noise lies beyond."""
+
+    alike: float = Field(1.5, ge=1)
+    """Factor within which two sizes of one thing are alike: errors (RMS) on the rows that are fitted of terms
+    that held-out runs do not tell apart; a delay with and without a joint's reversals; the test runs' error
+    and the training runs', from which a model does not carry over to other motions."""
+
+    away: float = Field(0.2, gt=0, lt=1)
+    """Share of a joint's largest speed above which it is away from its reversals, whose width is a few per
+    cent of that; and of its rows that must be, so that a delay can be asked of them alone."""
+
+    zero_level: float = Field(0.05, gt=0, le=1)
+    """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own
+    95 % interval does then not tell it from nothing."""
 
     set_level: float = Field(0.1, gt=0, lt=1)
     """One minus the coverage of the set of names (model confidence set)."""
@@ -43,11 +94,13 @@ class Policy(BaseModel):
     unknown_level: float = Field(0.001, gt=0, lt=1)
     """As `family_level`, for the generic term, which can be anything."""
 
-    unknown_share: float = Field(0.1, ge=0, lt=1)
-    """As `material_share`, for the generic term."""
+    structure_share: float = Field(0.2, gt=0, lt=1)
+    """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
+    where trees predict it, it repeats or it is a line: less is a tenth of the RMS error."""
 
     most_terms: int = Field(8, ge=1)
-    """Most named terms of a joint, standard ones not counted; reaching it is said in the verdict."""
+    """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in
+    the verdict."""
 
     flips: int = Field(999, ge=99)
     """Random sign patterns; the least p-value is one over them."""

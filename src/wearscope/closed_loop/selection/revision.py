@@ -12,11 +12,9 @@ from wearscope.closed_loop.selection.found import Found
 if TYPE_CHECKING:
     from wearscope.closed_loop.selection.search import Search
 
-#: Sine of the angle to the other terms below which a standard term stays beside errors of bodies.
-_IMITATED = 0.05
-#: Share of a term's gain from which what could stand in its place is refined; share of its gain on the rows
-#: that are fitted below which nothing can.
-_NEAR, _HOPELESS = 0.5, 0.4
+#: Share of the best term's gain from which another one's shape is refined before they are compared; share of
+#: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
+NEAR, HOPELESS = 0.5, 0.4
 #: What is said of a term that stays unless another one is better.
 _KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 
@@ -34,11 +32,8 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
         others = absorb(search, f, [k for k in found if k is not f])
         beside = search.assemble(others, f.effect.standard)
         if f.effect.standard:
-            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.flips)
-            # What bodies that are fitted can imitate is no worse for that: the plainer one comes first.
-            imitated = own.sine < _IMITATED and any(k.effect.spread for k in others)
-            imitated = imitated and find_whole(f, others) is None
-            stays = imitated or (is_refined(search, f, others) and search.is_believable(own))
+            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
+            stays = is_refined(search, f, others) and search.is_believable(own)
             if not stays and not search.is_needed(beside, own):
                 search.progress(f"{own.term.label} is dropped: not needed beside the others")
                 found = others
@@ -110,11 +105,11 @@ def ask_again(
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
-        near = [e for e in able if e.gain > _NEAR * own.gain and rule.gains_there(e, own)]
-        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)])
+        near = [e for e in able if e.gain > NEAR * own.gain and rule.gains_there(e, own)]
+        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)], search.policy)
         if chosen is None or chosen is own:
             return Found(f.chosen, own)
-        better = chosen.complexity < own.complexity or rule.separates(chosen, own)
+        better = chosen.complexity < own.complexity or rule.separates(chosen, own, search.policy)
         if chosen.term.effect is f.effect or (better and not search.drifts(beside, chosen)):
             return Found(chosen.chosen, chosen)
         return Found(f.chosen, own)
@@ -133,7 +128,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
         if f.effect.standard:
             needed = search.is_needed(beside, own)
         elif f.effect.empirical:
-            needed = own.share >= search.policy.unknown_share
+            needed = own.share >= search.policy.large_share
         else:
             needed = search.judge(own) is Refusal.NONE
         if not needed:
@@ -150,7 +145,7 @@ def restore_friction(search: "Search", found: list[Found], joints: Collection[in
             if not candidate.effect.is_plain_friction:
                 continue
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-            own = weigh(beside, candidate, subset, search.flips)
+            own = weigh(beside, candidate, subset, search.policy)
             if search.is_needed(beside, own):
                 search.progress(f"{own.term.label}: needed beside unknown structure")
                 found = [*found, Found(own.chosen, own)]
@@ -169,5 +164,5 @@ def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float
     Both on the rows that they are fitted on: what is held out of a few runs can lie far beyond the others.
     """
     sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
-    least = _HOPELESS * float(assembly.add(sums).gain.max())
+    least = HOPELESS * float(assembly.add(sums).gain.max())
     return lambda _: least

@@ -21,7 +21,7 @@ from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.revision import revise
+from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -30,10 +30,6 @@ from wearscope.effects.base import MeasurementEffect
 
 #: Most passes of the revision.
 _PASSES = 3
-#: Share of the best term's gain from which another one's shape is refined before they are compared.
-_NEAR = 0.5
-#: Share of the gain asked for that a candidate must reach on the rows that it is fitted on to be weighed.
-_HOPELESS = 0.4
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
 
@@ -120,7 +116,7 @@ class Search:
                     sums = sums or assembly.sum_products(candidate)
                     if float(assembly.add(sums.select(subset)).gain.max()) < least(candidate):
                         continue
-                    self._weighed[key] = weigh(assembly, candidate, subset, self.flips, sums)
+                    self._weighed[key] = weigh(assembly, candidate, subset, self.policy, sums)
                 weighed.append(self._weighed[key])
         more = count / max(len(weighed), 1)
         weighed = [replace(e, tried=e.tried * more) for e in weighed]
@@ -186,7 +182,7 @@ class Search:
         return (
             self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and (rule.is_plain(e) or not self.drifts(beside, e))
+            and (rule.is_plain(e, self.policy) or not self.drifts(beside, e))
         )
 
     def extend(self, found: list[Found]) -> list[Found]:
@@ -211,8 +207,8 @@ class Search:
         losses, policy = assembly.sample_losses, self.policy
 
         def least(candidate: Candidate) -> float:
-            share = policy.standard_share if candidate.effect.standard else policy.material_share
-            return _HOPELESS * share * float(losses[list(candidate.joints)].min())
+            share = policy.material_whole if candidate.effect.standard else policy.material_share
+            return HOPELESS * share * float(losses[list(candidate.joints)].min())
 
         return least
 
@@ -236,15 +232,15 @@ class Search:
 
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
-        able = sorted(able, key=lambda e: -e.gain)
-        while able and (self.drifts(assembly, able[0]) or self.is_of_reversals(assembly, able[0])):
+        able = every = sorted(able, key=lambda e: -e.gain)
+        while able and (self.is_drift(assembly, able[0], every) or self.is_of_reversals(assembly, able[0])):
             able = able[1:]
         if not able:
             return None
         best = able[0]
-        near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > _NEAR * best.gain)]
+        near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > NEAR * best.gain)]
         near = [self.refine(assembly, e) for e in near]
-        chosen = rule.choose(near)
+        chosen = rule.choose(near, self.policy)
         if (
             chosen is not None
             and chosen.term.effect is not best.term.effect
@@ -253,10 +249,16 @@ class Search:
             return near[0]
         return chosen
 
+    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence]) -> bool:
+        """Whether a drift explains a term, or one among others that it contains and is not told from."""
+        inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
+        tied = [o for o in inside if not rule.separates(e, o, self.policy)]
+        return any(self.drifts(assembly, one) for one in (*tied, e))
+
     def drifts(self, assembly: Assembly, e: Evidence) -> bool:
         """Whether a drift of what a term leaves explains it as well."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
-        if not effect.empirical and rule.is_beyond_chance(e, self.problem.layout.folds.by_run):
+        if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
         kinds = (
@@ -271,23 +273,26 @@ class Search:
         effect, joint = e.term.effect, e.joint
         if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
             return False
-        fast = rule.find_fast(self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint])
+        speed, kept = self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint]
+        fast = rule.find_fast(speed, kept, self.policy)
         if fast is None:
             return False
         layout = assembly.layout.restrict(joint, fast)
         away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
-        return not rule.is_alike(e, weigh(away, e.chosen.candidate, e.chosen.subset, self.flips))
+        other = weigh(away, e.chosen.candidate, e.chosen.subset, self.policy)
+        return not rule.is_alike(e, other, self.policy)
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
-        """The same term at its best continuous shape, its significance kept."""
-        return refine(self.problem, assembly, e, self.flips)
+        """The same term at its best continuous shape that is believable, its significance kept."""
+        refined = refine(self.problem, assembly, e, self.policy)
+        return e if self.judge(refined) is Refusal.BOUNDS else refined
 
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
 
         Gains of different scales must not be compared.
         """
-        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.flips)
+        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
         return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:

@@ -8,10 +8,11 @@ from scipy import optimize
 from wearscope.closed_loop.model.candidates import Candidate, make_candidate
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 
 
-def refine(problem: Problem, assembly: Assembly, e: Evidence, flips: np.ndarray) -> Evidence:
+def refine(problem: Problem, assembly: Assembly, e: Evidence, policy: Policy) -> Evidence:
     """The same term at its best continuous shape, its significance kept.
 
     Parameters
@@ -20,8 +21,7 @@ def refine(problem: Problem, assembly: Assembly, e: Evidence, flips: np.ndarray)
     assembly : Assembly
         The model beside which it was weighed.
     e : Evidence
-    flips : ndarray (F, B)
-        Random signs of the blocks.
+    policy : Policy
     """
     effect, candidate = e.term.effect, e.chosen.candidate
     if effect.search is None or effect.name_driver is not None:
@@ -34,7 +34,7 @@ def refine(problem: Problem, assembly: Assembly, e: Evidence, flips: np.ndarray)
     shape = np.array(candidate.shapes[0])
     for k in order:
         shape[k] = _refine_one(problem, assembly, e, shape, k, grid[:, k])
-    finer = weigh(assembly, _shape(problem, e, shape), e.chosen.subset, flips)
+    finer = weigh(assembly, _shape(problem, e, shape), e.chosen.subset, policy)
     if finer.gain <= e.gain:
         return e
     return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)

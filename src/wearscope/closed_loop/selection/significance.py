@@ -1,14 +1,18 @@
 """Significance by random signs of blocks: one statistic, one distribution, one correction for all tried."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
 
 
+@lru_cache(maxsize=2)
 def make_flips(count: int, blocks: int, seed: int) -> np.ndarray:
-    """Random signs (count, blocks)."""
-    return np.random.default_rng(np.random.SeedSequence([seed, blocks])).choice([-1.0, 1.0], (count, blocks))
+    """Random signs (count, blocks), the same array whenever they are asked for; read only."""
+    signs = np.random.default_rng(np.random.SeedSequence([seed, blocks])).choice([-1.0, 1.0], (count, blocks))
+    signs.flags.writeable = False
+    return signs
 
 
 def flip_scores(scores: np.ndarray, inner: np.ndarray, flips: np.ndarray) -> tuple[float, np.ndarray]:

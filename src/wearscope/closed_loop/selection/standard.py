@@ -34,7 +34,7 @@ def find_standard(search: "Search") -> list[Found]:
             every = (*problem.base, *others)
             reach = find_reach(every, chosen.candidate)
             beside = Assembly(problem.layout.for_standard, problem.target, every, search.sigma, reach)
-            e = weigh(beside, chosen.candidate, chosen.subset, search.flips)
+            e = weigh(beside, chosen.candidate, chosen.subset, search.policy)
             evidence[id(chosen)] = e
             if (
                 not chosen.candidate.effect.is_plain_friction
