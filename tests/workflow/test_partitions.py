@@ -73,7 +73,7 @@ def test_what_is_said_of_all_robots_reads_no_table_of_all_robots(clone):
 
 @pytest.mark.slow
 def test_tables_of_a_divided_study_are_those_of_the_whole(clone):
-    asked = ("scope", "snr", "sensitivity", "validate", "conclusion")
+    asked = ("test_quantities", "surrogates", "validate", "scope", "snr", "sensitivity", "conclusion")
     for name in ("whole", "divided"):
         clones.run_well(clone, *asked, study=f"{name}.yaml")
     conclusions = [(clone / f"results/{name}/conclusion.json").read_text() for name in ("whole", "divided")]
