@@ -41,7 +41,8 @@ _LARGEST, _LEAST = 0.999, 1.0
 _WITHOUT = {
     "agreeing": 0.0, "alike": float("inf"), "beyond_chance": float("inf"),
     "beyond_doubt": Policy().beyond_chance, "fewest_blocks": 0.0, "large_share": Policy().material_share,
-    "material_alone": Policy().material_whole, "material_torque": 0.0, "material_whole": 0.0,
+    "material_alone": Policy().material_whole, "material_apart": 0.0, "material_torque": 0.0,
+    "material_whole": 0.0,
     "unexpected": Policy().told_apart, "unknown_level": Policy().family_level, "zero_level": 1.0,
 }  # fmt: skip
 

@@ -116,7 +116,8 @@ def test_accepted_data_are_taken_as_they_are(arm, tmp_path):
     edit(folder, scale("tau_shoulder", -1.0), accept=["sign tau_shoulder"])
     as_it_is, turned = check(arm), check(folder)
     for run, other in zip(as_it_is.runs, turned.runs, strict=True):
-        np.testing.assert_allclose(other.measured[:, 1], -run.measured[:, 1])
+        # But for what stands in for rests, where the rigid body's factor is held about one, not minus one.
+        np.testing.assert_allclose(other.measured[:, 1], -run.measured[:, 1], rtol=1e-4)
         np.testing.assert_array_equal(other.measured[:, [0, 2]], run.measured[:, [0, 2]])
 
 

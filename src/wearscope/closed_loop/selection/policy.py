@@ -29,8 +29,7 @@ class Policy(BaseModel):
     """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
     times its size, a further one is more often the first one's form, which no machine follows exactly.
     Rotor inertia, Coulomb and viscous, which every drive has, need remove no more than this of what the model
-    leaves, nor need an offset before other names are asked for; and two terms are not told apart by less of
-    what the better one leaves."""
+    leaves, nor need an offset before other names are asked for."""
 
     material_alone: float = Field(0.025, ge=0, lt=1)
     """`material_whole` where a single run was recorded: its parts have its motion in common, along which one
@@ -70,6 +69,10 @@ class Policy(BaseModel):
     told_apart: float = Field(2.0, gt=0)
     """Standard errors by which a sum over held-out blocks is told from noise (as far out in Student's t):
     one in 40 of noise lies beyond."""
+
+    material_apart: float = Field(0.02, ge=0, lt=1)
+    """Least share of what the better of two terms leaves of the held-out loss by which they are told apart:
+    forms that are alike but for what a reversal does differ by as much through the reversal's own form."""
 
     unexpected: float = Field(3.0, gt=0)
     """The same for what a joint need not have, whatever is asked of it there: rotor inertia, an offset,

@@ -128,7 +128,7 @@ def separates(better: Evidence, worse: Evidence, policy: Policy) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
     critical = find_critical(policy.told_apart, min(better.blocks, worse.blocks))
-    return difference > max(critical * error, policy.material_whole * better.left)
+    return difference > max(critical * error, policy.material_apart * better.left)
 
 
 def find_critical(errors: float, blocks: float) -> float:
