@@ -220,9 +220,9 @@ def test_sum_and_error_are_those_of_the_blocks_that_are_held_out():
 
 def test_terms_are_told_apart_materially_and_outside_their_noise():
     best = evidence(gain=40.0, noise=0.0)
-    # One in a hundred of what the better one leaves, 60, is 0.6.
-    assert not rule.separates(best, evidence(gain=39.5, noise=0.0), POLICY)
-    assert rule.separates(best, evidence(gain=39.3, noise=0.0), POLICY)
+    # Two in a hundred of what the better one leaves, 60, are 1.2.
+    assert not rule.separates(best, evidence(gain=38.9, noise=0.0), POLICY)
+    assert rule.separates(best, evidence(gain=38.7, noise=0.0), POLICY)
     # A standard error of the difference of 1 x sqrt(40) x 40/39 ...: 10 lies within two of them.
     assert not rule.separates(best, evidence(gain=30.0, noise=1.0), POLICY)
     assert rule.separates(best, evidence(gain=25.0, noise=1.0), POLICY)
