@@ -494,3 +494,19 @@ def drawn_files(folder):
     """Models that a closed loop draws beside those before and after."""
     paths = [drawn_path(stage, k + 1) for stage in ("before", "after") for k in range(STUDY.reevaluate.draws)]
     return [f"{folder}/{path}" for path in paths]
+
+
+def partition_code():
+    """Source files that what a partition makes depends on, each once: a plan of many jobs is made of them."""
+    scripts = [
+        "run_partition",
+        "choose_surrogates",
+        "compute_scope",
+        "compute_snr",
+        "validate_surrogates",
+        "make_overview",
+        "write_report",
+    ]
+    files = [file for script in scripts for file in code(script)]
+    files += code("simulate_points", *cycle_files()) + code("compute_test_quantities", *detector_files())
+    return list(dict.fromkeys(files))

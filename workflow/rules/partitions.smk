@@ -13,22 +13,6 @@ PARTITION_TABLES = [
 ]
 
 
-def partition_code():
-    """Source files that what a partition makes depends on, each once: a plan of many jobs is made of them."""
-    scripts = [
-        "run_partition",
-        "choose_surrogates",
-        "compute_scope",
-        "compute_snr",
-        "validate_surrogates",
-        "make_overview",
-        "write_report",
-    ]
-    files = [file for script in scripts for file in code(script)]
-    files += code("simulate_points", *cycle_files()) + code("compute_test_quantities", *detector_files())
-    return list(dict.fromkeys(files))
-
-
 #: Partition of each robot.
 PARTITION_OF = {label(robot): part for part, one in PARTITIONS.items() for robot in one.robots}
 
