@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from scipy import signal
 
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
@@ -59,14 +60,26 @@ def bend_gear(effect, joint, values, load, q, t) -> tuple[np.ndarray, np.ndarray
     return motor, speed, differentiate(speed, 1.0 / (t[1] - t[0]))
 
 
+def answer_disturbance(rng, t, size, frequency=4.0) -> tuple[np.ndarray, np.ndarray]:
+    """Torque (N, 2) that disturbs both joints, and what they move by in position loops of a frequency."""
+    rate = 1.0 / (t[1] - t[0])
+    colour = signal.butter(2, 20.0, fs=rate)
+    torque = size * signal.lfilter(*colour, rng.standard_normal((len(t), 2)), axis=0) * np.sqrt(rate / 40.0)
+    w, stiff = 2 * np.pi * frequency, INERTIA * (2 * np.pi * frequency) ** 2
+    loop = signal.bilinear([w**2], [1.0, 1.4 * w, w**2], rate)
+    return torque, signal.lfilter(*loop, torque / stiff, axis=0)
+
+
 def write_dataset(
     folder: Path, planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5,
     noise=1.0, extra_torque=None, duration=12.0, rate=200.0, warm=True, fields=None, robot=None, repeat=False,
+    disturbance=0.0,
 ) -> Path:  # fmt: skip
     """Write a data set with planted effects [(joint index, effect, values)] and return its folder.
 
-    `extra_torque(t, q, v, a, rng)` gives further torque (N, 2); `warm` records temperatures; `fields` and
-    `robot` are further entries of ``dataset.yaml``; `repeat` makes the second run follow the first.
+    `extra_torque(t, q, v, a, rng)` gives further torque (N, 2); `disturbance` is the size of one that
+    the joints' position loops answer; `warm` records temperatures; `fields` and `robot` are further entries
+    of ``dataset.yaml``; `repeat` makes the second run follow the first.
     """
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(URDF)
@@ -77,6 +90,12 @@ def write_dataset(
         t = np.arange(int(duration * rate)) / rate
         drawn = draw_motion(rng, t)
         q, v, a = draw_motion(np.random.default_rng([seed, 0]), t) if repeat and r == 1 else drawn
+        disturbing = np.zeros_like(q)
+        if disturbance:
+            disturbing, answer = answer_disturbance(rng, t, disturbance)
+            q = q + answer
+            v = differentiate(q, rate)
+            a = differentiate(v, rate)
         load = body.inverse_dynamics(q, v, a)
         temperature = np.tile((25.0 + 8 * r + 3 * t / duration)[:, None], (1, 2))
         signals = Signals(t, q, v, a, np.sign(v), load, temperature, np.zeros_like(q), body)
@@ -93,6 +112,8 @@ def write_dataset(
                 tau = tau + added
             else:
                 tau[:, joint] += added
+        # What a motor's loop gives is short of what disturbs the joint.
+        tau = tau - disturbing
         if extra_torque is not None:
             tau = tau + extra_torque(t, q, v, a, rng)
         tau = tau + noise * NOISE * rng.standard_normal(q.shape)

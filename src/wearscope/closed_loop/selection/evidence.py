@@ -10,7 +10,13 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.significance import adjust, flip_scores, make_flips, score_chance
+from wearscope.closed_loop.selection.significance import (
+    adjust,
+    find_critical,
+    flip_scores,
+    make_flips,
+    score_chance,
+)
 
 
 class Refusal(Enum):
@@ -60,6 +66,8 @@ class Evidence:
         Family-wise, over all candidates scored together.
     agreement : float
         Share of the informing runs (parts) that gain when held out.
+    opposed : bool
+        Whether one of them loses more than its blocks' noise.
     informing : int
         How many of them there are.
     sine : float
@@ -90,6 +98,7 @@ class Evidence:
     statistic: float
     chance: np.ndarray
     agreement: float
+    opposed: bool
     informing: int
     sine: float
     blocks: float
@@ -155,7 +164,7 @@ def weigh(
     chance = _odds(flipped, sample)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
-    gain_by_part = -np.bincount(parts, np.nan_to_num(change))
+    gain_by_part, error_by_part = sum_by_part(-change, parts, policy)
     informs = by_part > policy.informing * max(by_part.sum(), 1e-300)
     whole = float(np.sqrt(max(beta @ own @ beta, 1e-300)))
     rows = chosen.rows[candidate.joints.index(joint)] @ beta
@@ -174,6 +183,7 @@ def weigh(
         statistic=float(score_chance(_odds(np.asarray(observed), sample), chance)),
         chance=score_chance(chance, chance),
         agreement=float(np.mean(gain_by_part[informs] > 0.0)) if informs.any() else 0.0,
+        opposed=bool((gain_by_part < -error_by_part)[informs].any()),
         informing=int(informs.sum()),
         sine=float(np.sqrt(max(beta @ inner @ beta, 0.0))) / whole,
         blocks=float(information.sum() ** 2 / max((information**2).sum(), 1e-300)),
@@ -183,6 +193,27 @@ def weigh(
         alone=alone,
         overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
     )
+
+
+def sum_by_part(values: np.ndarray, parts: np.ndarray, policy: Policy) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of blocks' values (B,) by part, and how far noise of so few blocks takes them from nothing.
+
+    Parameters
+    ----------
+    values : ndarray (B,)
+        NaN where a block does not count.
+    parts : ndarray (B,) of int
+    policy : Policy
+        Whose `told_apart` standard errors are meant, as far out in Student's t.
+    """
+    held = np.isfinite(values)
+    which, own = parts[held], values[held]
+    size = parts.max() + 1
+    count = np.bincount(which, minlength=size)
+    total = np.bincount(which, own, size)
+    free = np.maximum(count - 1.0, 1.0)
+    spread = np.maximum(np.bincount(which, own**2, size) - total**2 / np.maximum(count, 1), 0.0) / free
+    return total, find_critical(policy.told_apart, count) * np.sqrt(count * spread)
 
 
 def overturns_friction(

@@ -42,7 +42,8 @@ class Policy(BaseModel):
 
     agreeing: float = Field(0.8, ge=0, le=1)
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
-    predicts better when they are held out: of up to four, all."""
+    predicts better when they are held out: of up to four, all. Parts of a single run must not lose more than
+    their noise besides."""
 
     informing: float = Field(0.05, gt=0, lt=0.5)
     """Share of the information on a term from which a run (part) is asked whether it agrees: with less it
@@ -85,7 +86,8 @@ class Policy(BaseModel):
 
     away: float = Field(0.2, gt=0, lt=1)
     """Share of a joint's largest speed above which it is away from its reversals, whose width is a few per
-    cent of that; and of its rows that must be, so that a delay can be asked of them alone."""
+    cent of that; of its rows that must be, so that a delay can be asked of them alone; and of the common
+    cut-off, below which it is away from the frequencies at which a position loop answers noise."""
 
     zero_level: float = Field(0.05, gt=0, le=1)
     """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own

@@ -100,13 +100,14 @@ def ask_again(
     offered = search.candidates(beside, others, sorted({*joints, n - 1}))
     offered = [c for c in offered if set(c.joints) & set(joints)]
     refused = search.judge(own)
-    keeps = refused in keeping
+    keeps = refused in keeping and search.is_delay(beside, own)
     least = match_gain(beside, own) if keeps else search.find_least(beside)
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
         near = [e for e in able if e.gain > NEAR * own.gain and rule.gains_there(e, own)]
-        chosen = rule.choose([own, *(search.refine(beside, e) for e in near)], search.policy)
+        near = [search.refine(beside, e) for e in near if search.is_delay(beside, e)]
+        chosen = rule.choose([own, *near], search.policy)
         if chosen is None or chosen is own:
             return Found(f.chosen, own)
         better = chosen.complexity < own.complexity or rule.separates(chosen, own, search.policy)

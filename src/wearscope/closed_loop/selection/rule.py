@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy import stats
 
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.significance import find_critical
 
 
 def judge(
@@ -54,11 +54,18 @@ def judge(
         return Refusal.SMALL
     if not e.p_value <= level and not is_beyond_chance(e, policy, by_run):
         return Refusal.CHANCE
-    # Parts of one run resemble each other more than runs do: all must agree. More than all of its joint's
-    # loss is gained at other joints, whose model runs away where a run is held out.
-    if not e.agreement >= (policy.agreeing if by_run else 1.0) or (generic and e.share > 1.0):
+    # More than all of its joint's loss is gained at others, whose model runs away where a run is held out.
+    if not agrees(e, policy, by_run) or (generic and e.share > 1.0):
         return Refusal.DISAGREES
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
+
+
+def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
+    """Whether most runs are predicted better, of parts of one run, which resemble each other more, all.
+
+    But for noise: a part that loses no more than its blocks' noise does not speak against a term.
+    """
+    return e.agreement >= policy.agreeing and (by_run or not e.opposed)
 
 
 def is_own(e: Evidence, policy: Policy) -> bool:
@@ -84,9 +91,8 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """
     gain, error = summed(-e.change)
     errors = policy.told_apart if e.term.effect.is_plain_friction else policy.unexpected
-    agrees = e.agreement >= (policy.agreeing if by_run else 1.0)
     beyond = min(e.share, e.fitted) >= policy.beyond_chance and e.agreement == 1.0
-    sure = agrees and (gain > errors * error or beyond)
+    sure = agrees(e, policy, by_run) and (gain > errors * error or beyond)
     likely = is_plain(e, policy) and e.agreement > 0.5
     return is_own(e, policy) and e.share >= policy.material_whole and (sure or likely)
 
@@ -109,13 +115,12 @@ def find_fast(speed: np.ndarray, kept: np.ndarray, policy: Policy) -> np.ndarray
     return fast if np.mean(fast[kept]) >= policy.away else None
 
 
-def is_alike(e: Evidence, other: Evidence, policy: Policy) -> bool:
-    """Whether a delay is the same away from reversals, within a factor.
+def is_alike(delay: float, other: float, policy: Policy) -> bool:
+    """Whether a delay is the same in a part of the torque, within a factor.
 
     Reversals may hide more of one that is there than it may lose away from them: its square.
     """
-    ratio = float(other.beta[0]) / float(e.beta[0])
-    return 1.0 / policy.alike <= ratio <= policy.alike**2
+    return 1.0 / policy.alike <= other / delay <= policy.alike**2
 
 
 def summed(values: np.ndarray) -> tuple[float, float]:
@@ -127,16 +132,8 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 def separates(better: Evidence, worse: Evidence, policy: Policy) -> bool:
     """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
-    critical = find_critical(policy.told_apart, min(better.blocks, worse.blocks))
+    critical = float(find_critical(policy.told_apart, min(better.blocks, worse.blocks)))
     return difference > max(critical * error, policy.material_apart * better.left)
-
-
-def find_critical(errors: float, blocks: float) -> float:
-    """Standard errors from which a sum is told from noise, where so many blocks inform on it effectively.
-
-    As far out in Student's t with as many degrees of freedom, less one, as `errors` are in normal noise.
-    """
-    return float(stats.t.ppf(stats.norm.cdf(errors), max(blocks - 1.0, 1.0)))
 
 
 def touches(a: Evidence, b: Evidence) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
+from wearscope.closed_loop.selection.delays import is_delay
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
@@ -26,7 +27,7 @@ from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.closed_loop.selection.whitening import drift_p_value
-from wearscope.effects.base import MeasurementEffect
+from wearscope.effects.base import Effect
 
 #: Most passes of the revision.
 _PASSES = 3
@@ -232,8 +233,8 @@ class Search:
 
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
-        able = every = sorted(able, key=lambda e: -e.gain)
-        while able and (self.is_drift(assembly, able[0], every) or self.is_of_reversals(assembly, able[0])):
+        able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
+        while able and self.is_drift(assembly, able[0], every):
             able = able[1:]
         if not able:
             return None
@@ -261,26 +262,20 @@ class Search:
         if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
-        kinds = (
-            len(effect.shapes(self.problem.joined, e.joint))
-            if effect.empirical
-            else len(self.problem.effects)
-        )
+        kinds = self.count_kinds(effect, e.joint)
         return kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
 
-    def is_of_reversals(self, assembly: Assembly, e: Evidence) -> bool:
-        """Whether what delays a joint's whole torque is another thing where the joint does not reverse."""
-        effect, joint = e.term.effect, e.joint
-        if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
-            return False
-        speed, kept = self.problem.at_rows("v")[:, joint], assembly.layout.keep[:, joint]
-        fast = rule.find_fast(speed, kept, self.policy)
-        if fast is None:
-            return False
-        layout = assembly.layout.restrict(joint, fast)
-        away = Assembly(layout, assembly.target, assembly.chosen, assembly.sigma)
-        other = weigh(away, e.chosen.candidate, e.chosen.subset, self.policy)
-        return not rule.is_alike(e, other, self.policy)
+    def count_kinds(self, effect: Effect, joint: int) -> int:
+        """How many are asked of its kind: shapes of the generic term, what every drive has, or all names."""
+        if effect.empirical:
+            return len(effect.shapes(self.problem.joined, joint))
+        if effect.is_in_every_drive:
+            return sum(other.is_in_every_drive for other in self.problem.effects)
+        return len(self.problem.effects)
+
+    def is_delay(self, assembly: Assembly, e: Evidence) -> bool:
+        """Whether a term that delays its joint's torque does so everywhere alike; True of other terms."""
+        return is_delay(assembly, e, self.problem.at_rows("v")[:, e.joint], self.policy)
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape that is believable, its significance kept."""

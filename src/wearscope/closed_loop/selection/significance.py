@@ -49,6 +49,14 @@ def score_chance(observed: np.ndarray | float, chance: np.ndarray) -> np.ndarray
     return (np.cbrt(np.maximum(np.asarray(observed), 0.0) / mean) - (1.0 - ninth)) / np.sqrt(ninth)
 
 
+def find_critical(errors: float, blocks: np.ndarray | float) -> np.ndarray:
+    """Standard errors from which a sum is told from noise, where so many blocks inform on it effectively.
+
+    As far out in Student's t with as many degrees of freedom, less one, as `errors` are in normal noise.
+    """
+    return np.asarray(stats.t.ppf(stats.norm.cdf(errors), np.maximum(np.asarray(blocks) - 1.0, 1.0)))
+
+
 def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Sequence[float]) -> np.ndarray:
     """Family-wise p-values: the largest score over all candidates against that under random signs.
 

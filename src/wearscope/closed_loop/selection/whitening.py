@@ -75,13 +75,7 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     # What is known of the model's coefficients, by other joints too, stays known; that of the levels is not.
     known = np.zeros((p, p))
     known[:k, :k] = elsewhere * np.mean(target[keep & settled] ** 2)
-    values, vectors = np.linalg.eigh(known)
-    hold = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    scale = np.sqrt(np.maximum((a**2).sum(axis=0) + np.diag(known), 1e-300))
-    right = np.column_stack([c, target])
-    free = np.zeros((p, right.shape[1]))
-    onto = linalg.lstsq(np.vstack([a / scale, hold / scale]), np.vstack([right, free]), cond=1e-9)[0]
-    rest = right - (a / scale) @ onto
+    rest = take_out(a, known, np.column_stack([c, target]))
     clean, residual = rest[:, :-1], rest[:, -1]
     inner = clean.T @ clean
     if np.trace(inner) < _ABSORBED**2 * np.sum(c**2):
@@ -90,6 +84,28 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     scores = layout.pack(clean * residual[:, None]).sum(axis=1)
     observed, chance = flip_scores(scores[:, None, :], inner[None], flips)
     return float(stats.norm.sf(score_chance(observed, chance)))
+
+
+def take_out(columns: np.ndarray, known: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """What a model's columns leave of others, its coefficients held by what is known of them.
+
+    Parameters
+    ----------
+    columns : ndarray (M, p)
+    known : ndarray (p, p)
+        Information on their coefficients, in squares of what the columns are in.
+    x : ndarray (M, k)
+
+    Returns
+    -------
+    ndarray (M, k)
+    """
+    values, vectors = np.linalg.eigh(known)
+    hold = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    scale = np.sqrt(np.maximum((columns**2).sum(axis=0) + np.diag(known), 1e-300))
+    free = np.zeros((len(known), x.shape[1]))
+    onto = linalg.lstsq(np.vstack([columns / scale, hold / scale]), np.vstack([x, free]), cond=1e-9)[0]
+    return np.asarray(x - (columns / scale) @ onto)
 
 
 def bridge_uncounted(x: np.ndarray, keep: np.ndarray) -> np.ndarray:

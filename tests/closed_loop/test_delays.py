@@ -1,9 +1,10 @@
-"""A delay is the same wherever the joint moves: what lags at reversals only is not called one."""
+"""A delay is one time wherever the joint moves, and at all frequencies: what is not is not called one."""
 
 import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.selection.delays import fit_below, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
@@ -49,5 +50,33 @@ def test_what_lags_at_reversals_only_is_no_delay(record, pose):
     (offered,) = [c for c in search.candidates(assembly, (), [0]) if c.effect.name == "time_delay"]
     e = max(search.weigh_all(assembly, [offered]), key=lambda e: e.gain)
     assert e.share > Policy().material_share
-    assert search.is_of_reversals(assembly, e)
+    assert not search.is_delay(assembly, e)
     assert "time_delay" not in {f.effect.name for f in search.run()}
+
+
+def test_what_a_position_loop_answers_is_no_delay(record, pose):
+    """The joint moves with the noise of its torque, most near the loop's own frequency."""
+    problem = pose(record(disturbance=4.0, seed=2))
+    search = Search(problem, Policy())
+    assembly = search.assemble(())
+    offered = [c for c in search.candidates(assembly, (), [0, 1]) if c.effect.name == "time_delay"]
+    for candidate in offered:
+        e = max(search.weigh_all(assembly, [candidate]), key=lambda e: e.gain)
+        assert e.share > 0.4
+        assert lags_away_from_reversals(assembly, e, problem.at_rows("v")[:, e.joint], search.policy)
+        assert not lags_slow_torque(assembly, e, search.policy)
+        assert not search.is_delay(assembly, e)
+    assert "time_delay" not in {f.effect.name for f in search.run()}
+
+
+def test_a_true_delay_is_one_in_a_position_loop_too(record, pose):
+    problem = pose(record(planted=[(0, "time_delay", {"delay": DELAY})], disturbance=0.3, seed=2))
+    search = Search(problem, Policy())
+    assembly = search.assemble(())
+    (offered,) = [c for c in search.candidates(assembly, (), [0]) if c.effect.name == "time_delay"]
+    e = max(search.weigh_all(assembly, [offered]), key=lambda e: e.gain)
+    beta, error = fit_below(assembly, e, Policy().away * problem.prepared.band.torque)
+    assert abs(beta - DELAY) < 3.0 * error
+    assert error < 0.2 * DELAY
+    assert search.is_delay(assembly, e)
+    assert ("time_delay", 0) in {(f.effect.name, f.joint) for f in search.run()}
