@@ -65,7 +65,10 @@ def test_what_a_position_loop_answers_is_no_delay(record, pose):
         assert e.share > 0.4
         assert lags_away_from_reversals(assembly, e, problem.at_rows("v")[:, e.joint], search.policy)
         assert not lags_slow_torque(assembly, e, search.policy)
+        assert search.is_delay(assembly, e)
+        assert not search.is_delay(assembly, e, settled=True)
         assert not search.is_delay(assembly, e)
+    search = Search(problem, Policy())
     assert "time_delay" not in {f.effect.name for f in search.run()}
 
 
@@ -75,8 +78,8 @@ def test_a_true_delay_is_one_in_a_position_loop_too(record, pose):
     assembly = search.assemble(())
     (offered,) = [c for c in search.candidates(assembly, (), [0]) if c.effect.name == "time_delay"]
     e = max(search.weigh_all(assembly, [offered]), key=lambda e: e.gain)
-    beta, error = fit_below(assembly, e, Policy().away * problem.prepared.band.torque)
+    beta, error = fit_below(assembly, e, Policy().slow * problem.prepared.band.torque)
     assert abs(beta - DELAY) < 3.0 * error
     assert error < 0.2 * DELAY
-    assert search.is_delay(assembly, e)
+    assert search.is_delay(assembly, e, settled=True)
     assert ("time_delay", 0) in {(f.effect.name, f.joint) for f in search.run()}

@@ -14,11 +14,16 @@ from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.whitening import bridge_uncounted, take_out
-from wearscope.effects.base import MeasurementEffect
+from wearscope.effects.base import Effect, MeasurementEffect
 
 
-def is_delay(assembly: Assembly, e: Evidence, speed: np.ndarray, policy: Policy) -> bool:
-    """Whether a term that is one where it lags the torque of its joint lags it everywhere alike; else True.
+def is_lag(effect: Effect) -> bool:
+    """Whether an effect delays the torque that is measured."""
+    return isinstance(effect, MeasurementEffect) and effect.kind == "lag"
+
+
+def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray, policy: Policy) -> bool:
+    """Whether a delay is alike where its joint does not reverse; also where that cannot be asked.
 
     Parameters
     ----------
@@ -29,14 +34,6 @@ def is_delay(assembly: Assembly, e: Evidence, speed: np.ndarray, policy: Policy)
         Of its joint, at the rows of the training runs.
     policy : Policy
     """
-    effect = e.term.effect
-    if not (isinstance(effect, MeasurementEffect) and effect.kind == "lag"):
-        return True
-    return lags_away_from_reversals(assembly, e, speed, policy) and lags_slow_torque(assembly, e, policy)
-
-
-def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray, policy: Policy) -> bool:
-    """Whether a delay is alike where its joint does not reverse; also where that cannot be asked."""
     fast = rule.find_fast(speed, assembly.layout.keep[:, e.joint], policy)
     if fast is None:
         return True
@@ -47,8 +44,11 @@ def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray,
 
 
 def lags_slow_torque(assembly: Assembly, e: Evidence, policy: Policy) -> bool:
-    """Whether a delay is alike far below the common cut-off, or cannot be told from one that is."""
-    beta, error = fit_below(assembly, e, policy.away * assembly.layout.prepared.band.torque)
+    """Whether a delay is alike far below the common cut-off, or cannot be told from one that is.
+
+    To be asked beside all else that is missing: what other terms leave there may be anything.
+    """
+    beta, error = fit_below(assembly, e, policy.slow * assembly.layout.prepared.band.torque)
     own = float(e.beta[0])
     return rule.is_alike(own, beta, policy) or abs(beta - own) <= policy.told_apart * error
 

@@ -86,8 +86,11 @@ class Policy(BaseModel):
 
     away: float = Field(0.2, gt=0, lt=1)
     """Share of a joint's largest speed above which it is away from its reversals, whose width is a few per
-    cent of that; of its rows that must be, so that a delay can be asked of them alone; and of the common
-    cut-off, below which it is away from the frequencies at which a position loop answers noise."""
+    cent of that; and of its rows that must be, so that a delay can be asked of them alone."""
+
+    slow: float = Field(0.25, gt=0, lt=1)
+    """Share of the common cut-off below which a delay must be the same: two octaves away from frequencies at
+    which a position loop answers the noise of the torque, if it does below that cut-off."""
 
     zero_level: float = Field(0.05, gt=0, le=1)
     """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own

@@ -100,7 +100,7 @@ def ask_again(
     offered = search.candidates(beside, others, sorted({*joints, n - 1}))
     offered = [c for c in offered if set(c.joints) & set(joints)]
     refused = search.judge(own)
-    keeps = refused in keeping and search.is_delay(beside, own)
+    keeps = refused in keeping and search.is_delay(beside, own, settled=True)
     least = match_gain(beside, own) if keeps else search.find_least(beside)
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]

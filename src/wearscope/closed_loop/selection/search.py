@@ -15,7 +15,7 @@ import numpy as np
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
-from wearscope.closed_loop.selection.delays import is_delay
+from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
@@ -54,6 +54,7 @@ class Search:
         self.sigma = self.scale(())
         self.rows: list[dict] = []
         self.full: set[int] = set()
+        self.no_delay: set[int] = set()
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_loss = np.zeros(problem.prepared.n)
@@ -273,9 +274,25 @@ class Search:
             return sum(other.is_in_every_drive for other in self.problem.effects)
         return len(self.problem.effects)
 
-    def is_delay(self, assembly: Assembly, e: Evidence) -> bool:
-        """Whether a term that delays its joint's torque does so everywhere alike; True of other terms."""
-        return is_delay(assembly, e, self.problem.at_rows("v")[:, e.joint], self.policy)
+    def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
+        """Whether a term that delays its joint's torque is one; True of other terms.
+
+        Parameters
+        ----------
+        assembly : Assembly
+            The model that it was weighed beside.
+        e : Evidence
+        settled : bool
+            Whether that is all else that was found. What is no delay then is not offered again.
+        """
+        if not is_lag(e.term.effect):
+            return True
+        speed = self.problem.at_rows("v")[:, e.joint]
+        if e.joint in self.no_delay or not lags_away_from_reversals(assembly, e, speed, self.policy):
+            return False
+        if settled and not lags_slow_torque(assembly, e, self.policy):
+            self.no_delay.add(e.joint)
+        return e.joint not in self.no_delay
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape that is believable, its significance kept."""
