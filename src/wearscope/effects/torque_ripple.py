@@ -5,6 +5,13 @@ import numpy as np
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 from wearscope.effects.motions import SESSIONS
 
+#: Fewest periods over the visited range: a wave of so many has little in common with a spring's line (a
+#: correlation of 0.1, with as much time everywhere; of one period it is 0.8).
+FEWEST_PERIODS = 1.5
+#: Fewest periods by turn: the rigid body's torque is a polynomial of second degree in sines and cosines of
+#: each joint's angle, so that longer waves are what its parameters do.
+LOWEST_ORDER = 3.0
+
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
@@ -13,13 +20,14 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
-    # From three periods over the visited range, in steps that the range resolves, to where even slow motion
-    # turns the ripple into frequencies that are not used.
+    # In steps that the range resolves, to where even slow motion turns the ripple into frequencies that are
+    # not used.
     reach = max(np.ptp(signals.q[:, joint]), 1e-12)
     speed = np.abs(signals.v[:, joint])
     slow = max(np.quantile(speed[speed > 0.01 * speed.max()], 0.2), 1e-12)
     highest = 2 * np.pi * min(signals.bandwidth / slow, 0.4 / signals.dt / slow, 300 / reach)
-    return np.arange(2 * np.pi * 3 / reach, max(highest, 2 * np.pi * 4 / reach), np.pi / reach)[:, None]
+    lowest = max(2 * np.pi * FEWEST_PERIODS / reach, LOWEST_ORDER)
+    return np.arange(lowest, max(highest, lowest + 2 * np.pi / reach), np.pi / reach)[:, None]
 
 
 def _search_width(signals: Signals, joint: int, shape: np.ndarray) -> float:

@@ -227,14 +227,13 @@ def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Foun
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
     """Replace names that leave much of their joint's loss where a generic term leaves clearly less.
 
-    Of a single run, which cannot give a generic term, such a name is dropped.
+    A wave is asked whatever it leaves, since one of few periods may stand for any curve: it gives way where
+    the fitted errors are not alike either. Of a single run, which cannot give a generic term, such a name is
+    dropped.
     """
     for f in list(found):
-        if (
-            f.effect.standard
-            or f.evidence.share >= search.policy.beyond_doubt
-            or not any(k is f for k in found)
-        ):
+        sure = f.evidence.share >= search.policy.beyond_doubt
+        if f.effect.standard or (sure and not f.effect.periodic) or not any(k is f for k in found):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
@@ -243,7 +242,8 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
             continue
         e = choose_plainest(able, search.policy)
         own = search.weigh_again(beside, f)
-        if rule.separates(e, own, search.policy):
+        is_like = own in rule.fit_alike([e, own], search.policy)
+        if rule.separates(e, own, search.policy) and not (sure and is_like):
             alone = e.refusal is Refusal.ALONE
             what = "dropped: structure without a name" if alone else "replaced by unknown structure"
             search.progress(f"{f.evidence.term.label} is {what}")

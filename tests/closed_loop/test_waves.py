@@ -1,0 +1,31 @@
+"""Ripples of few periods over a joint's range: named where they are waves, and not where a curve is."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.selection.policy import Policy
+
+POLICY = Policy(flips=199)
+
+
+def test_a_ripple_of_two_periods_over_the_range_is_named(record):
+    planted = [(0, "torque_ripple", {"cosine": 3.0, "sine": 2.0, "wavenumber": 5.0})]
+    diagnosis = diagnose(record(planted, seed=5, runs=4, duration=8.0, warm=False), POLICY)
+    periods = 5.0 * np.ptp(diagnosis.problem.joined.q[:, 0]) / (2.0 * np.pi)
+    assert 1.5 < periods < 2.0
+    (entry,) = diagnosis.verdict["verdict"]
+    assert (entry["joint"], entry["effect"], entry["status"]) == ("a", "torque_ripple", "confirmed")
+    found = {name: parameter["value"] for name, parameter in entry["parameters"].items()}
+    assert found == pytest.approx(planted[0][2], rel=0.05)
+
+
+def test_a_bump_at_one_position_is_no_ripple(record):
+    """A wave of few periods takes most of it away; a curve of the position takes all."""
+
+    def bump(t, q, v, a, rng):
+        return np.column_stack([10.0 * np.exp(-((q[:, 0] / 0.4) ** 2)), 0.0 * t])
+
+    folder = record(extra_torque=bump, seed=4, runs=4, duration=8.0, warm=False)
+    (entry,) = diagnose(folder, POLICY).verdict["verdict"]
+    assert (entry["joint"], entry["effect"], entry["status"]) == ("a", "unknown", "confirmed")
