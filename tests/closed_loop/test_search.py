@@ -201,3 +201,12 @@ def test_a_term_that_contains_a_drift_is_none_in_its_place(record, pose):
     # One that stands on its own stays.
     spring = next(e for e in able if e.term.effect.name == "joint_spring")
     assert search.choose(assembly, [spring]) is not None
+
+
+def test_what_every_drive_has_is_asked_among_its_own(record, pose):
+    """Of all names, one in so many passes by chance; of rotor inertia, Coulomb and viscous, one in three."""
+    search = Search(pose(record(declared=["rigid_body"])), POLICY)
+    for name in ("rotor_inertia", "coulomb", "viscous"):
+        assert search.count_kinds(load_effect(name), 0) == 3, name
+    for name in ("torque_offset", "stribeck"):
+        assert search.count_kinds(load_effect(name), 0) == len(search.problem.effects) > 20, name
