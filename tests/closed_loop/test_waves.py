@@ -1,4 +1,4 @@
-"""Ripples of few periods over a joint's range, where a curve may pose as one; ripples beside what is unknown."""
+"""Ripples of few periods over a joint's range, where a curve may pose as one, and beside the unknown."""
 
 import numpy as np
 import pytest
