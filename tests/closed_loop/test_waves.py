@@ -1,4 +1,4 @@
-"""Ripples of few periods over a joint's range: named where they are waves, and not where a curve is."""
+"""Ripples of few periods over a joint's range, where a curve may pose as one, and beside the unknown."""
 
 import numpy as np
 import pytest
@@ -29,3 +29,17 @@ def test_a_bump_at_one_position_is_no_ripple(record):
     folder = record(extra_torque=bump, seed=4, runs=4, duration=8.0, warm=False)
     (entry,) = diagnose(folder, POLICY).verdict["verdict"]
     assert (entry["joint"], entry["effect"], entry["status"]) == ("a", "unknown", "confirmed")
+
+
+def test_a_ripple_that_unknown_structure_hides_is_named_beside_it(record):
+    """In its place that structure, which is larger, removes far more: what a ripple leaves of it."""
+    planted = [(0, "torque_ripple", {"cosine": 1.5, "sine": 1.0, "wavenumber": 20.0})]
+
+    def drag(t, q, v, a, rng):
+        return np.column_stack([8.0 * q[:, 0] * v[:, 0], 0.0 * t])
+
+    folder = record(planted, extra_torque=drag, seed=5, runs=5, duration=8.0, warm=False)
+    named = {entry["effect"]: entry for entry in diagnose(folder, POLICY).verdict["verdict"]}
+    assert set(named) == {"torque_ripple", "unknown"}
+    found = {name: parameter["value"] for name, parameter in named["torque_ripple"]["parameters"].items()}
+    assert found == pytest.approx(planted[0][2], rel=0.05)

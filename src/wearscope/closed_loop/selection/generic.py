@@ -225,11 +225,12 @@ def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Foun
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
-    """Replace names that leave much of their joint's loss where a generic term leaves clearly less.
+    """Add a generic term where it leaves clearly less than a name that leaves much of its joint's loss.
 
-    A wave is asked whatever it leaves, since one of few periods may stand for any curve: it gives way where
-    the fitted errors are not alike either. Of a single run, which cannot give a generic term, such a name is
-    dropped.
+    The name, asked again beside it as all others at the joint, goes where it stood for that structure, and
+    stays where that had hidden it. A wave is asked whatever it leaves, since one of few periods may stand for
+    any curve: it is doubted where the fitted errors are not alike either. Of a single run, which cannot give
+    a generic term, such a name is dropped.
     """
     for f in list(found):
         sure = f.evidence.share >= search.policy.beyond_doubt
@@ -244,13 +245,14 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
         own = search.weigh_again(beside, f)
         is_like = own in rule.fit_alike([e, own], search.policy)
         if rule.separates(e, own, search.policy) and not (sure and is_like):
-            alone = e.refusal is Refusal.ALONE
-            what = "dropped: structure without a name" if alone else "replaced by unknown structure"
-            search.progress(f"{f.evidence.term.label} is {what}")
-            instead = [] if alone else [Found(e.chosen, e)]
-            found = [k for old in found for k in (instead if old is f else [old])]
-            if instead:
-                found = drop_superfluous(search, found, {e.joint}, {id(e.chosen)})
+            label = f.evidence.term.label
+            if e.refusal is Refusal.ALONE:
+                search.progress(f"{label} is dropped: structure without a name")
+                found = [k for k in found if k is not f]
+            else:
+                search.progress(f"{label} is doubted: unknown structure does better")
+                found = [*found, Found(e.chosen, e)]
+                found = drop_superfluous(search, found, {e.joint, f.joint}, {id(e.chosen)})
     return found
 
 
