@@ -92,6 +92,9 @@ class Effect:
     periodic : bool
         Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that
         a spectrum of the residual over position shows which are worth trying.
+    resembles_any : callable or None
+        ``resembles_any(signals, joint, shape)``: whether with that shape it may stand for any function of its
+        signals, so that more is asked of it; never where None.
     opposes_gravity : bool
         Whether it is built to take gravity's load off its joint, and is believed first where it does.
     excitation : str
@@ -152,6 +155,7 @@ class Effect:
     lacking: str = "the runs do not hold the signals that it needs"
     least: Callable[[Signals], float] | None = None
     periodic: bool = False
+    resembles_any: Callable[[Signals, int, Sequence[float]], bool] | None = None
     opposes_gravity: bool = False
     excitation: str = motions.OTHERS
     excitation_alone: str = ""

@@ -1,5 +1,7 @@
 """Torque periodic in position: gear mesh, cogging, ball-screw pitch."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
@@ -8,6 +10,8 @@ from wearscope.effects.motions import SESSIONS
 #: Fewest periods over the visited range: a wave of so many has little in common with a spring's line (a
 #: correlation of 0.1, with as much time everywhere; of one period it is 0.8).
 FEWEST_PERIODS = 1.5
+#: Periods over the visited range from which on a wave is told from other curves by its form.
+CLEAR_PERIODS = 3.0
 #: Fewest periods by turn: the rigid body's torque is a polynomial of second degree in sines and cosines of
 #: each joint's angle, so that longer waves are what its parameters do.
 LOWEST_ORDER = 3.0
@@ -28,6 +32,10 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     highest = 2 * np.pi * min(signals.bandwidth / slow, 0.4 / signals.dt / slow, 300 / reach)
     lowest = max(2 * np.pi * FEWEST_PERIODS / reach, LOWEST_ORDER)
     return np.arange(lowest, max(highest, lowest + 2 * np.pi / reach), np.pi / reach)[:, None]
+
+
+def _resembles_any(signals: Signals, joint: int, shape: Sequence[float]) -> bool:
+    return float(np.ptp(signals.q[:, joint])) * shape[0] < 2 * np.pi * CLEAR_PERIODS
 
 
 def _search_width(signals: Signals, joint: int, shape: np.ndarray) -> float:
@@ -51,5 +59,6 @@ EFFECT = Effect(
     repeatable=True,
     search_width=_search_width,
     periodic=True,
+    resembles_any=_resembles_any,
     excitation=SESSIONS,
 )

@@ -212,6 +212,11 @@ class Problem:
         """Smallest believable size of a term's first coefficient."""
         return term.effect.least_size(self.joined)
 
+    def resembles_any(self, term: ModelTerm) -> bool:
+        """Whether a term's shape may stand for any function of its signals."""
+        asks = term.effect.resembles_any
+        return asks is not None and asks(self.joined, term.joint, term.shape)
+
 
 def _solve_bent(
     effect: Effect, joint: int, run: PreparedRun, compliance: float, inertia: float

@@ -148,7 +148,7 @@ def restore_friction(search: "Search", found: list[Found], joints: Collection[in
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
             own = weigh(beside, candidate, subset, search.policy)
             if search.is_needed(beside, own):
-                search.progress(f"{own.term.label}: needed beside unknown structure")
+                search.progress(f"{own.term.label}: needed beside what was found")
                 found = [*found, Found(own.chosen, own)]
                 beside = search.assemble(found, standard=True)
     return found

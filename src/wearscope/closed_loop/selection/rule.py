@@ -11,7 +11,7 @@ from wearscope.closed_loop.selection.significance import find_critical
 
 def judge(
     e: Evidence, policy: Policy, bounds: Sequence[tuple[float, float]], least: float, by_run: bool,
-    generic: bool = False,
+    generic: bool = False, any_form: bool = False,
 ) -> Refusal:  # fmt: skip
     """Whether a term may be taken, or why not.
 
@@ -28,10 +28,13 @@ def judge(
         Whether whole runs are held out.
     generic : bool
         Whether it is the generic term, which asks for more.
+    any_form : bool
+        Whether with its shape it may stand for any function of its signals.
     """
     expected = e.term.effect.is_in_every_drive
     by_run = by_run and not e.alone
     share = policy.large_share if generic else policy.material_whole if expected else policy.material_share
+    share = max(share, policy.beyond_chance) if any_form else share
     whole = policy.large_share if generic else policy.material_whole if by_run else policy.material_alone
     level = policy.unknown_level if generic else policy.family_level
     if e.refusal is not Refusal.NONE:

@@ -22,7 +22,7 @@ from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, revise
+from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_friction, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -142,7 +142,7 @@ class Search:
         term = e.term
         return rule.judge(
             e, self.policy, self.problem.bounds(term), self.problem.least(term),
-            self.problem.layout.folds.by_run,
+            self.problem.layout.folds.by_run, any_form=self.problem.resembles_any(term),
         )  # fmt: skip
 
     def run(self) -> list[Found]:
@@ -153,8 +153,9 @@ class Search:
         self.standard_loss = losses * self.sigma**2
         found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
-            revised = revise(self, found)
-            grown = self.extend(revised)
+            grown = self.extend(revise(self, found))
+            # What was missing when plain friction was asked may have hidden it.
+            grown = restore_friction(self, grown, np.flatnonzero(self.problem.prepared.moving))
             if _names(grown) == _names(found):
                 return grown
             found = grown
