@@ -71,7 +71,9 @@ def fit_below(assembly: Assembly, e: Evidence, cutoff: float) -> tuple[float, fl
     layout, joint = assembly.layout, e.joint
     own = e.chosen.rows[e.chosen.candidate.joints.index(joint)][:, :1]
     rate = layout.prepared.band.rate / layout.prepared.band.stride
-    every = layout.unpack(np.concatenate([assembly.columns[joint], own, assembly.target[:, [joint]]], axis=1))
+    # About the model as all joints fit it: what they know of its coefficients holds there.
+    both = np.concatenate([assembly.columns[joint], own, assembly.residual[:, [joint]]], axis=1)
+    every = layout.unpack(both)
     kept = layout.unpack(layout.keep[:, joint])
     slow = np.concatenate(
         [low_pass(bridge_uncounted(x, k), cutoff, rate) for x, k in zip(every, kept, strict=True)]
