@@ -1,6 +1,7 @@
 """Tables that the charts of a study draw, and the words for what a reader chooses."""
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -67,8 +68,6 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
     if study.responses is not None and study.simulated is not None:
         found["responses"] = study.responses[[*_KEYS, "factor", "natural", "y", "low", "high"]]
         found["simulated"] = study.simulated[[*_KEYS, "factor", "set", "natural", "y", "y_held"]]
-    if study.detection is not None:
-        found["detection"] = detection_cells(study)
     if study.friction is not None:
         found["friction"] = study.friction[["robot", "joint", "speed", "temperature", "wear", "torque"]]
     if study.postures is not None:
@@ -87,10 +86,9 @@ def together(study: Study) -> str:
 def places(table: pd.DataFrame) -> list[str]:
     """Where each row's cell is, beside its detector: test-cycle, axis, and robot where there are several."""
     several = table["robot"].nunique() > 1
-    return [
-        f"{words(cycle)} {axis}" + (f", {robot}" if several else "")
-        for robot, cycle, axis in zip(table["robot"], table["cycle"], table["axis"], strict=True)
-    ]
+    cells = zip(*[table[key].tolist() for key in ("robot", "cycle", "axis")], strict=True)
+    name = cache(lambda robot, cycle, axis: f"{words(cycle)} {axis}" + (f", {robot}" if several else ""))
+    return [name(*cell) for cell in cells]
 
 
 def weight_table(study: Study) -> pd.DataFrame:
