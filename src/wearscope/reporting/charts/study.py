@@ -68,6 +68,8 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
     if study.responses is not None and study.simulated is not None:
         found["responses"] = study.responses[[*_KEYS, "factor", "natural", "y", "low", "high"]]
         found["simulated"] = study.simulated[[*_KEYS, "factor", "set", "natural", "y", "y_held"]]
+    if study.detection is not None:
+        found["detection"] = detection_cells(study)
     if study.friction is not None:
         found["friction"] = study.friction[["robot", "joint", "speed", "temperature", "wear", "torque"]]
     if study.postures is not None:
