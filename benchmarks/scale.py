@@ -37,7 +37,7 @@ DIRECT = {"cells": 120, "runs": 100_000}
 #: 120 cells are those of 12 pairs of a robot and a test-cycle.
 PLANNED = ["4x1000", "10x1000", "100x1000", "300x1000", "1000x1000", "2x1000000"]
 #: Rules whose time goes with the points, test-cycles and robots.
-COUNTED = {"simulate_points", "compute_test_quantities", "check_cycle", "screen_robot"}
+COUNTED = {"simulate_points", "compute_test_quantities", "check_cycles", "screen_robot"}
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def read_costs(results: Path) -> dict[str, float]:
     return {
         "point_seconds": seconds["simulate_points"] / len(recordings),
         "cell_seconds": seconds["compute_test_quantities"] / len(quantified),
-        "check_seconds": seconds["check_cycle"] / jobs["check_cycle"],
+        "check_seconds": seconds["check_cycles"] / len(list(results.glob("check/*/*.json"))),
         "screen_seconds": seconds["screen_robot"] / jobs["screen_robot"],
         "point_bytes": sum(recordings) / len(recordings),
     }
@@ -164,7 +164,7 @@ def count_jobs(robots: int, cycles: int, points: int, chunk: int, cut: int) -> i
     # Identification, validation and the nominal run; all at once where a job holds them.
     chunks = 1 if points + 1 <= chunk else 2 * -(-(points // 2) // chunk) + 1
     chunks += 2 * -(-(points // 2) // cut) if points > cut else 0
-    return robots * (2 + cycles * (2 + chunks)) + 16
+    return robots * (3 + cycles * (1 + chunks)) + 16
 
 
 def plan(

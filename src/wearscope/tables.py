@@ -178,9 +178,10 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
     try:
         content = source if isinstance(source, bytes) else path.read_bytes()
         sealed = _check_seal(content)
-        table = pq.read_table(
-            pa.BufferReader(content), columns=columns, partitioning=None, page_checksum_verification=True
-        )
+        # Without `pq.read_table`, which imports pandas, as `pyarrow.array` does.
+        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
+            table = file.read(columns)
+        table = table if columns is None else table.select(columns)
     except FileNotFoundError as error:
         raise DamagedFile(path, f"{path}: no such file; run the stage that makes it.") from error
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:

@@ -3,13 +3,14 @@ import pandas as pd
 import pytest
 
 from wearscope.designs.kinds import make_design
+from wearscope.evaluation.scope_counts import count_matrix
 from wearscope.reporting.figures.audit import draw_audit
 from wearscope.reporting.figures.boxes import use_symlog
 from wearscope.reporting.figures.design import draw_design
 from wearscope.reporting.figures.fit import draw_fit
 from wearscope.reporting.figures.friction import draw_friction
 from wearscope.reporting.figures.recording import choose_pair, draw_recording
-from wearscope.reporting.figures.scope import count_matrix, draw_scope
+from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
 from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure

@@ -7,7 +7,8 @@ import pytest
 from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation.screening import STRIDE, check_screening, drop_idle, screen_factors
+from wearscope.simulation.idle import drop_idle
+from wearscope.simulation.screening import STRIDE, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_point
 
 RANGES = {

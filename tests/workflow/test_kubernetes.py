@@ -75,7 +75,7 @@ def test_pods_write_the_same_bytes(user, tmp_path):
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     second = [pod.rule for pod in cluster.submitted[len(first) :]]
     assert rules == {*first, *second}
-    assert not {"screen_robot", "check_cycle", "simulate_study"} & {*second}
+    assert not {"screen_robot", "check_cycles", "simulate_study"} & {*second}
     assert clones.read_carried(cluster.claim(CLAIM) / "results" / "tiny") == clones.digests(here)
     assert not list((tree / "results").rglob("*.parquet"))
 

@@ -44,7 +44,7 @@ def clone(tmp_path_factory):
 def test_a_job_a_partition_takes_the_place_of_all_that_is_done_for_its_robots(clone):
     whole, divided = (clones.count_jobs(clone, f"{name}.yaml", "scope") for name in ("whole", "divided"))
     assert divided["run_partition"] == 2
-    assert {"simulate_points", "check_cycle", "compute_test_quantities"} <= whole.keys() - divided.keys()
+    assert {"simulate_points", "check_cycles", "compute_test_quantities"} <= whole.keys() - divided.keys()
     assert "run_partition" not in whole
 
 

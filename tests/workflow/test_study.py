@@ -202,7 +202,7 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
             {"compute_test_quantities", "fit_surrogates"},
         ),
         (f"{TINY}/torque_change.py", {"compute_test_quantities"}, {"make_design"}),
-        (f"{TINY}/short_moves.py", {"check_cycle", "simulate_points"}, {"make_design"}),
+        (f"{TINY}/short_moves.py", {"check_cycles", "simulate_points"}, {"make_design"}),
         (
             "src/wearscope/surrogates/validation.py",
             {"validate_surrogates"},

@@ -18,7 +18,7 @@ from wearscope import tables
     ("target", "rules"),
     [
         ("design", {"make_design", "design"}),
-        ("simulate", {"make_design", "check_cycle", "screen_robot", "simulate_points", "simulate"}),
+        ("simulate", {"make_design", "check_cycles", "screen_robot", "simulate_points", "simulate"}),
     ],
 )
 def test_stage_needs_only_what_is_before_it(clone, target, rules):

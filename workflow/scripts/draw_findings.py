@@ -9,7 +9,7 @@ from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
 from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
 from wearscope.reporting.style import save_figure
-from wearscope.simulation.screening import drop_idle
+from wearscope.simulation.idle import drop_idle
 
 with run_job(snakemake) as say:
     params, given, out = snakemake.params, snakemake.input, snakemake.output

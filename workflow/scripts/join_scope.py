@@ -6,7 +6,7 @@ from job import run_job
 from screening import read_screening
 from wearscope import tables
 from wearscope.evaluation.scope import add_group_scopes, group_scope, scope_disagreement
-from wearscope.simulation.screening import drop_idle
+from wearscope.simulation.idle import drop_idle
 
 with run_job(snakemake) as say:
     screening = read_screening(snakemake.input.screening)

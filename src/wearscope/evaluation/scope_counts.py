@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from wearscope.evaluation.grouping import check_group
 from wearscope.surrogates.fitting import CELL
@@ -11,6 +12,7 @@ from wearscope.surrogates.fitting import CELL
 #: Share of the draws of a surrogate for which a grid cell must pass to count as sure.
 SURE = 0.95
 COUNTS = ("cells", "passes", "known", "sure", "differ")
+Matrix = NDArray[np.float64]
 _GRID = ["factor", "method", "delta", "sigma"]
 
 
@@ -56,6 +58,25 @@ def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
     if total is None:
         raise ValueError("no part to count")
     return total
+
+
+def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, Matrix]:
+    """Number of passing cells on the grid.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        One method's rows, of cells or of counts.
+    passing : array (N,)
+        Whether a row's cell passes, or how many of its cells do.
+
+    Returns
+    -------
+    sigma (S,), delta (J,), count (J, S)
+    """
+    table = rows[["delta", "sigma"]].assign(count=np.asarray(passing, dtype=float))
+    wide = table.pivot_table(index="delta", columns="sigma", values="count", aggfunc="sum")
+    return wide.columns.to_numpy(float), wide.index.to_numpy(float), wide.to_numpy(float)
 
 
 def _add(table: pd.DataFrame) -> pd.DataFrame:

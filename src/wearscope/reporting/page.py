@@ -7,16 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
-from wearscope.reporting.style import figure_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
@@ -127,7 +128,7 @@ def embed_chart(chart: Chart) -> Markup:
     return render_template("chart.html", chart=chart, definition=embed_json(chart.definition()))
 
 
-def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind: str = "svg") -> Markup:
+def embed_figure(figure: "Figure | str | Path", alt: str, caption: str = "", kind: str = "svg") -> Markup:
     """Figure element with its image inside.
 
     Parameters
@@ -141,10 +142,13 @@ def embed_figure(figure: Figure | str | Path, alt: str, caption: str = "", kind:
     kind : {"svg", "png"}
         For a `Figure`: SVG stays sharp, PNG is smaller where there are many thousands of points.
     """
-    if isinstance(figure, Figure):
-        content = figure_bytes(figure, kind)
-    else:
+    if isinstance(figure, str | Path):
         content, kind = Path(figure).read_bytes(), Path(figure).suffix.lstrip(".")
+    else:
+        # Here, as a page of files alone does without Matplotlib.
+        from wearscope.reporting.style import figure_bytes
+
+        content = figure_bytes(figure, kind)
     data = base64.b64encode(content).decode("ascii")
     image = Markup('<img src="data:{};base64,{}" alt="{}">').format(_MEDIA[kind], data, alt)
     text = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""

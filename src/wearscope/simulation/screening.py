@@ -132,28 +132,6 @@ def check_screening(
     return screening.assign(robot=robot, dropped=~screening["moves"])
 
 
-def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Rows of a table by robot without those about factors that were dropped there.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With ``robot`` and `column`.
-    screening : DataFrame
-        ``robot``, ``factor``, ``dropped``.
-    column : str
-        Holds a factor, or a term of factors (``w3``, ``f:w3``, ``w3^2``).
-    """
-    dropped = {(row.robot, row.factor) for row in screening[screening["dropped"]].itertuples()}
-    if not dropped:
-        return table
-    kept = [
-        not any((robot, part.partition("^")[0]) in dropped for part in term.split(":"))
-        for robot, term in zip(table["robot"], table[column].astype(str), strict=True)
-    ]
-    return table[kept].reset_index(drop=True)
-
-
 def _thin(reference: Reference) -> Reference:
     rows = slice(None, None, STRIDE)
     return Reference(reference.t[rows], reference.q[rows], reference.v[rows], reference.a[rows])

@@ -98,7 +98,9 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
         )
         for (name, sigma), key in keys.items()
     ]
-    table["case"] = [keys[pair] for pair in zip(table["factor"], table["sigma"], strict=True)]
+    table["case"] = [
+        keys[pair] for pair in zip(table["factor"].tolist(), table["sigma"].tolist(), strict=True)
+    ]
     changes = sorted(float(one) for one in table["change"].unique())
     fault = study.factor("f")
     alarms = sorted(float(one) for one in table["p_f"].unique())

@@ -1,6 +1,7 @@
 """Tables that the charts of a study draw, and the words for what a reader chooses."""
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -87,10 +88,9 @@ def together(study: Study) -> str:
 def places(table: pd.DataFrame) -> list[str]:
     """Where each row's cell is, beside its detector: test-cycle, axis, and robot where there are several."""
     several = table["robot"].nunique() > 1
-    return [
-        f"{words(cycle)} {axis}" + (f", {robot}" if several else "")
-        for robot, cycle, axis in zip(table["robot"], table["cycle"], table["axis"], strict=True)
-    ]
+    cells = zip(*[table[key].tolist() for key in ("robot", "cycle", "axis")], strict=True)
+    name = cache(lambda robot, cycle, axis: f"{words(cycle)} {axis}" + (f", {robot}" if several else ""))
+    return [name(*cell) for cell in cells]
 
 
 def weight_table(study: Study) -> pd.DataFrame:

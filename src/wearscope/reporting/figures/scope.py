@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from wearscope.evaluation.scope_counts import count_scope
+from wearscope.evaluation.scope_counts import count_matrix, count_scope
 from wearscope.reporting.labels import count_text, factor_name, natural_step, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
 
@@ -93,25 +93,6 @@ def draw_scope_counts(
 
 def _cells(rows: pd.DataFrame) -> int:
     return int(rows["cells"].max())
-
-
-def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Matrix, Matrix, Matrix]:
-    """Number of passing cells on the grid.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        One method's rows, of cells or of counts.
-    passing : array (N,)
-        Whether a row's cell passes, or how many of its cells do.
-
-    Returns
-    -------
-    sigma (S,), delta (J,), count (J, S)
-    """
-    table = rows[["delta", "sigma"]].assign(count=np.asarray(passing, dtype=float))
-    wide = table.pivot_table(index="delta", columns="sigma", values="count", aggfunc="sum")
-    return wide.columns.to_numpy(float), wide.index.to_numpy(float), wide.to_numpy(float)
 
 
 def _draw_grid(ax: Axes, sigma: Matrix, delta: Matrix, values: Matrix, **options: Any) -> None:
