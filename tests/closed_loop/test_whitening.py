@@ -158,3 +158,18 @@ def test_a_white_residual_is_not_asked_for_drifts(record, search_of):
     search = search_of(record(seed=6))
     offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
     assert drift_p_value(search.assemble(()), offset, 0, search.flips) == 0.0
+
+
+def test_what_other_joints_know_of_a_term_holds_about_its_fit(record, search_of):
+    """A slow torque that a term of the model gives, and another joint measures far better, is no drift."""
+    search = search_of(record(seed=6))
+    offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
+    plain = search.assemble(())
+    rows = len(plain.target)
+    slow = np.sin(2 * np.pi * np.arange(rows) / 400.0)[:, None]
+    there = 1e3 * np.random.default_rng(9).standard_normal((rows, 1))
+    spread = Chosen(Candidate(load_effect("inertial_error"), 1, ((),), (0, 1), (slow, there)), (0,))
+    target = plain.target + 5.0 * np.hstack([slow, there])
+    beside = Assembly(plain.layout, target, (*plain.chosen, spread), plain.sigma)
+    assert drift_p_value(plain, offset, 0, search.flips) == 0.0
+    assert drift_p_value(beside, offset, 0, search.flips) == 0.0

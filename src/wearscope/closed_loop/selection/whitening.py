@@ -43,7 +43,8 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     layout = assembly.layout
     keep = layout.keep[:, joint]
     own = chosen.rows[chosen.candidate.joints.index(joint)]
-    model, y = assembly.columns[joint], assembly.target[:, joint]
+    # About the model as all joints fit it: what they know of its coefficients holds there, not at zero.
+    model, y = assembly.columns[joint], assembly.residual[:, joint]
     # A generic term takes a drift into itself: what is left beside it would say nothing of one.
     both = model if chosen.candidate.effect.empirical else np.concatenate([model, own], axis=1)
     elsewhere = assembly.know_elsewhere(joint)
