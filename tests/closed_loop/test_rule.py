@@ -46,6 +46,9 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         # What of its torque no other term could give: 0.9 of it here.
         ({"torque": 0.999 / 0.9 * POLICY.material_torque}, Refusal.ABSORBED),
         ({"torque": 1.001 / 0.9 * POLICY.material_torque}, Refusal.NONE),
+        # Of a torque half of which, RMS, changes along the runs: the rest no filter and no clock can spoil.
+        ({"torque": 0.501 / 0.9 * POLICY.material_torque, "varies": 0.5}, Refusal.NONE),
+        ({"torque": 0.499 / 0.9 * POLICY.material_torque, "varies": 0.5}, Refusal.ABSORBED),
         ({"torque": 0.01, "sine": 0.999 * POLICY.material_torque / 0.01}, Refusal.ABSORBED),
         ({"torque": 0.01, "sine": 1.001 * POLICY.material_torque / 0.01}, Refusal.NONE),
         ({"whole": 0.999 * POLICY.material_whole}, Refusal.IMMATERIAL),

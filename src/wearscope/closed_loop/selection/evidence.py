@@ -60,6 +60,8 @@ class Evidence:
         Held-out loss that is left at the joints that the model couples to those where the term is felt.
     torque : float
         RMS of the term's torque over that of the torque at `joint`.
+    varies : float
+        RMS of the torque at `joint` about its mean in each run, over its RMS.
     statistic, chance : float, ndarray (F,)
         Normal score of the loss removed over the loss left, and the same under random signs.
     p_value : float
@@ -107,6 +109,7 @@ class Evidence:
     tried: float
     alone: bool = False
     overturns: bool = False
+    varies: float = 1.0
     whole: float = np.inf
     p_value: float = np.nan
     refusal: Refusal = Refusal.NONE
@@ -169,7 +172,7 @@ def weigh(
     whole = float(np.sqrt(max(beta @ own @ beta, 1e-300)))
     rows = chosen.rows[candidate.joints.index(joint)] @ beta
     keep = layout.keep[:, joint]
-    measured = np.concatenate([run.measured[:, joint] for run in layout.prepared.runs_for("train")])
+    size, change_of_it = layout.torque_size[:, joint]
     return Evidence(
         chosen=chosen,
         joint=joint,
@@ -179,7 +182,8 @@ def weigh(
         fitted=felt[joint].fitted,
         gains={j: own.gain for j, own in felt.items()},
         left=left + float(np.nansum(change)),
-        torque=float(np.sqrt(np.sum(rows[keep] ** 2) / max(np.sum(measured[keep] ** 2), 1e-300))),
+        torque=float(np.sqrt(np.mean(rows[keep] ** 2))) / size,
+        varies=change_of_it / size,
         statistic=float(score_chance(_odds(np.asarray(observed), sample), chance)),
         chance=score_chance(chance, chance),
         agreement=float(np.mean(gain_by_part[informs] > 0.0)) if informs.any() else 0.0,

@@ -75,6 +75,17 @@ class Layout:
         """Rows that count by joint, (M, n)."""
         return np.concatenate([run.keep for run in self.prepared.runs_for("train")])
 
+    @cached_property
+    def torque_size(self) -> np.ndarray:
+        """RMS (2, n) of each joint's measured torque in rows that count, and about its mean in each run."""
+        runs = self.prepared.runs_for("train")
+        squares = np.zeros((2, self.prepared.n))
+        for run, keep in zip(runs, self.unpack(self.keep), strict=True):
+            count = np.maximum(keep.sum(axis=0), 1)
+            mean = (run.measured * keep).sum(axis=0) / count
+            squares += [(x**2 * keep).sum(axis=0) for x in (run.measured, run.measured - mean)]
+        return np.sqrt(np.maximum(squares / np.maximum(self.keep.sum(axis=0), 1), 1e-300))
+
     def restrict(self, joint: int, rows: np.ndarray) -> "Layout":
         """The same with only some of a joint's rows (M,) counting."""
         other = Layout(self.prepared, self.blocks, self.folds)

@@ -23,7 +23,8 @@ class Policy(BaseModel):
 
     material_torque: float = Field(0.001, ge=0, lt=1)
     """Least RMS of what a term gives the torque, and no other term of the model could, over that of the
-    joint's torque: the accuracy of filters, derivatives and of an encoder's clock lies below it."""
+    joint's torque about its mean in each run: the accuracy of filters, derivatives and of an encoder's clock
+    lies below it, and none of them touches what stays the same along a run, such as a weight."""
 
     material_whole: float = Field(0.01, ge=0, lt=1)
     """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten

@@ -73,7 +73,7 @@ def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
 
 def is_own(e: Evidence, policy: Policy) -> bool:
     """Whether what a term gives the torque, and no other term of the model could, is material."""
-    return e.torque * e.sine >= policy.material_torque
+    return e.torque * e.sine >= policy.material_torque * e.varies
 
 
 def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
