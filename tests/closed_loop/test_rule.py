@@ -86,6 +86,7 @@ def test_each_refusal_has_its_reason(changed, why):
     [
         ({}, Refusal.NONE),
         ({"blocks": 3.9}, Refusal.LOCAL),
+        ({"blocks": 4.0}, Refusal.NONE),
         ({"agreement": 0.79}, Refusal.DISAGREES),
         ({"agreement": 0.8}, Refusal.NONE),
         ({"agreement": 0.8, "opposed": True}, Refusal.DISAGREES),
@@ -116,6 +117,16 @@ def test_generic_structure_needs_more_than_a_name():
     # Columns of a spline cancel each other as they like; a single run shows nothing of other motions.
     e = evidence("unknown", shape=(0.0,) * 10, cancellation=1e6)
     assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=False, generic=True) is Refusal.ALONE
+
+
+def test_parts_of_one_run_agree_but_for_noise_and_runs_for_the_most():
+    for agreement, opposed, by_run, agrees in (
+        (0.8, True, True, True), (0.79, False, True, False), (1.0, False, False, True),
+        (0.8, False, False, True), (0.8, True, False, False), (0.79, False, False, False),
+    ):  # fmt: skip
+        e = evidence("torque_offset", agreement=agreement, opposed=opposed)
+        assert rule.agrees(e, POLICY, by_run) is agrees, (agreement, opposed, by_run)
+        assert rule.is_needed(e, POLICY, by_run) is agrees, (agreement, opposed, by_run)
 
 
 def test_a_standard_term_may_be_small_but_not_chance():
@@ -257,6 +268,8 @@ def test_rows_away_from_reversals_are_asked_only_where_there_are_some():
     speed = np.array([0.0, 0.1, -0.5, 1.0, -1.0])
     kept = np.ones(5, dtype=bool)
     assert rule.find_fast(speed, kept, POLICY).tolist() == [False, False, True, True, True]
+    # The share is of the largest speed, whatever that is.
+    assert rule.find_fast(7.0 * speed, kept, POLICY).tolist() == [False, False, True, True, True]
     # Of those that count, none is fast.
     assert rule.find_fast(speed, np.array([True, True, False, False, False]), POLICY) is None
 
