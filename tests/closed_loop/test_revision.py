@@ -76,3 +76,16 @@ def test_the_torque_at_rest_of_a_spring_is_no_offset(record, effect, values):
     ]
     assert len(named) == 1
     assert named[0] in (("a", "gravity_counterbalance"), ("a", "joint_spring"))
+
+
+def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(record, pose):
+    """A drag that was missing beside something larger is a drag, and no curve of the speed."""
+    planted = [(0, "torque_ripple", {"cosine": 30.0, "sine": 0.0, "wavenumber": 20.0})]
+    folder = record(planted, seed=5, declared=["rigid_body", "rotor_inertia", "coulomb"])
+    told: list[str] = []
+    search = Search(pose(folder), Policy(), told.append)
+    search.standard_loss = search.scale(()) ** 2 * len(search.problem.target)
+    found = search.extend([])
+    own = [f.effect.name for f in found if f.joint == 0]
+    assert own == ["torque_ripple", "viscous"]
+    assert "viscous@0: needed beside what was found" in told

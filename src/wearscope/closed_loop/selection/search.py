@@ -154,8 +154,6 @@ class Search:
         found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
             grown = self.extend(revise(self, found))
-            # What was missing when plain friction was asked may have hidden it.
-            grown = restore_friction(self, grown, np.flatnonzero(self.problem.prepared.moving))
             if _names(grown) == _names(found):
                 return grown
             found = grown
@@ -204,6 +202,9 @@ class Search:
             for e in taken:
                 self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
             found = [*found, *(Found(e.chosen, e) for e in taken)]
+            # What was missing yet may have hidden plain friction, which comes before what refines it.
+            touched = {j for e in taken for j in e.chosen.candidate.joints}
+            found = restore_friction(self, found, touched)
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
