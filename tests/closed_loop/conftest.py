@@ -60,12 +60,13 @@ def bend_gear(effect, joint, values, load, q, t) -> tuple[np.ndarray, np.ndarray
     return motor, speed, differentiate(speed, 1.0 / (t[1] - t[0]))
 
 
-def answer_disturbance(rng, t, size, frequency=4.0) -> tuple[np.ndarray, np.ndarray]:
-    """Torque (N, 2) that disturbs both joints, and what they move by in position loops of a frequency."""
+def answer_disturbance(rng, t, size) -> tuple[np.ndarray, np.ndarray]:
+    """Torque (N, 2) that disturbs both joints, and what they move by in position loops of 4 Hz."""
     rate = 1.0 / (t[1] - t[0])
     colour = signal.butter(2, 20.0, fs=rate)
     torque = size * signal.lfilter(*colour, rng.standard_normal((len(t), 2)), axis=0) * np.sqrt(rate / 40.0)
-    w, stiff = 2 * np.pi * frequency, INERTIA * (2 * np.pi * frequency) ** 2
+    w = 2 * np.pi * 4.0
+    stiff = INERTIA * w**2
     loop = signal.bilinear([w**2], [1.0, 1.4 * w, w**2], rate)
     return torque, signal.lfilter(*loop, torque / stiff, axis=0)
 

@@ -46,7 +46,7 @@ def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray,
 def lags_slow_torque(assembly: Assembly, e: Evidence, policy: Policy) -> bool:
     """Whether a delay is alike far below the common cut-off, or cannot be told from one that is.
 
-    To be asked beside all else that is missing: what other terms leave there may be anything.
+    To be asked beside all else that was found: what a model leaves that lacks it may be anything there.
     """
     beta, error = fit_below(assembly, e, policy.slow * assembly.layout.prepared.band.torque)
     own = float(e.beta[0])
