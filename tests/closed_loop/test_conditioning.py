@@ -260,7 +260,7 @@ def test_clipped_torque_is_found_with_and_without_noise():
     need = 10 * np.sin(2 * T)[:, None]
     for noise in (0.0, 0.05):
         tau = np.clip(need, -7.0, 7.0) + noise * np.random.default_rng(10).normal(size=need.shape)
-        found = find_clipped(tau, need, None)[:, 0]
+        found = find_clipped(tau, need, np.cos(T)[:, None], None)[:, 0]
         beyond = np.abs(need[:, 0]) > 7.3
         assert found[beyond].all()
         assert not found[np.abs(need[:, 0]) < 6.5].any()
@@ -270,7 +270,7 @@ def test_peaks_that_merely_miss_the_prediction_are_not_clipped():
     rng = np.random.default_rng(11)
     need = draw_smooth(rng)[:, None]
     tau = 0.9 * need + 0.01 * rng.normal(size=need.shape)
-    assert not find_clipped(tau, need, None).any()
+    assert not find_clipped(tau, need, np.gradient(need, axis=0), None).any()
 
 
 def test_a_joint_whose_torque_is_nearly_all_friction_is_not_clipped():
@@ -285,12 +285,25 @@ def test_a_joint_whose_torque_is_nearly_all_friction_is_not_clipped():
     run = RoughRun("train", T, np.zeros(v.shape), np.gradient(v, T, axis=0), np.sign(v), v, tau, none, none)
     (predicted,) = predict_rough([run], inner=True)
     assert np.std((predicted - tau)[~rests]) < 0.2 * np.std(tau)
-    assert not find_clipped(tau, predicted, None).any()
+    assert not find_clipped(tau, predicted, v, None).any()
+
+
+def test_a_plateau_of_friction_is_no_limit_though_its_slow_reversals_spoil_the_prediction():
+    rng = np.random.default_rng(15)
+    v = np.cos(T + 2.0 * np.sin(0.37 * T))[:, None]
+    wanted = 0.12 * np.tanh(v / 0.06)
+    tau = wanted + 0.0005 * rng.normal(size=v.shape)
+    predicted = wanted + 0.03 * np.sin(1.3 * T)[:, None] * np.sign(v)
+    assert not find_clipped(tau, predicted, v, None).any()
+    load = 0.1 * np.sin(0.8 * T)[:, None]
+    clipped = np.clip(wanted + load, -0.15, 0.15) + 0.0005 * rng.normal(size=v.shape)
+    at = find_clipped(clipped, wanted + load, v, None)
+    assert at[np.abs(wanted + load) > 0.16].mean() > 0.95 and not at[np.abs(wanted + load) < 0.14].any()
 
 
 def test_stated_torque_limits_are_believed():
     tau = 10 * np.sin(2 * T)[:, None]
-    assert find_clipped(tau, tau, [9.0])[:, 0].sum() == (np.abs(tau) >= 8.991).sum()
+    assert find_clipped(tau, tau, np.gradient(tau, axis=0), [9.0])[:, 0].sum() == (np.abs(tau) >= 8.991).sum()
 
 
 def test_bridge_follows_the_prediction_and_meets_the_neighbours():

@@ -127,8 +127,11 @@ def bridge_gaps(
     limits = dataset.fields.robot.torque_limit
     bridged, seen = [], []
     for source, run, guess in zip(sources, rough, predict_rough(rough, inner=True), strict=True):
-        predicted = np.column_stack([np.interp(source.run.t, run.t, column) for column in guess.T])
-        clipped = find_clipped(source.run.tau, predicted, limits)
+        predicted, v = (
+            np.column_stack([np.interp(source.run.t, run.t, column) for column in x.T])
+            for x in (guess, run.v)
+        )
+        clipped = find_clipped(source.run.tau, predicted, v, limits)
         for j in map(int, np.flatnonzero(clipped.any(axis=0))):
             notes.append(
                 f"{source.run.label}: tau_{dataset.joints[j]} is at a limit in {int(clipped[:, j].sum())} "

@@ -15,6 +15,9 @@ _BEYOND = 0.02
 #: Correlation of a torque with its prediction beyond a level from which the level is no limit: friction makes
 #: plateaus too, which rise with what the motion needs.
 _FOLLOWS = 0.5
+#: Share of the samples that move one way, faster than `_FAST` of the top speed, from which a level that they
+#: keep is that of friction: it comes with the direction, and a limit with what the motion needs.
+_WHENEVER, _FAST = 0.95, 0.2
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
@@ -26,7 +29,15 @@ def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
     return tau == values[0] if enough else np.zeros(len(tau), dtype=bool)
 
 
-def _at_noisy_level(x: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+def _comes_with_direction(at: np.ndarray, v: np.ndarray) -> bool:
+    """Whether samples (N,) are all that move fast in one direction, by the speed v (N,), and none of the other's."""
+    fast = np.abs(v) > _FAST * np.abs(v).max()
+    ways = [at[fast & (v > 0.0)], at[fast & (v < 0.0)]]
+    shares = sorted(float(way.mean()) if len(way) else 0.0 for way in ways)
+    return shares[1] > _WHENEVER and shares[0] < 1.0 - _WHENEVER
+
+
+def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Samples (N,) near the largest level, where the torque stays there while the prediction goes beyond."""
     none = np.zeros(len(x), dtype=bool)
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / np.sqrt(6.0)
@@ -44,16 +55,21 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray) -> np.ndarray:
         return none
     if x[beyond].std() > 0.0 and np.corrcoef(x[beyond], predicted[beyond])[0, 1] > _FOLLOWS:
         return none
-    return x > level - width
+    at = x > level - width
+    return none if _comes_with_direction(at, v) else at
 
 
-def find_clipped(tau: np.ndarray, predicted: np.ndarray, limits: list[float] | None) -> np.ndarray:
+def find_clipped(
+    tau: np.ndarray, predicted: np.ndarray, v: np.ndarray, limits: list[float] | None
+) -> np.ndarray:
     """Samples (N, n) at a limit of the drive.
 
     Parameters
     ----------
     tau, predicted : ndarray (N, n)
         Measured torque, and what the motion needs roughly.
+    v : ndarray (N, n)
+        Speed.
     limits : list of float, optional
         Torque limits that the data set states.
     """
@@ -63,7 +79,7 @@ def find_clipped(tau: np.ndarray, predicted: np.ndarray, limits: list[float] | N
             clipped[:, j] |= np.abs(tau[:, j]) >= 0.999 * limits[j]
         for sign in (1.0, -1.0):
             clipped[:, j] |= _at_exact_level(tau[:, j], sign > 0)
-            clipped[:, j] |= _at_noisy_level(sign * tau[:, j], sign * predicted[:, j])
+            clipped[:, j] |= _at_noisy_level(sign * tau[:, j], sign * predicted[:, j], v[:, j])
     return clipped
 
 
