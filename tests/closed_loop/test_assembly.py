@@ -11,7 +11,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import assembly as assembly_module
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
-from wearscope.closed_loop.selection.evidence import weigh
+from wearscope.closed_loop.selection.evidence import on_same_folds, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
@@ -343,6 +343,18 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
         is True
     )
     assert weigh(assembly.by_fifths, still, (0,), search.policy, alone=True).gain == one.gain
+    # Terms are compared by what the same held-out parts gain: fifths, where one is judged by them.
+    beside, (first, second) = on_same_folds(assembly, [both, one], search.policy)
+    assert beside is assembly.by_fifths and second is one
+    assert first.gain == pytest.approx(weigh(beside, candidate, (0,), search.policy).gain, rel=1e-9)
+    assert abs(first.gain / both.gain - 1.0) > 1e-3
+    assert (first.p_value, first.refusal, first.alone) == (both.p_value, both.refusal, False)
+    same, kept = on_same_folds(assembly, [both, both], search.policy)
+    assert same is assembly and kept[0] is both
+    scale = np.array([[2.0], [5.0]]) * search.sigma**2
+    search.standard_losses = scale
+    shares = [e.whole for e in search.compare_whole([both, one])]
+    assert shares == pytest.approx([both.gains[0] / 2.0, one.gains[0] / 5.0])
     drift = search.problem.candidate(load_effect("warm_up_drift"), 0)
     slow = Candidate(
         drift.effect, 0, drift.shapes, drift.joints, tuple(x * rests[:, None] for x in drift.rows)
@@ -355,3 +367,13 @@ def test_standard_terms_are_asked_by_fifths_where_there_are_two_recordings(recor
     layout = Search(pose(record(seed=1, runs=runs + 1, duration=6.0)), Policy(flips=99)).problem.layout
     assert len(layout.for_standard.folds.test) == folds
     assert (layout.for_standard is layout) is (runs != 2)
+
+
+def test_share_of_the_fit_is_of_the_loss_though_columns_of_the_model_are_held_near_zero(record, pose):
+    """What frees the reversal's own columns from a strain is no part of the loss that a term removes."""
+    folder = record([(0, "stribeck", {"level": 6.0, "speed": 0.3})], seed=3, runs=3)
+    search = Search(pose(folder), Policy(flips=199))
+    before = search.assemble(())
+    e = weigh(before, search.problem.candidate(load_effect("stribeck"), 0), (0,), search.policy)
+    after = Assembly(before.layout, before.target, (*before.chosen, e.chosen), before.sigma)
+    assert e.fitted == pytest.approx(1.0 - after.sample_losses[0] / before.sample_losses[0], rel=1e-6)

@@ -1,5 +1,6 @@
 """What the revision keeps, absorbs and drops: planted truth with forms that contain each other."""
 
+import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -84,7 +85,7 @@ def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(reco
     folder = record(planted, seed=5, declared=["rigid_body", "rotor_inertia", "coulomb"])
     told: list[str] = []
     search = Search(pose(folder), Policy(), told.append)
-    search.standard_loss = search.scale(()) ** 2 * len(search.problem.target)
+    search.standard_losses = np.tile(search.scale(()) ** 2 * len(search.problem.target), (2, 1))
     found = search.extend([])
     own = [f.effect.name for f in found if f.joint == 0]
     assert own == ["torque_ripple", "viscous"]

@@ -35,7 +35,7 @@ def arm(request, record_at, pose, tmp_path_factory):
 def weigh_everything(search, turned=False):
     """Evidence on every candidate beside the declared model, by effect, joint and subset."""
     search.sigma = search.scale(())
-    search.standard_loss = np.zeros_like(search.sigma)
+    search.standard_losses = np.zeros((2, len(search.sigma)))
     assembly = search.assemble(())
     offered = search.candidates(assembly, (), range(search.problem.prepared.n))
     made = search.weigh_all(assembly, offered[::-1] if turned else offered)
@@ -188,7 +188,7 @@ def test_a_term_that_contains_a_drift_is_none_in_its_place(record, pose):
     folder = record([(0, "torque_offset", {"offset": 4.0})], seed=6, runs=4, duration=6.0)
     search = Search(pose(folder), POLICY)
     search.sigma = search.scale(())
-    search.standard_loss = np.zeros_like(search.sigma)
+    search.standard_losses = np.zeros((2, len(search.sigma)))
     assembly = search.assemble(())
     problem = search.problem
     offered = [problem.candidate(load_effect(name), 0) for name in ("torque_offset", "joint_spring")]

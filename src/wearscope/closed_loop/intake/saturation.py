@@ -30,7 +30,7 @@ def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
 
 
 def _comes_with_direction(at: np.ndarray, v: np.ndarray) -> bool:
-    """Whether samples (N,) are all that move fast in one direction, by the speed v (N,), and none of the other's."""
+    """Whether samples (N,) are all that move fast one way, by the speed v (N,), and no others."""
     fast = np.abs(v) > _FAST * np.abs(v).max()
     ways = [at[fast & (v > 0.0)], at[fast & (v < 0.0)]]
     shares = sorted(float(way.mean()) if len(way) else 0.0 for way in ways)

@@ -270,25 +270,36 @@ class Assembly:
     def hold_out(self, sums: Sums) -> np.ndarray:
         """Held-out loss by block (B,) less that of the model, with the shape chosen anew in each fold."""
         change = np.full(len(self.gram), np.nan)
-        k = sums.columns
         for f, test in enumerate(self.layout.folds.test):
-            inverse, theta = self.by_fold[f]
             added = self.add(sums, f)
             s = int(np.argmax(added.gain))
-            beta = added.beta[s]
             mask = self.layout.folds.train[f]
-            shift = -inverse[:, k] @ (sums.cross[mask, s].sum(axis=0).T @ beta)
-            gram = self.gram[test]
-            own = self.score[test] - gram @ theta
-            cross = sums.cross[test, s]
-            change[test] = (
-                -2.0 * own @ shift
-                + (gram @ shift) @ shift
-                - 2.0 * (sums.score[test, s] - cross @ theta[k]) @ beta
-                + 2.0 * (cross @ shift[k]) @ beta
-                + (sums.gram[test, s] @ beta) @ beta
-            )
+            change[test] = self._change(sums.at(s), added.beta[s], self.by_fold[f], mask, test)
         return change
+
+    def fit_change(self, sums: Sums, beta: np.ndarray) -> float:
+        """Loss on all blocks less that of the model, with one shape's columns fitted beside it; (m,) in."""
+        every = np.ones(len(self.gram), dtype=bool)
+        return float(self._change(sums, beta, self.whole, every, every).sum())
+
+    def _change(
+        self, sums: Sums, beta: np.ndarray, fit: tuple[np.ndarray, np.ndarray], mask: np.ndarray,
+        test: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """Change of the loss on blocks `test` by columns added to a model fitted on blocks `mask`."""
+        inverse, theta = fit
+        k = sums.columns
+        shift = -inverse[:, k] @ (sums.cross[mask, 0].sum(axis=0).T @ beta)
+        gram = self.gram[test]
+        own = self.score[test] - gram @ theta
+        cross = sums.cross[test, 0]
+        return np.asarray(
+            -2.0 * own @ shift
+            + (gram @ shift) @ shift
+            - 2.0 * (sums.score[test, 0] - cross @ theta[k]) @ beta
+            + 2.0 * (cross @ shift[k]) @ beta
+            + (sums.gram[test, 0] @ beta) @ beta
+        )
 
     def block_scores(self, sums: Sums) -> np.ndarray:
         """Scores (B, S, m): the columns, with the model projected out, times the model's residual."""

@@ -1,5 +1,6 @@
 """Evidence on a candidate beside a model: what held-out runs gain, chance, agreement, determinacy. Frozen."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -156,7 +157,7 @@ def weigh(
         return weigh(assembly.by_fifths, candidate, subset, policy, every, alone=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
-    fitted = float(added.gain[best] / max(assembly.sample_losses[touched].sum(), 1e-300))
+    fitted = -assembly.fit_change(sums.at(best), beta) / max(assembly.sample_losses[touched].sum(), 1e-300)
     felt = _losses_where_felt(assembly, candidate, chosen, change, fitted)
     joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
     reach = list(find_reach(assembly.chosen, candidate))
@@ -197,6 +198,35 @@ def weigh(
         alone=alone,
         overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
     )
+
+
+def on_same_folds(
+    assembly: Assembly, weighed: Sequence[Evidence], policy: Policy
+) -> tuple[Assembly, list[Evidence]]:
+    """Evidence with the same held out of all terms, and the model so folded, for terms that are compared.
+
+    Where fifths are held out of some, since one recording alone shows them, then of all: what a whole
+    recording loses, predicted by others, is no measure for what a part of it does.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model beside which they were weighed.
+    weighed : sequence of Evidence
+    policy : Policy
+    """
+    if len({e.alone for e in weighed}) < 2:
+        return assembly, list(weighed)
+    folded = assembly.by_fifths
+    return folded, [
+        e
+        if e.alone
+        else replace(
+            weigh(folded, e.chosen.candidate, e.chosen.subset, policy),
+            p_value=e.p_value, tried=e.tried, whole=e.whole, refusal=e.refusal,
+        )
+        for e in weighed
+    ]  # fmt: skip
 
 
 def sum_by_part(values: np.ndarray, parts: np.ndarray, policy: Policy) -> tuple[np.ndarray, np.ndarray]:

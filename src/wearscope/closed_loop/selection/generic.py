@@ -14,7 +14,7 @@ from wearscope.closed_loop.model.regression import regularise
 from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
@@ -187,7 +187,7 @@ def explain_rest(
                 here
                 and sum(f.joint == joint and f.effect.empirical for f in found) < search.policy.most_terms
             ):
-                taken.append(choose_plainest(here, search.policy))
+                taken.append(choose_plainest(on_same_folds(assembly, here, search.policy)[1], search.policy))
             else:
                 joints.remove(joint)
                 rest = [e for e in weighed if e.joint == joint and is_structure(search, e)]
@@ -241,8 +241,8 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
         able = [e for e in weighed if e.refusal in (Refusal.NONE, Refusal.ALONE)]
         if not able:
             continue
+        beside, (own, *able) = on_same_folds(beside, [search.weigh_again(beside, f), *able], search.policy)
         e = choose_plainest(able, search.policy)
-        own = search.weigh_again(beside, f)
         is_like = own in rule.fit_alike([e, own], search.policy)
         if rule.separates(e, own, search.policy) and not (sure and is_like):
             label = f.evidence.term.label

@@ -7,7 +7,7 @@ from arch.bootstrap import MCS
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
@@ -74,14 +74,12 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         ]
         own = search.refine(beside, search.weigh_again(beside, f))
         weighed = search.weigh_all(beside, offered, match_gain(beside, own))
+        weighed = [e for e in weighed if e.refusal in _OPEN]
+        beside, (own, *weighed) = on_same_folds(beside, [own, *weighed], search.policy)
         weighed.sort(key=lambda e: -e.gain)
         able = [e for e in weighed if e.refusal is Refusal.NONE and rule.gains_there(e, own)]
         best = max([own.gain, *(e.gain for e in able)])
-        near = [
-            e
-            for e in weighed
-            if e.refusal in _OPEN and e.gain > search.policy.beyond_doubt * best and not _is_same(e, own)
-        ]
+        near = [e for e in weighed if e.gain > search.policy.beyond_doubt * best and not _is_same(e, own)]
         near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)

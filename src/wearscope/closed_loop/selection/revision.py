@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ def ask_again(
     weighed = search.weigh_all(beside, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
+        beside, (own, *able) = on_same_folds(beside, [own, *able], search.policy)
         near = [e for e in able if e.gain > NEAR * own.gain and rule.gains_there(e, own)]
         near = [search.refine(beside, e) for e in near if search.is_delay(beside, e)]
         chosen = rule.choose([own, *near], search.policy)

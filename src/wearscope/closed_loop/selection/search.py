@@ -16,7 +16,13 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.evidence import (
+    Evidence,
+    Refusal,
+    adjust_p_values,
+    on_same_folds,
+    weigh,
+)
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
@@ -57,7 +63,7 @@ class Search:
         self.no_delay: set[int] = set()
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
-        self.standard_loss = np.zeros(problem.prepared.n)
+        self.standard_losses = np.zeros((2, problem.prepared.n))
 
     def scale(self, found: Sequence[Found]) -> np.ndarray:
         """Residual scale (n,) of the model with the terms found."""
@@ -126,8 +132,10 @@ class Search:
 
     def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves."""
-        scale = self.sigma**2 / np.maximum(self.standard_loss, 1e-300)
-        return [replace(e, whole=max(g * scale[j] for j, g in e.gains.items())) for e in weighed]
+        scale = self.sigma**2 / np.maximum(self.standard_losses, 1e-300)
+        return [
+            replace(e, whole=max(g * scale[int(e.alone), j] for j, g in e.gains.items())) for e in weighed
+        ]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -149,8 +157,9 @@ class Search:
         """Terms that the declared model lacks."""
         found = self.settle_reversals(find_standard(self), forms=False)
         self.sigma = self.scale(found)
-        losses = np.nansum(self.assemble(found).joint_losses, axis=0)
-        self.standard_loss = losses * self.sigma**2
+        standard = self.assemble(found)
+        losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
+        self.standard_losses = np.array(losses) * self.sigma**2
         found = self.settle_reversals(self.extend(found))
         for _ in range(_PASSES):
             grown = self.extend(revise(self, found))
@@ -236,6 +245,7 @@ class Search:
 
     def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
+        assembly, able = on_same_folds(assembly, able, self.policy)
         able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
         while able and self.is_drift(assembly, able[0], every):
             able = able[1:]
