@@ -3,6 +3,7 @@
 import hashlib
 import platform
 import subprocess
+import sys
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
@@ -28,7 +29,11 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
     """
     files = {Path(source).as_posix(): digest_file(Path(source)) for source in sources}
     text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
-    packages = {one.metadata["Name"].lower(): one.version for one in metadata.distributions()}
+    packages: dict[str, str] = {}
+    # Once each, though a script's path may name a folder several times; the first is what Python imports.
+    for one in metadata.distributions(path=list(dict.fromkeys(sys.path))):
+        fields = one.metadata  # read anew at each use
+        packages.setdefault(fields["Name"].lower(), fields["Version"])
     return {
         "python": platform.python_version(),
         "packages": dict(sorted(packages.items())),

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.motion import compute_payload_torque, estimate_acceleration
+from wearscope.detectors.motion import compute_payload_torque, differentiate_locally, estimate_acceleration
 from wearscope.detectors.wear_search import MAX_CONDITION, MIN_SHARE, _told_apart, normal_equations
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,
@@ -84,6 +85,14 @@ def test_acceleration_has_no_lag():
     exact = np.gradient(batch.qd[:, 0], batch.t)
     assert np.abs(a[10:-10, 0] - exact[10:-10]).max() < 0.01
     assert estimate_acceleration(batch) is a
+
+
+@pytest.mark.parametrize("length", [5, 9, 31])
+@pytest.mark.parametrize("samples", [31, 32, 400])
+def test_local_derivative_is_the_filter_of_savitzky_and_golay_to_the_last_bit(samples, length):
+    speed = np.random.default_rng(samples).normal(size=(samples, 3)).cumsum(axis=0)
+    filtered = savgol_filter(speed, length, polyorder=2, deriv=1, delta=0.004, axis=0)
+    assert differentiate_locally(speed, length, 0.004).tobytes() == filtered.tobytes()
 
 
 def test_payload_torque_is_the_difference_that_the_load_makes():

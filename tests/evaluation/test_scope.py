@@ -70,6 +70,39 @@ def test_the_threshold_leaves_just_the_false_alarms_allowed(p):
     assert np.all(lower > p)
 
 
+def bisect_all(quadratic, wanted):
+    """The threshold of the same bisection, in which every bracket is halved as often as any."""
+    b, c = np.abs(quadratic[:, 1]), quadratic[:, 2]
+    shifted = quadratic * [0.0, 1.0, 1.0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = np.where(np.abs(b) < 18 * np.abs(c), -b * b / (4 * c), 0.0)
+    ends = np.stack([81 * c - 9 * b, 81 * c + 9 * b, vertex])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        above = tail_probability(shifted, middle) > wanted
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return quadratic[:, 0] + high
+
+
+@pytest.mark.parametrize("p", [1e-9, 0.01, 0.5, 0.999])
+def test_thresholds_together_are_those_alone_and_found_ones_are_asked_for_no_more(p, monkeypatch):
+    rng = np.random.default_rng(1)
+    quadratic = rng.normal(size=(600, 3)) * 10.0 ** rng.integers(-6, 6, (600, 3))
+    quadratic[:20, 2], quadratic[20:40, 1], quadratic[40:50, 1:] = 0.0, 0.0, 0.0
+    asked = []
+
+    def count(quadratic, h):
+        asked.append(np.size(h))
+        return tail_probability(quadratic, h)
+
+    monkeypatch.setattr("wearscope.evaluation.scope_exact.tail_probability", count)
+    together = threshold(quadratic, p)
+    np.testing.assert_array_equal(together, bisect_all(quadratic, p))
+    np.testing.assert_array_equal(threshold(quadratic.reshape(20, 30, 3), p).ravel(), together)
+    assert min(asked) < 0.2 * max(asked)
+
+
 @pytest.mark.parametrize("far", [4.0, 6.0, 8.0])
 def test_a_threshold_near_an_output_s_turning_point_is_found(far):
     """y = far^2 - (x - far)^2 turns where x = far: at h it is left by |x - far| > sqrt(far^2 - h)."""

@@ -163,6 +163,31 @@ def test_a_group_without_values_ranks_last(table):
         rank_by_median(table, by=[])
 
 
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_draw_s_medians_are_those_of_its_columns_in_one_call_where_none_is_missing(missing, monkeypatch):
+    rng = np.random.default_rng(3)
+    values = rng.lognormal(size=(9, 4))
+    if missing:
+        values[2, 1] = np.nan
+    rows = [
+        {"robot": "r", "cycle": "c", "axis": axis, "fda": fda, "snr_exact": values[axis, k]}
+        for axis in range(9)
+        for k, fda in enumerate("ABCD")
+    ]
+    calls, median = [], np.median
+
+    def count(*arguments, **options):
+        calls.append(arguments)
+        return median(*arguments, **options)
+
+    monkeypatch.setattr(np, "median", count)
+    ranking = rank_by_median(pd.DataFrame(rows), draws=10, seed=0).set_index("fda")
+    assert len(calls) == 11 or missing
+    for k, fda in enumerate("ABCD"):
+        column = values[:, k][~np.isnan(values[:, k])]
+        assert ranking.loc[fda, "median"] == median(column)
+
+
 def test_boxes_and_ranking_group_over_any_subset(table):
     boxes = snr_boxes(table, ["robot", "fda"])
     assert len(boxes) == 6 and (boxes["n"] == 6).all()

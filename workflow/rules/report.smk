@@ -48,6 +48,7 @@ rule describe_robots:
         "../scripts/describe_robots.py"
 
 
+# As soon as its runs are there: left to the end, it is what the report waits for.
 rule draw_setup:
     input:
         designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
@@ -63,7 +64,7 @@ rule draw_setup:
         **figure_files(SETUP_FIGURES),
     log:
         f"{R}/logs/draw_setup.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     params:

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.linalg import lstsq
+from scipy.ndimage import convolve1d
 
 from wearscope.detectors.base import Array, Batch
 
@@ -55,10 +56,51 @@ def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
         length = 2 * half + 1
         if length > len(batch.t):
             raise ValueError(f"the batch has {len(batch.t)} samples, the acceleration needs {length}")
-        batch.derived[key] = savgol_filter(
-            batch.qd, length, polyorder=2, deriv=1, delta=1.0 / batch.sample_rate, axis=0
-        )
+        batch.derived[key] = differentiate_locally(batch.qd, length, 1.0 / batch.sample_rate)
     return batch.derived[key]
+
+
+def differentiate_locally(values: Array, length: int, delta: float) -> Array:
+    """Derivative of least-squares parabolas of `length` samples; near the ends, of the first and last one.
+
+    As ``scipy.signal.savgol_filter(values, length, 2, deriv=1, delta=delta, axis=0)``, to the last bit;
+    importing that takes as long as the detectors of some recordings.
+
+    Parameters
+    ----------
+    values : array (N, n)
+    length : int
+        Odd.
+    delta : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    array (N, n)
+    """
+    values = np.asarray(values, dtype=float)
+    half = length // 2
+    at = np.arange(-half, length - half, dtype=float)[::-1]
+    powers = at ** np.arange(3.0)[:, None]
+    weights = _solve_least_squares(powers, np.array([0.0, 1.0 / delta, 0.0]))
+    slope = convolve1d(values, weights, axis=0, mode="constant")
+    count = len(values)
+    at = np.arange(length, dtype=float)
+    slope[:half] = _slope_of_parabola(values[:length], at[:half]) / delta
+    slope[count - half :] = _slope_of_parabola(values[count - length :], at[half + 1 :]) / delta
+    return slope
+
+
+def _solve_least_squares(matrix: Array, right: Array) -> Array:
+    return np.asarray(lstsq(matrix, right, cond=np.finfo(float).eps * max(matrix.shape))[0])
+
+
+def _slope_of_parabola(values: Array, at: Array) -> Array:
+    """Slope a sample, at some samples, of the parabola of least squares through all `values` (M, n)."""
+    powers = np.arange(len(values), dtype=float)[:, None] ** np.array([2.0, 1.0, 0.0])
+    scale = np.sqrt(np.sum(powers * powers, axis=0))
+    square, linear, _ = (_solve_least_squares(powers / scale, values).T / scale).T
+    return 2.0 * square * at[:, None] + linear
 
 
 def compute_rigid_torque(batch: Batch, model: "RobotModel", window: float) -> Array:

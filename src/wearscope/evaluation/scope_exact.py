@@ -10,6 +10,8 @@ from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 _REACH = 9.0
+#: Brackets that shrink no more are left out when they are more than the rest of this share.
+_CROWDED = 0.9
 
 
 def standardise(coefficients: ArrayLike, sigma: ArrayLike, centre: float = 0.0) -> Array:
@@ -102,13 +104,25 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 20
         vertex = np.where(np.abs(turn) < _REACH, -b * b / (4 * c), 0.0)
     low = np.minimum(np.minimum(ends[0], ends[1]), vertex)
     high = np.maximum(np.maximum(ends[0], ends[1]), vertex)
+    shape = np.broadcast_shapes(high.shape, wanted.shape)
+    asked = np.broadcast_to(shifted, (*shape, 3)).reshape(-1, 3)
+    wanted, low, high = (np.broadcast_to(one, shape).ravel() for one in (wanted, low, high))
+    found, where = high.copy(), np.arange(high.size)
     for _ in range(iterations):
         middle = 0.5 * (low + high)
-        if np.all((middle <= low) | (middle >= high)):
+        shrinks = (middle > low) & (middle < high)
+        left = np.count_nonzero(shrinks)
+        if left == 0:
             break
-        above = tail_probability(shifted, middle) > wanted
+        if left < _CROWDED * len(where):  # some need half as many steps as others
+            found[where] = high
+            where, asked, wanted = where[shrinks], asked[shrinks], wanted[shrinks]
+            low, high, middle = low[shrinks], high[shrinks], middle[shrinks]
+        above = tail_probability(asked, middle) > wanted
         low = np.where(above, middle, low)
         high = np.where(above, high, middle)
+    found[where] = high
+    high = found.reshape(shape)
     return quadratic[..., 0] + high
 
 

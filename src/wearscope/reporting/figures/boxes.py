@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
-import seaborn as sns
 from matplotlib import MatplotlibDeprecationWarning
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
@@ -27,6 +26,8 @@ def draw_boxes(
     colour : str
     width : float
     """
+    import seaborn as sns  # here, because importing it takes a second
+
     data = [finite(one) for one in values]
     filled = [k for k, one in enumerate(data) if one.size]
     if not filled:

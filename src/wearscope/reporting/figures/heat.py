@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, Normalize
@@ -38,6 +37,8 @@ def draw_heat(
     size : float
         Of that text [pt].
     """
+    import seaborn as sns  # here, because importing it takes a second
+
     known = np.isfinite(values)
     written = np.array(
         [[text(float(value)) if text else "" for value in row] for row in values], dtype=object

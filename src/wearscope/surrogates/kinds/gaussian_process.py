@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_solve
-from scipy.optimize import minimize
 
 from wearscope.surrogates.kinds.likelihood import Hyperparameters, Likelihood
 
@@ -146,6 +145,8 @@ def fit_gaussian_process(
     GaussianProcess or None
         None with too few runs or where y does not vary.
     """
+    # Here, as what reads a chosen surrogate searches for none.
+    from scipy.optimize import minimize
     from sklearn.gaussian_process.kernels import WhiteKernel
 
     scale = float(y.std())
