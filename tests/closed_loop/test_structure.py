@@ -51,7 +51,7 @@ def judge(record, pose):
         model = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
         )
-        return judge_joints(problem.prepared, model, [], {}, Policy())
+        return judge_joints(problem.prepared, model, [], {}, {}, Policy())
 
     return states
 
@@ -67,7 +67,7 @@ def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose
     model = fit_declared_model(
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
     )
-    said, other = judge_joints(problem.prepared, model, [], left, Policy())
+    said, other = judge_joints(problem.prepared, model, [], left, {}, Policy())
     assert said.state == "unexplained"
     assert 0.0 < said.unexplained_rms == pytest.approx(0.8 * search.sigma[0], rel=0.1)
     assert said.depends_on

@@ -26,6 +26,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
+from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
@@ -236,11 +237,14 @@ class Answer:
         Names beside each.
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
+    dependence : dict of int to Dependence
+        By other joints, what of the residual depends on the motion.
     """
 
     found: list[Found]
     equivalent: list[list[str]]
     left: dict[int, Evidence]
+    dependence: dict[int, Dependence]
 
 
 def find_terms(search: Search) -> Answer:
@@ -248,7 +252,11 @@ def find_terms(search: Search) -> Answer:
     found = search.run()
     found, left = explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), found)
     found, equivalent = name_terms(search, found)
-    return Answer(search.settle_reversals(found), equivalent, left)
+    found = search.settle_reversals(found)
+    asked = [
+        j for j in range(search.problem.prepared.n) if search.problem.prepared.moving[j] and j not in left
+    ]
+    return Answer(found, equivalent, left, find_dependence(search, found, asked))
 
 
 def conclude(search: Search, answer: Answer) -> Diagnosis:
@@ -267,7 +275,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
             after.entries[len(before.entries) :], found, equivalent, marked, strict=True
         )
     ]
-    states = judge_joints(prepared, after, named, answer.left, search.policy)
+    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     return Diagnosis(prepared, search.policy, named, before, after, states, candidates, full, problem)

@@ -25,6 +25,8 @@ SIDE, PRODUCT = 5, 25
 TAPER = 2.0
 #: Signals by code.
 SIGNALS = ("q", "qd", "qdd", "load", "temp", "t")
+#: Codes of temperature and time, which any drift of a run seems to follow.
+SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Pairs of signals, by code, of the joint itself; of the joint and another one.
 _OWN_PAIRS = ((0, 1), (0, 3), (1, 3), (0, 4), (1, 4), (3, 4), (0, 5), (1, 5), (3, 5))
 _OTHER_PAIRS = ((0, 0), (1, 1), (1, 0), (3, 0))

@@ -20,6 +20,7 @@ from wearscope.effects.unknown import name_signals
 if TYPE_CHECKING:
     from wearscope.closed_loop.diagnosis import Attribution
     from wearscope.closed_loop.selection.evidence import Evidence
+    from wearscope.closed_loop.selection.motion_dependence import Dependence
 
 State = Literal["explained", "corrected", "unexplained"]
 #: Rows that trees are grown on, folds, seed.
@@ -67,6 +68,7 @@ def judge_joints(
     after: Regression,
     named: "Sequence[Attribution]",
     left: "Mapping[int, Evidence]",
+    dependence: "Mapping[int, Dependence]",
     policy: Policy,
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
@@ -82,6 +84,8 @@ def judge_joints(
     named : sequence of Attribution
     left : mapping of int to Evidence
         Generic structure by joint that could not be added.
+    dependence : mapping of int to Dependence
+        What depends on the motion, by joint.
     policy : Policy
     """
     theta = after.solve()
@@ -105,6 +109,7 @@ def judge_joints(
         rms = _rms(own, keep)
         seen = [
             *_from_generic(prepared, left, j),
+            *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
             *_from_jumps(train, own, keep, policy),
@@ -138,6 +143,14 @@ def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int
     e = left[joint]
     depends = name_signals(e.term.shape, prepared.dataset.joints, joint)
     return [_Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+
+
+def _from_dependence(dependence: "Mapping[int, Dependence]", joint: int) -> list[_Seen]:
+    if joint not in dependence:
+        return []
+    one = dependence[joint]
+    on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
+    return [_Seen(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")]
 
 
 def _from_trees(

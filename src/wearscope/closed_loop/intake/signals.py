@@ -18,8 +18,11 @@ _OF_A_RUN: dict[str, Any] = {"torque": None, "transmitted": None, "lag": None, "
 
 def thin_signals(run: PreparedRun) -> Signals:
     """Signals of a run at the rows of its residual, unfiltered."""
-    whole = run.signals
-    at = rows(run.band, len(whole.t))
+    return pick_rows(run.signals, rows(run.band, len(run.signals.t)))
+
+
+def pick_rows(whole: Signals, at: np.ndarray | slice) -> Signals:
+    """Signals at some of their samples, without what is known of single runs only."""
     sampled: dict[str, Any] = {name: getattr(whole, name)[at] for name in _SAMPLED}
     channels = {name: values[at] for name, values in whole.channels.items()}
     return replace(whole, **sampled, channels=channels, **_OF_A_RUN, _slopes={})

@@ -20,11 +20,9 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
-from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SIGNALS, coarsen
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Codes of temperature and time among the signals.
-_SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
 _ROUGHLY = 0.6
 #: Bytes of its columns that are kept.
@@ -258,7 +256,7 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
 
 def is_slow(e: Evidence) -> bool:
     """Whether a generic term depends on time or temperature, as any drift of a run seems to."""
-    return any(int(e.term.shape[k]) in _SLOW for k in (0, 5))
+    return any(int(e.term.shape[k]) in SLOW for k in (0, 5))
 
 
 def is_structure(search: Search, e: Evidence) -> bool:

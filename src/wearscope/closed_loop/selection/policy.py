@@ -101,7 +101,8 @@ class Policy(BaseModel):
     """One minus the coverage of the set of names (model confidence set)."""
 
     unknown_level: float = Field(0.001, gt=0, lt=1)
-    """As `family_level`, for the generic term, which can be anything."""
+    """As `family_level`, for the generic term, which can be anything, and for what of a residual depends on
+    the motion."""
 
     structure_share: float = Field(0.2, gt=0, lt=1)
     """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
@@ -112,7 +113,7 @@ class Policy(BaseModel):
     the verdict."""
 
     flips: int = Field(999, ge=99)
-    """Random sign patterns; the least p-value is one over them."""
+    """Random sign patterns, and surrogates of a residual; the least p-value is one over them."""
 
     seed: int = Field(20260, ge=0)
     """Of the sign patterns and of the bootstrap of the set of names."""

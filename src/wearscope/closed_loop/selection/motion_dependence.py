@@ -1,0 +1,178 @@
+"""Whether what a model leaves at a joint depends on the motion, now or past, whatever noise it may be.
+
+A slow residual resembles some slow signal by chance, and filtered until it is white a slow effect is gone
+with the drift that it might be. So the residual is compared with itself where it cannot depend on the motion:
+each run's moved in time (of a single recording there are too few moments to move it to), and with random
+phases, which keep its spectrum (surrogate data; Theiler et al. 1992). Splines of all signals of the motion
+and of its past are fitted to each and predict held-out runs; what gains beyond all surrogates is dependence.
+Temperature and time are no motion: a drift follows both.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.signals import join_signals, pick_rows, thin_signals
+from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.held_out_sums import HeldOut
+from wearscope.closed_loop.selection.past_signals import list_past
+from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.whitening import bridge_uncounted
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen, name_signals
+from wearscope.effects.vocabulary import empirical_effect
+
+#: Most rows of a joint that are asked, fewest.
+_MOST_ROWS, _LEAST_ROWS = 3000, 60
+#: Surrogates at a time; the first of them end most questions.
+_AT_ONCE = 99
+#: Nearest and furthest that a run is moved, of its length.
+_MOVED = (0.15, 0.85)
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """What of a residual depends on the motion.
+
+    Attributes
+    ----------
+    share : float
+        Of the held-out loss at the joint.
+    depends_on : list of str
+        Signals.
+    past : bool
+        Whether on what they have been.
+    """
+
+    share: float
+    depends_on: list[str]
+    past: bool
+
+
+@dataclass(frozen=True)
+class _Spline:
+    depends_on: list[str]
+    past: bool
+    columns: np.ndarray
+    penalty: np.ndarray
+
+
+def find_dependence(search: Search, found: Sequence[Found], joints: Sequence[int]) -> dict[int, Dependence]:
+    """What the model with the terms found leaves at joints that depends on the motion beyond chance.
+
+    Parameters
+    ----------
+    search : Search
+    found : sequence of Found
+    joints : sequence of int
+
+    Returns
+    -------
+    dict of int to Dependence
+        Of the joints at which at least `large_share` of the held-out loss does, with a p-value over all
+        splines of at most `unknown_level`.
+    """
+    search.sigma = search.scale(found)
+    assembly = search.assemble(found)
+    seen = {joint: _ask(search, assembly, joint) for joint in joints}
+    return {joint: one for joint, one in seen.items() if one is not None}
+
+
+def _ask(search: Search, assembly: Assembly, joint: int) -> Dependence | None:
+    layout, policy = assembly.layout, search.policy
+    every = max(1, -(-len(layout.keep) // _MOST_ROWS))
+    keep = layout.keep[::every, joint]
+    if keep.sum() < _LEAST_ROWS:
+        return None
+    residual = assembly.residual[:, joint]
+    known = assembly.know_elsewhere(joint) * assembly.sigma[joint] ** 2
+    sums = HeldOut(layout, every, keep, assembly.columns[joint][::every], known)
+    splines = list(_list_splines(search, joint, every))
+    own = sums.target(residual[::every, None])
+    shares = np.array([sums.explain(s.columns, s.penalty, own)[:, 0] for s in splines])
+    able = shares[:, 0] >= policy.large_share
+    if not able.any():
+        return None
+    runs = zip(layout.unpack(residual[:, None]), layout.unpack(layout.keep[:, joint]), strict=True)
+    parts = [bridge_uncounted(x, kept)[:, 0] for x, kept in runs]
+    for make in (move, mix_phases) if layout.folds.by_run else (mix_phases,):
+        rng = np.random.default_rng(np.random.SeedSequence([policy.seed, joint]))
+        gains = np.zeros((*shares.shape, 0))
+        while gains.shape[-1] < policy.flips:
+            count = min(_AT_ONCE, policy.flips - gains.shape[-1])
+            made = np.concatenate([make(x, count, rng) for x in parts])[::every]
+            target = sums.target(made)
+            more = np.array([sums.explain(s.columns, s.penalty, target) for s in splines])
+            gains = np.concatenate([gains, _log_gain(more)], axis=-1)
+            score, chance = score_gains(_log_gain(shares), gains)
+            above = (chance >= score.max(axis=1)[:, None]).sum(axis=-1)
+            beyond = able & ((1.0 + above) / (policy.flips + 1.0) <= policy.unknown_level)
+            if not beyond.any():
+                return None
+        able = beyond
+    best = int(np.argmax(np.where(able, shares[:, 0], -np.inf)))
+    return Dependence(float(min(shares[best, 0], 1.0)), splines[best].depends_on, splines[best].past)
+
+
+def score_gains(own: np.ndarray, gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (C, 2) in standard deviations of surrogates' (C, 2, S), and the largest of each of these (S,).
+
+    Splines with few and with many heights gain differently by chance, and so do held-out and fitted rows.
+    """
+    mean, error = gains.mean(axis=-1), gains.std(axis=-1) + 1e-12
+    chance = ((gains - mean[..., None]) / error[..., None]).max(axis=(0, 1))
+    return (own - mean) / error, chance
+
+
+def _log_gain(share: np.ndarray) -> np.ndarray:
+    """Logarithm of a loss over what is left of it, which has next to no upper end."""
+    return np.asarray(-np.log(np.maximum(1.0 - share, 1e-6)))
+
+
+def _list_splines(search: Search, joint: int, every: int) -> Iterator[_Spline]:
+    """Coarse splines of the motion's signals, of pairs and of its past, on one row in `every`."""
+    runs, joints = search.problem.train, search.problem.prepared.dataset.joints
+    effect = empirical_effect()
+    signals = pick_rows(
+        join_signals(replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in runs),
+        slice(None, None, every),
+    )
+    for shape in effect.shapes(search.problem.joined, joint):
+        if {int(shape[0]), int(shape[5])} & set(SLOW):
+            continue
+        named = shape.copy()
+        named[-1] = finest = PRODUCT if shape[5] >= 0 else COARSE
+        x = effect.columns(signals, joint, named)[:, :finest]
+        names = name_signals(named, joints, joint)
+        yield _Spline(names, False, x, _penalise(x))
+        if finest == COARSE:
+            coarse = x @ coarsen(finest, LEVELS[0])
+            yield _Spline(names, False, coarse, _penalise(coarse))
+    for codes, x in list_past(runs, joint):
+        thinned = x[::every]
+        yield _Spline([f"{code}_{joints[joint]}" for code in codes], True, thinned, _penalise(thinned))
+
+
+def _penalise(columns: np.ndarray) -> np.ndarray:
+    return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
+
+
+def move(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """A run's residual (M,) moved in time, backwards and with the other sign as often as not, (M, count)."""
+    n = len(x)
+    place = np.arange(n)[:, None] + (rng.uniform(*_MOVED, count) * n).astype(int)
+    place = np.where(rng.random(count) < 0.5, place, -place)
+    return np.asarray(x[place % n] * rng.choice([-1.0, 1.0], count))
+
+
+def mix_phases(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """The same with its straight line's level and slope of either sign, and random phases of the rest."""
+    n = len(x)
+    along = np.linspace(-1.0, 1.0, n)
+    slope, level = np.polyfit(along, x, 1)
+    spectrum = np.fft.rfft(x - level - slope * along)[:, None]
+    mixed = np.fft.irfft(spectrum * np.exp(2j * np.pi * rng.random((len(spectrum), count))), n, axis=0)
+    turned = rng.choice([-1.0, 1.0], (2, count))
+    return np.asarray(mixed + slope * along[:, None] * turned[0] + level * turned[1])
