@@ -1,20 +1,20 @@
 """What separates a recorded torque from the true model along the measured motion.
 
-Whoever explains a record knows the positions as they were recorded: rounded, noisy, and sampled. What they do to
-the torque of a model, through speeds and accelerations, stands between the record and the truth like the noise
-of the torque itself. With T the torque that the machine's motors are asked for along a motion, were the gears
-rigid and the record in time, m the measured motion below the common band's edge, and f what the gears' bending
-and lost motion are worth, the separation is
+Whoever explains a record knows the positions as they were recorded: rounded, noisy, and sampled. What they
+do to the torque of a model, through speeds and accelerations, stands between the record and the truth like
+the noise of the torque itself. With T the torque that the machine's motors are asked for along a motion, were
+the gears rigid and the record in time, m the measured motion below the common band's edge, and f what the
+gears' bending and lost motion are worth, the separation is
 
     n = recorded torque - T(m) - f
 
 (a delay undone first). Where a joint rests, and at the ends of a run, where no filter knows the acceleration,
 T is taken along the exact motion.
 
-A motor crosses a lost motion in less time than a recorder samples. Sampled as it is, f would be a few lone peaks
-whose height is chance and whose energy lies in a band where nothing of the kind can be seen; what is in the
-record of it is f below half the sample rate. What such peaks are to the recorded torque through the rotor's
-inertia is part of n.
+A motor crosses a lost motion in less time than a recorder samples. Sampled as it is, f would be a few lone
+peaks whose height is chance, and most of whose energy is folded down from above half the sample rate, where
+no recorded position can show it; what a record holds of f is what lies below. What such peaks are to the
+recorded torque through the rotor's inertia is part of n.
 """
 
 from collections.abc import Sequence

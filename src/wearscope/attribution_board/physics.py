@@ -220,7 +220,6 @@ def behave(
         `declared` is the true machine's torque without the plants, along the motor-side motion that a
         recorder sees: tau - declared is what the plants are worth.
     """
-    machine = setting.machine
     structural = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Structural)]
     body = find_body(setting, actives, declared_body)
     if declared_load is None or body is not declared_body:

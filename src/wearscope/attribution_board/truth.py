@@ -2,16 +2,19 @@
 
 Everything is worked out on the training runs where the joint moves, smoothed and thinned as in `features`
 (the common band), and before any verdict is looked at. Let f be the effect's torque less what refitting the
-declared effects and the other planted effects at the joint absorbs, and n the recording's own noise, both
-in that band. A test of one coefficient by blocks has the non-centrality
+declared effects and the other planted effects at the joint absorbs, and n all that separates the recorded
+torque from the true model along the measured motion (`measured`: noise of the torque, and what noise of the
+positions does through speeds and accelerations), both in that band. A test of one coefficient by blocks has
+the non-centrality
 
     d = sum f^2 / sqrt(sum_b (sum_{t in b} f n)^2),
 
 with blocks b of `BLOCK_SECONDS`, or four memories of the noise where that is longer. The *just findable
 size* is the size at which d reaches what `POWER` of such tests pass at level `LEVEL`, corrected for `NAMES`
 names at each of the n joints, with as many degrees of freedom as the effect has blocks (weighted by its
-power in each); and at which the effect is at least `MATERIAL` of the noise variance. It knows nothing of
-the tracer.
+power in each); and at which the effect is at least `MATERIAL` of the noise variance. Noise of the positions
+grows with the square of the frequency, and whoever looks may leave it out: of the bands below `EDGES_HZ` the
+one counts in which the effect is found most easily. It knows nothing of the tracer.
 
 An effect is *separable* where, for every rival family with no more columns than its own, the rival leaves at
 least `separability.MARGIN` more of f's variance than the effect's own form leaves, and that difference would
@@ -97,7 +100,7 @@ class JointView:
     ----------
     families : Families
     noise : list of array (N,)
-        The recording's torque noise at this joint, by track.
+        What separates the record from the true model along the measured motion at this joint, by track.
     memory : float
         Time over which that noise is autocorrelated [s].
     joints : int
@@ -137,7 +140,7 @@ class JointView:
         self._variants: dict[str, list[Array]] = {}
 
     def _narrow(self, signal: Array, edge: float) -> Array:
-        """This view's rows of a pooled signal (N,) below another edge."""
+        """Rows of this view of a pooled signal (N,), below another edge."""
         if edge >= CUTOFF_HZ:
             return signal[self.rows]
         sos = butter(3, edge, fs=KEPT_RATE_HZ, output="sos")

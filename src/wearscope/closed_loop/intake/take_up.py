@@ -7,6 +7,7 @@ faster than that, it also leaves out the load: the torque then reverses at other
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy import signal
@@ -17,8 +18,8 @@ from wearscope.effects.base import Signals
 
 #: Cut-offs tried, over the common one.
 _TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)
-#: Error of a reversal's moment, times the common cut-off's angular frequency, at which the jump's torque below
-#: that cut-off is hardly another one: its correlation with the true one falls by half the square of it.
+#: Error of a reversal's moment, times the common cut-off's angular frequency, at which the jump's torque
+#: below that cut-off is hardly another one: its correlation with the true one falls by half the square of it.
 _EARLY = 0.2
 #: Highest frequency over the motion filter's cut-off that this does not touch.
 _UNTOUCHED = 0.7
@@ -53,18 +54,17 @@ def choose_take_up_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarray:
 
 
 def _bound_noise(runs: Sequence[Signals], band: Band) -> np.ndarray:
-    """Most (n,) that the loads' density over f^4 can be everywhere: what twice differentiated noise can be."""
-    edges = band.torque * 2.0 ** np.arange(-1.0, 8.0, 0.5)
-    edges = edges[edges <= _UNTOUCHED * band.motion]
-    least = np.full(runs[0].load.shape[1], np.inf)
-    density, weight = 0.0, 0.0
-    length = min(*(len(run.t) for run in runs), int(4 * band.rate)) if len(runs) > 1 else len(runs[0].t)
-    length = min(length, int(4 * band.rate))
+    """Most (n,) that a density of twice differentiated noise, over f^4, can be without passing the loads'."""
+    length = min(int(4 * band.rate), *(len(run.t) for run in runs))
+    frequency = np.fft.rfftfreq(length, 1.0 / band.rate)
+    density = np.zeros((len(frequency), runs[0].load.shape[1]))
     for run in runs:
-        frequency, own = signal.welch(run.load, band.rate, nperseg=length, axis=0)
-        density, weight = density + own * len(run.t), weight + len(run.t)
-    for low, high in zip(edges, edges[1:], strict=False):
+        density += len(run.t) * signal.welch(run.load, band.rate, nperseg=length, axis=0)[1]
+    density /= sum(len(run.t) for run in runs)
+    edges = band.torque * 2.0 ** np.arange(-1.0, 8.0, 0.5)
+    least = np.full(density.shape[1], np.inf)
+    for low, high in pairwise(edges[edges <= _UNTOUCHED * band.motion]):
         within = (frequency >= low) & (frequency < high)
         if within.any():
-            least = np.minimum(least, (density / weight)[within].mean(axis=0) / np.mean(frequency[within] ** 4))
+            least = np.minimum(least, density[within].mean(axis=0) / np.mean(frequency[within] ** 4))
     return np.where(np.isfinite(least), least, 0.0)
