@@ -107,7 +107,8 @@ class Prepared:
     @cached_property
     def take_up(self) -> np.ndarray:
         """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up."""
-        return choose_take_up_cutoffs([run.signals for run in self.runs_for("train")], self.band)
+        runs = self.runs_for("train") or self.runs
+        return choose_take_up_cutoffs([run.signals for run in runs], self.band)
 
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
