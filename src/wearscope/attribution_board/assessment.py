@@ -56,7 +56,7 @@ def _inertial_spread(recording: "Recording") -> Array:
 
 def assess_entries(
     entries: list[dict[str, Any]], torques: list[list[Array]], recording: "Recording", declared: list[str],
-    signals: dict[str, Array], with_temperature: bool,
+    separations: list[Array], with_temperature: bool,
 ) -> None:  # fmt: skip
     """Add to every entry, in place, what its plant is worth and whether it can be found and told apart.
 
@@ -71,8 +71,8 @@ def assess_entries(
         Torque of each entry alone, by training run, at the recorded rate.
     recording : Recording
     declared : list of str
-    signals : dict
-        The sealed columns, for the noise.
+    separations : list of array (N, n)
+        What separates the record from the true model along the measured motion, by training run.
     with_temperature : bool
     """
     if not entries:
@@ -94,7 +94,6 @@ def assess_entries(
     inertial = _inertial_columns(recording, tracks) if approximate else None
     spread = _inertial_spread(recording)
     refitted = ["rotor_inertia_given" if x == "rotor_inertia" and recipe.rotor_given else x for x in declared]
-    runs = np.asarray(signals["run"])
     memory = recipe.memory if recipe.noise == "coloured" else MEMORIES.get(recipe.noise, 0.0)
     views: dict[int, JointView] = {}
 
@@ -107,7 +106,7 @@ def assess_entries(
                 if "order" in entry["parameters"] and entry["joint"] == machine.joints[j]
             ]
             families.ripple_orders = (*families.ripple_orders, *orders)
-            noise = [np.asarray(signals[f"noise_{machine.joints[j]}"])[runs == k] for k in training]
+            noise = [separation[:, j] for separation in separations]
             extra = None if inertial is None else (inertial[:, j], spread)
             views[j] = JointView(families, noise, memory, len(machine.joints), extra)
         return views[j]

@@ -47,7 +47,8 @@ def write_folder(
     Returns
     -------
     dict
-        Columns to be sealed: `run`, `t`, and by joint `clean_`, `noise_` and `effect_` torque.
+        Columns to be sealed: `run`, `t`, and by joint `clean_`, `noise_` and `effect_` torque, and
+        `position_` as recorded.
     """
     joints, n = machine.joints, len(machine.joints)
     pos = [machine.position_unit(j) for j in range(n)]
@@ -80,7 +81,7 @@ def write_folder(
             if with_temperature:
                 columns[f"temp_{joint}"] = np.round(b.temperature[every, j], 1)
                 units[f"temp_{joint}"] = "degC"
-            for key, value in (("clean", clean), ("noise", noise), ("effect", effect)):
+            for key, value in (("clean", clean), ("noise", noise), ("effect", effect), ("position", q)):
                 sealed.setdefault(f"{key}_{joint}", []).append(value[:, j])
         file = f"runs/r{number + 1}.parquet"
         write_table(folder / file, columns, units)

@@ -14,6 +14,7 @@ from wearscope.attribution_board.disturbances import check_noise, make_noise
 from wearscope.attribution_board.folder import write_folder
 from wearscope.attribution_board.limits import limit_amplitude
 from wearscope.attribution_board.machines import Body, Machine, find_machine
+from wearscope.attribution_board.measured import bends, sample, separate
 from wearscope.attribution_board.motions import Motion, make_motion
 from wearscope.attribution_board.outside import OUTSIDE
 from wearscope.attribution_board.physics import (
@@ -101,6 +102,14 @@ class Recording:
         """Torque (N, n) of one plant alone by training run, at the recorded rate."""
         every = slice(None, None, self.recipe.oversampling)
         return [self.behave(number, [active]).plant_torque[every] for number in self.pick_training()]
+
+    def record_torque(self, active: Active) -> list[Array]:
+        """What a record holds of it: of a motor that runs ahead of its link, no more than a sample tells."""
+        if not bends([active]):
+            return self.plant_torque(active)
+        recipe = self.recipe
+        torques = [self.behave(number, [active]).plant_torque for number in self.pick_training()]
+        return [sample(x, recipe.rate, recipe.oversampling) for x in torques]
 
 
 def warm_up(plan: RunPlan, n: int, t: Array, rng: np.random.Generator) -> Array:
@@ -229,7 +238,8 @@ def generate_dataset(
     recipe : Recipe, optional
     truth_path : path-like, optional
         Where the truth is sealed as JSON; beside it, ``<stem>.signals.parquet`` holds the noiseless torque
-        (`clean_<joint>`), the noise (`noise_<joint>`) and the plants' torque (`effect_<joint>`) by run.
+        (`clean_<joint>`), the noise (`noise_<joint>`), the plants' torque (`effect_<joint>`) and the
+        positions as recorded (`position_<joint>`) by run.
 
     Returns
     -------
@@ -260,17 +270,18 @@ def generate_dataset(
     if with_temperature is None:
         thermal = any(plant.effect in THERMAL for plant in planted)
         with_temperature = thermal or bool(make_stream(seed, machine.name, "channels").uniform() < 0.3)
-    behaviours, noises = _run_all(recording, actives, seed)
+    behaviours, noises, motions = _run_all(recording, actives, seed)
     signals = write_folder(
         Path(folder), machine, recording.setting, recipe, behaviours, noises, recording.sigma, seed, declared,
         bool(with_temperature),
     )  # fmt: skip
-    torques = [recording.plant_torque(active) for active in actives]
+    torques = [recording.record_torque(active) for active in actives]
     if "rigid_body" not in declared:
         entries.append(_describe_rigid_body(machine))
         every = slice(None, None, recipe.oversampling)
         torques.append([recording.loads[number][every] for number in recording.pick_training()])
-    assess_entries(entries, torques, recording, declared, signals, bool(with_temperature))
+    separations = _separate_training(recording, actives, motions, behaviours, signals)
+    assess_entries(entries, torques, recording, declared, separations, bool(with_temperature))
     truth: dict[str, Any] = {
         "dataset": Path(folder).name,
         "robot": machine.name,
@@ -291,15 +302,17 @@ def generate_dataset(
 
 def _run_all(
     recording: Recording, actives: list[Active], seed: int
-) -> tuple[list[Behaviour], list[Array | None]]:
-    """Behaviour of every run with all plants; with its disturbance where that acts in the position loop."""
+) -> tuple[list[Behaviour], list[Array | None], list[Motion]]:
+    """Behaviour of every run with all plants, its disturbance where that acts in the loop, its motion."""
     recipe, machine = recording.recipe, recording.setting.machine
     behaviours: list[Behaviour] = []
     noises: list[Array | None] = []
+    motions: list[Motion] = []
     for number, motion in enumerate(recording.motions):
         if recipe.loop_bandwidth is None:
             behaviours.append(recording.behave(number, actives))
             noises.append(None)
+            motions.append(motion)
             continue
         rng = make_stream(seed, machine.name, "disturbance", str(number))
         disturbance = make_noise(
@@ -312,7 +325,30 @@ def _run_all(
         temperature = recording.temperatures[number]
         behaviours.append(behave(recording.setting, moved, temperature, actives, recording.body))
         noises.append(disturbance[:: recipe.oversampling])
-    return behaviours, noises
+        motions.append(moved)
+    return behaviours, noises, motions
+
+
+def _separate_training(
+    recording: Recording, actives: list[Active], motions: list[Motion], behaviours: list[Behaviour],
+    signals: dict[str, Array],
+) -> list[Array]:  # fmt: skip
+    """Separation (N, n) of the record from the true model along the measured motion, by training run."""
+
+    def stack(run: int, *keys: str) -> Array:
+        rows = np.asarray(signals["run"]) == run
+        return np.column_stack(
+            [sum(np.asarray(signals[f"{key}_{joint}"])[rows] for key in keys) for joint in joints]
+        )
+
+    joints = recording.setting.machine.joints
+    return [
+        separate(
+            recording.setting, recording.body, motions[k], behaviours[k], actives,
+            recording.recipe.oversampling, stack(k, "position"), stack(k, "clean", "noise"),
+        )
+        for k in recording.pick_training()
+    ]  # fmt: skip
 
 
 def _describe(

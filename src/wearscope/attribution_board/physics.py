@@ -141,6 +141,60 @@ def _lost_motion(load: Array, t: Array, gap: float) -> Array:
     return 0.5 * gap * load / np.sqrt(load**2 + soft**2)
 
 
+def find_body(setting: Setting, actives: Sequence[Active], declared_body: Body) -> Body:
+    """The rigid body as it is, with the errors of payload and links that these plants are."""
+    machine = setting.machine
+    structural = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Structural)]
+    faults = {int(p.detail["link"]): x for p, x in structural if p.kind == "inertial_error"}
+    body = declared_body
+    if faults:
+        body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com, faults)
+    for plant, amplitude in structural:
+        if plant.kind == "payload_error":
+            mass = machine.payload_mass + amplitude
+            com = np.asarray(machine.payload_com) + np.array([plant.detail["shift"] * amplitude, 0.0, 0.0])
+            body = Body(machine.urdf, machine.gravity, mass, tuple(com), faults)
+    return body
+
+
+def _drive(
+    setting: Setting, actives: Sequence[Active], t: Array, q: Array, v: Array, a: Array, load: Array,
+    temperature: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Torque (N, n) of rotor, friction and offset on the motor's side; and with load and planted terms."""
+    own = setting.rotor * a + _friction(setting, v) + setting.offset
+    signals = Signals(t, q, v, a, load, temperature, np.asarray(setting.machine.speed), setting.grain)
+    torque = load + own
+    for active in actives:
+        if isinstance(active.plant, Term):
+            torque[:, active.plant.joint] += active.amplitude * active.plant.shape(signals)
+    return own, torque
+
+
+def ask_torque(
+    setting: Setting, actives: Sequence[Active], body: Body, motion: Motion, temperature: Array
+) -> Array:
+    """Torque (N, n) that a motion of the motors asks for, were the gears rigid and the record in time.
+
+    Parameters
+    ----------
+    setting : Setting
+    actives : sequence of Active
+        Those that bend a gear or delay the record have no part in it.
+    body : Body
+        As `find_body` gives it.
+    motion : Motion
+        Of the motors, on a uniform grid.
+    temperature : array (N, n)
+    """
+    load = body.torque(motion.q, motion.v, motion.a)
+    _, torque = _drive(setting, actives, motion.t, motion.q, motion.v, motion.a, load, temperature)
+    for active in actives:
+        if isinstance(active.plant, Structural) and active.plant.kind == "torque_constant_error":
+            torque[:, active.plant.joint] *= 1.0 + active.amplitude
+    return torque
+
+
 def behave(
     setting: Setting, motion: Motion, temperature: Array, actives: Sequence[Active], declared_body: Body,
     declared_load: Array | None = None,
@@ -166,18 +220,8 @@ def behave(
         `declared` is the true machine's torque without the plants, along the motor-side motion that a
         recorder sees: tau - declared is what the plants are worth.
     """
-    machine = setting.machine
     structural = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Structural)]
-    terms = [(a.plant, a.amplitude) for a in actives if isinstance(a.plant, Term)]
-    body = declared_body
-    faults = {int(p.detail["link"]): x for p, x in structural if p.kind == "inertial_error"}
-    if faults:
-        body = Body(machine.urdf, machine.gravity, machine.payload_mass, machine.payload_com, faults)
-    for plant, amplitude in structural:
-        if plant.kind == "payload_error":
-            mass = machine.payload_mass + amplitude
-            com = np.asarray(machine.payload_com) + np.array([plant.detail["shift"] * amplitude, 0.0, 0.0])
-            body = Body(machine.urdf, machine.gravity, mass, tuple(com), faults)
+    body = find_body(setting, actives, declared_body)
     if declared_load is None or body is not declared_body:
         load = body.torque(motion.q, motion.v, motion.a)
     else:
@@ -195,11 +239,7 @@ def behave(
         q, v, a = q + ahead, v + speed, a + np.gradient(speed, step, axis=0, edge_order=2)
     if np.any(ahead) or body is not declared_body:
         rigid = declared_body.torque(q, v, a)
-    own = setting.rotor * a + _friction(setting, v) + setting.offset
-    tau = load + own
-    signals = Signals(motion.t, q, v, a, load, temperature, np.asarray(machine.speed), setting.grain)
-    for term, amplitude in terms:
-        tau[:, term.joint] += amplitude * term.shape(signals)
+    own, tau = _drive(setting, actives, motion.t, q, v, a, load, temperature)
     for plant, amplitude in structural:
         column = tau[:, plant.joint]
         if plant.kind == "torque_constant_error":

@@ -53,15 +53,6 @@ class Band:
         return min(2.0 * self.torque, self.motion)
 
     @property
-    def jump(self) -> float:
-        """Cut-off [Hz] of the torque across whose reversal a gear's lost motion is taken up.
-
-        Along the motor's motion the rigid body's torque holds the jump itself, twice differentiated, and
-        reverses several times where the gear does once.
-        """
-        return 0.5 * self.torque
-
-    @property
     def stride(self) -> int:
         """Every how many samples a row is kept, so that rows come at four times the common cut-off."""
         return max(1, int(self.rate / (4.0 * self.torque)))

@@ -1,6 +1,7 @@
 """What a prepared data set is: runs as signals of one bandwidth, the known torque, rows that count."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import interpolate
@@ -8,6 +9,7 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
+from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
 from wearscope.effects.base import Signals
 
 
@@ -101,6 +103,12 @@ class Prepared:
     def n(self) -> int:
         """Number of joints."""
         return len(self.dataset.joints)
+
+    @cached_property
+    def take_up(self) -> np.ndarray:
+        """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up."""
+        runs = self.runs_for("train") or self.runs
+        return choose_take_up_cutoffs([run.signals for run in runs], self.band)
 
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""

@@ -94,7 +94,7 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
     train = prepared.runs_for("train")
     signals = [run.signals for run in train]
     if isinstance(effect, TransmissionEffect):
-        edge = prepared.band.jump if effect.abrupt else prepared.band.gear
+        edge = float(prepared.take_up[joint]) if effect.abrupt else prepared.band.gear
         signals = [
             replace(run.signals, transmitted=low_pass(run.signals.load, edge, run.band.rate)) for run in train
         ]

@@ -65,8 +65,8 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
 
     For deflections proportional to the torque the equation is linear: GMRES (Saad and Schultz 1986) with the
     swing of the mean inertia as preconditioner, stopped early, since there is nothing to find at resonance.
-    Across a jump of the deflection the rigid body's torque below `Band.jump` is the nearest that the motion
-    gives. None where the model has no deflection.
+    Across a jump of the deflection the rigid body's torque below `Prepared.take_up` is the nearest that the
+    motion gives. None where the model has no deflection.
     """
     if not any(term.is_deflection for term in model.entries):
         return None
@@ -75,7 +75,8 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     jumps = np.isinf(soft)
     rigid = rigid_link_torque(model, theta, s)
     given = low_pass(rigid, band.gear, band.rate)
-    given[:, jumps] = low_pass(rigid[:, jumps], band.jump, band.rate)
+    for j in np.flatnonzero(jumps):
+        given[:, [j]] = low_pass(rigid[:, [j]], float(model.prepared.take_up[j]), band.rate)
     bends = (soft > 0) & ~jumps
     if not bends.any():
         return given

@@ -1,0 +1,70 @@
+"""Up to which frequency the torque along the motors' motion tells when a gear takes up its lost motion.
+
+Along the motor's motion the rigid body's torque holds more than the gear carries: the jump itself, twice
+differentiated, which makes it reverse several times where the gear does once, and the noise of the positions,
+which grows with the square of the frequency. A low cut-off leaves both out, and where the load itself moves
+faster than that, it also leaves out the load: the torque then reverses at other moments than the gear does.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy import signal
+
+from wearscope.closed_loop.intake.filtering import Band, low_pass
+from wearscope.differentiation import differentiate
+from wearscope.effects.base import Signals
+
+#: Cut-offs tried, over the common one.
+_TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)
+#: Error of a reversal's moment, times the common cut-off's angular frequency, at which the jump's torque
+#: below that cut-off is hardly another one: its correlation with the true one falls by half the square of it.
+_EARLY = 0.2
+#: Highest frequency over the motion filter's cut-off that this does not touch.
+_UNTOUCHED = 0.7
+
+
+def choose_take_up_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarray:
+    """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up.
+
+    The lowest at which reversals are at their moment, as far as the load above it and the noise below it can
+    shift them; where none is, the one at which they are shifted least.
+
+    Parameters
+    ----------
+    runs : sequence of Signals
+        Of the training runs, at `Band.rate`.
+    band : Band
+    """
+    tried = np.unique(np.minimum(_TRIED * band.torque, band.gear))
+    size = sum(len(run.t) for run in runs)
+    slope, lost = np.zeros((2, len(tried), runs[0].load.shape[1]))
+    for run in runs:
+        whole = low_pass(run.load, band.gear, band.rate)
+        for k, cutoff in enumerate(tried):
+            slow = low_pass(run.load, cutoff, band.rate)
+            lost[k] += np.sum((whole - slow) ** 2, axis=0) / size
+            slope[k] += np.sum(differentiate(slow, band.rate) ** 2, axis=0) / size
+    noise = tried[:, None] ** 5 / 5.0 * _bound_noise(runs, band)
+    shift = np.maximum(lost - (noise[-1] - noise), 0.0) + noise
+    early = np.sqrt(shift / np.maximum(slope, 1e-300)) * 2 * np.pi * band.torque
+    enough = early <= _EARLY
+    return np.asarray(tried[np.where(enough.any(axis=0), enough.argmax(axis=0), early.argmin(axis=0))])
+
+
+def _bound_noise(runs: Sequence[Signals], band: Band) -> np.ndarray:
+    """Most (n,) that a density of twice differentiated noise, over f^4, can be without passing the loads'."""
+    length = min(int(4 * band.rate), *(len(run.t) for run in runs))
+    frequency = np.fft.rfftfreq(length, 1.0 / band.rate)
+    density = np.zeros((len(frequency), runs[0].load.shape[1]))
+    for run in runs:
+        density += len(run.t) * signal.welch(run.load, band.rate, nperseg=length, axis=0)[1]
+    density /= sum(len(run.t) for run in runs)
+    edges = band.torque * 2.0 ** np.arange(-1.0, 8.0, 0.5)
+    least = np.full(density.shape[1], np.inf)
+    for low, high in pairwise(edges[edges <= _UNTOUCHED * band.motion]):
+        within = (frequency >= low) & (frequency < high)
+        if within.any():
+            least = np.minimum(least, density[within].mean(axis=0) / np.mean(frequency[within] ** 4))
+    return np.where(np.isfinite(least), least, 0.0)
