@@ -19,6 +19,7 @@ from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_revers
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
+from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
@@ -195,7 +196,7 @@ class Search:
             # All are weighed once, for the table; later only what may be accepted.
             first = self._step <= 1
             weighed = self.weigh_all(assembly, offered, *([] if first else [self.find_least(assembly)]))
-            taken = self.take(assembly, weighed)
+            taken = self.take(assembly, weighed) or find_pair(self, found, weighed)
             self.record(weighed, taken)
             if not taken:
                 return found
@@ -234,10 +235,19 @@ class Search:
             able = [e for e in apart if e.gain > wide]
         return taken
 
-    def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
-        """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
+    def choose(self, assembly: Assembly, able: list[Evidence], tried: int = 1) -> Evidence | None:
+        """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice.
+
+        Parameters
+        ----------
+        assembly : Assembly
+        able : list of Evidence
+            What may be accepted.
+        tried : int
+            Models beside which the same was asked.
+        """
         able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
-        while able and self.is_drift(assembly, able[0], every):
+        while able and self.is_drift(assembly, able[0], every, tried):
             able = able[1:]
         if not able:
             return None
@@ -248,25 +258,27 @@ class Search:
         if (
             chosen is not None
             and chosen.term.effect is not best.term.effect
-            and self.drifts(assembly, chosen)
+            and self.drifts(assembly, chosen, tried)
         ):
             return near[0]
         return chosen
 
-    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence]) -> bool:
+    def is_drift(
+        self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int = 1
+    ) -> bool:
         """Whether a drift explains a term, or one among others that it contains and is not told from."""
         inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
         tied = [o for o in inside if not rule.separates(e, o, self.policy)]
-        return any(self.drifts(assembly, one) for one in (*tied, e))
+        return any(self.drifts(assembly, one, tried) for one in (*tied, e))
 
-    def drifts(self, assembly: Assembly, e: Evidence) -> bool:
-        """Whether a drift of what a term leaves explains it as well."""
+    def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
+        """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
         if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
         kinds = self.count_kinds(effect, e.joint)
-        return kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
+        return tried * kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
 
     def count_kinds(self, effect: Effect, joint: int) -> int:
         """How many are asked of its kind: shapes of the generic term, what every drive has, or all names."""
