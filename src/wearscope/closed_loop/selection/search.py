@@ -17,6 +17,7 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, weigh
+from wearscope.closed_loop.selection.forms import Forms
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.pairs import find_pair
@@ -58,6 +59,8 @@ class Search:
         self.no_delay: set[int] = set()
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
+        self._apart: dict[tuple, bool] = {}
+        self.forms = Forms(problem, policy)
         self.standard_loss = np.zeros(problem.prepared.n)
 
     def scale(self, found: Sequence[Found]) -> np.ndarray:
@@ -123,12 +126,33 @@ class Search:
                 weighed.append(self._weighed[key])
         more = count / max(len(weighed), 1)
         weighed = [replace(e, tried=e.tried * more) for e in weighed]
-        return [replace(e, refusal=self.judge(e)) for e in self.compare_whole(adjust_p_values(weighed))]
+        compared = self.compare_whole(assembly, adjust_p_values(weighed))
+        return [replace(e, refusal=self.judge(e)) for e in compared]
 
-    def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
-        """The same evidence with what it removes of the loss that the standard model leaves."""
+    def compare_whole(self, beside: Assembly, weighed: Iterable[Evidence]) -> list[Evidence]:
+        """The same evidence with what it removes of the loss that the standard model leaves.
+
+        Or, where a term is refused for that alone, of what is left beside any form of the named terms, if it
+        passes there: it is no part of theirs then.
+        """
         scale = self.sigma**2 / np.maximum(self.standard_loss, 1e-300)
-        return [replace(e, whole=max(g * scale[j] for j, g in e.gains.items())) for e in weighed]
+        compared = []
+        for e in weighed:
+            e = replace(e, whole=max(g * scale[j] for j, g in e.gains.items()))
+            if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
+                any_size = replace(e, whole=np.inf)
+                if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size):
+                    e = any_size
+            compared.append(e)
+        return compared
+
+    def passes_beside_forms(self, beside: Assembly, e: Evidence) -> bool:
+        """Whether a term passes the rule beside any form of the terms named at its joint."""
+        key = self._key(beside, e.chosen.candidate, e.chosen.subset)
+        if key not in self._apart:
+            own = self.forms.weigh(beside, e)
+            self._apart[key] = own is not None and self.judge(own) is Refusal.NONE
+        return self._apart[key]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -168,7 +192,8 @@ class Search:
         if not moved.any():
             return found
         self.problem = self.problem.reverse_over(fitted.where(moved, old))
-        self._weighed = {}
+        self._weighed, self._apart = {}, {}
+        self.forms = Forms(self.problem, self.policy)
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def is_believable(self, e: Evidence) -> bool:
@@ -319,7 +344,7 @@ class Search:
         Gains of different scales must not be compared.
         """
         own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
-        return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+        return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)])[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
