@@ -37,9 +37,9 @@ class Forms:
     def weigh(self, assembly: Assembly, e: Evidence) -> Evidence | None:
         """Evidence on a term beside a model with any curve in each signal of each large term at its joint.
 
-        No machine follows a named term's form exactly, and what it leaves of a large one may pass for another,
-        small term; not where these curves have taken it in. Large beside another is a term of whose power
-        `material_whole` is more than that one gains.
+        No machine follows a named term's form exactly, and what it leaves of a large one may pass for
+        another, small term; not where these curves have taken it in. Large beside another is a term of whose
+        power `material_whole` is more than that one gains.
 
         Parameters
         ----------

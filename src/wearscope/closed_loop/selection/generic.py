@@ -131,9 +131,7 @@ def weigh_generic(
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
     policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed, tried = try_generic(terms, assembly, joints, policy)
-    weighed = search.compare_whole(
-        assembly, adjust_p_values([replace(e, tried=tried) for e in weighed])
-    )
+    weighed = search.compare_whole(assembly, adjust_p_values([replace(e, tried=tried) for e in weighed]))
     return [
         replace(
             e,

@@ -288,9 +288,7 @@ class Search:
             return near[0]
         return chosen
 
-    def is_drift(
-        self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int = 1
-    ) -> bool:
+    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int = 1) -> bool:
         """Whether a drift explains a term, or one among others that it contains and is not told from."""
         inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
         tied = [o for o in inside if not rule.separates(e, o, self.policy)]
