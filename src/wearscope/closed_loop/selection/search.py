@@ -24,7 +24,7 @@ from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_friction, revise
+from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_standard, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -228,9 +228,9 @@ class Search:
             for e in taken:
                 self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
             found = [*found, *(Found(e.chosen, e) for e in taken)]
-            # What was missing yet may have hidden plain friction, which comes before what refines it.
+            # What was missing yet may have hidden what a plain joint has, which comes before what refines it.
             touched = {j for e in taken for j in e.chosen.candidate.joints}
-            found = restore_friction(self, found, touched)
+            found = restore_standard(self, found, touched)
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
