@@ -42,7 +42,7 @@ def find_pair(search: "Search", found: Sequence[Found], weighed: Sequence[Eviden
         The two, or nothing; of several pairs of a joint the one that gains most.
     """
     assembly = search.assemble(found)
-    hidden = [e for e in weighed if e.refusal in _HIDDEN and search.is_delay(assembly, e)]
+    hidden = [e for e in weighed if _is_hidden(search, e) and search.is_delay(assembly, e)]
     for joint in sorted({e.joint for e in hidden}):
         firsts = _list_firsts([e for e in hidden if e.joint == joint])
         pairs = [_complete(search, found, assembly, e, len(firsts)) for e in firsts]
@@ -50,6 +50,11 @@ def find_pair(search: "Search", found: Sequence[Found], weighed: Sequence[Eviden
         if pairs:
             return max(pairs, key=lambda pair: _gain(assembly, pair))
     return []
+
+
+def _is_hidden(search: "Search", e: Evidence) -> bool:
+    """Whether another term may hide one: where the joint's larger terms are left out of what it must gain."""
+    return search.judge(replace(e, whole=np.inf)) in _HIDDEN
 
 
 def _list_firsts(able: Sequence[Evidence]) -> list[Evidence]:

@@ -147,11 +147,19 @@ class Search:
         return compared
 
     def passes_beside_forms(self, beside: Assembly, e: Evidence) -> bool:
-        """Whether a term passes the rule beside any form of the terms named at its joint."""
+        """Whether a term passes the rule beside any form of its joint's large terms, and is most of the rest.
+
+        A machine's own rest beside a large term is of many kinds: what removes a part of it is no effect yet.
+        """
         key = self._key(beside, e.chosen.candidate, e.chosen.subset)
         if key not in self._apart:
             own = self.forms.weigh(beside, e)
-            self._apart[key] = own is not None and self.judge(own) is Refusal.NONE
+            by_run = self.problem.layout.folds.by_run
+            self._apart[key] = (
+                own is not None
+                and self.judge(own) is Refusal.NONE
+                and rule.is_beyond_chance(own, self.policy, by_run)
+            )
         return self._apart[key]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
