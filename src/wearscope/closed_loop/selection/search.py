@@ -3,7 +3,8 @@
 1. Standard stage: rotor inertia, Coulomb, viscous and offset of every joint, as a group; what held-out runs
    do not need is dropped.
 2. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
-   accepted by the rule is added, in its simplest form that is as good; until none is accepted.
+   accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two of a
+   joint beside each other.
 3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
