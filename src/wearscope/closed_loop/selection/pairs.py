@@ -54,7 +54,7 @@ def find_pair(search: "Search", found: Sequence[Found], weighed: Sequence[Eviden
 
 def _is_hidden(search: "Search", e: Evidence) -> bool:
     """Whether another term may hide one: where the joint's larger terms are left out of what it must gain."""
-    return search.judge(replace(e, whole=np.inf)) in _HIDDEN
+    return search.judge(replace(e, whole=np.inf, refusal=Refusal.NONE)) in _HIDDEN
 
 
 def _list_firsts(able: Sequence[Evidence]) -> list[Evidence]:

@@ -3,8 +3,8 @@
 1. Standard stage: rotor inertia, Coulomb, viscous and offset of every joint, as a group; what held-out runs
    do not need is dropped.
 2. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
-   accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two of a
-   joint beside each other.
+   accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two
+   of a joint beside each other.
 3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
@@ -130,7 +130,9 @@ class Search:
         compared = self.compare_whole(assembly, adjust_p_values(weighed))
         return [replace(e, refusal=self.judge(e)) for e in compared]
 
-    def compare_whole(self, beside: Assembly, weighed: Iterable[Evidence]) -> list[Evidence]:
+    def compare_whole(
+        self, beside: Assembly, weighed: Iterable[Evidence], found: bool = False
+    ) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves.
 
         Or, where a term is refused for that alone, of what is left beside any form of the named terms, if it
@@ -142,24 +144,24 @@ class Search:
             e = replace(e, whole=max(g * scale[j] for j, g in e.gains.items()))
             if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
                 any_size = replace(e, whole=np.inf)
-                if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size):
+                if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size, found):
                     e = any_size
             compared.append(e)
         return compared
 
-    def passes_beside_forms(self, beside: Assembly, e: Evidence) -> bool:
+    def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
         """Whether a term passes the rule beside any form of its joint's large terms, and is most of the rest.
 
         A machine's own rest beside a large term is of many kinds: what removes a part of it is no effect yet.
+        Of what was found that is not asked again.
         """
-        key = self._key(beside, e.chosen.candidate, e.chosen.subset)
+        key = (*self._key(beside, e.chosen.candidate, e.chosen.subset), found)
         if key not in self._apart:
-            own = self.forms.weigh(beside, e)
-            by_run = self.problem.layout.folds.by_run
+            own, by_run = self.forms.weigh(beside, e), self.problem.layout.folds.by_run
             self._apart[key] = (
                 own is not None
                 and self.judge(own) is Refusal.NONE
-                and rule.is_beyond_chance(own, self.policy, by_run)
+                and (found or rule.is_beyond_chance(own, self.policy, by_run))
             )
         return self._apart[key]
 
@@ -351,7 +353,7 @@ class Search:
         Gains of different scales must not be compared.
         """
         own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
-        return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)])[0]
+        return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
