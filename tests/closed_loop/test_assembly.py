@@ -353,7 +353,7 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     assert same is assembly and kept[0] is both
     scale = np.array([[2.0], [5.0]]) * search.sigma**2
     search.standard_losses = scale
-    shares = [e.whole for e in search.compare_whole([both, one])]
+    shares = [e.whole for e in search.compare_whole(assembly, [both, one])]
     assert shares == pytest.approx([both.gains[0] / 2.0, one.gains[0] / 5.0])
     drift = search.problem.candidate(load_effect("warm_up_drift"), 0)
     slow = Candidate(

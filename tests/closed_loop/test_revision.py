@@ -90,3 +90,13 @@ def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(reco
     own = [f.effect.name for f in found if f.joint == 0]
     assert own == ["torque_ripple", "viscous"]
     assert "viscous@0: needed beside what was found" in told
+
+
+def test_an_offset_that_a_large_ripple_hid_is_found_beside_it(record, pose):
+    """A ten-thousandth of the ripple's power, many times the noise of so many rows."""
+    planted = [
+        (0, "torque_ripple", {"cosine": 300.0, "sine": 0.0, "wavenumber": 20.0}),
+        (0, "torque_offset", {"offset": 4.0}),
+    ]
+    search = Search(pose(record(planted, seed=5)), Policy())
+    assert {(f.effect.name, f.joint) for f in search.run()} == {("torque_ripple", 0), ("torque_offset", 0)}

@@ -194,9 +194,9 @@ def test_a_term_that_contains_a_drift_is_none_in_its_place(record, pose):
     offered = [problem.candidate(load_effect(name), 0) for name in ("torque_offset", "joint_spring")]
     able = [e for e in search.weigh_all(assembly, offered) if e.refusal is Refusal.NONE]
     assert {e.term.effect.name for e in able} == {"torque_offset", "joint_spring"}
-    search.drifts = lambda _, e: False
+    search.drifts = lambda _, e, tried: False
     assert search.choose(assembly, able).term.effect.name == "torque_offset"
-    search.drifts = lambda _, e: e.term.effect.name == "torque_offset"
+    search.drifts = lambda _, e, tried: e.term.effect.name == "torque_offset"
     assert search.choose(assembly, able) is None
     # One that stands on its own stays.
     spring = next(e for e in able if e.term.effect.name == "joint_spring")

@@ -54,7 +54,8 @@ class Evidence:
     fitted : float
         Share of the model's loss at `joint` that it removes on the rows that it is fitted on.
     whole : float
-        Largest reduction of a joint's held-out loss over the loss that the standard model leaves there.
+        Largest reduction of a joint's held-out loss over the loss that the standard model leaves there;
+        infinite where that is not asked, since the term is no form of the large ones there.
     gains : dict of int to float
         Reduction of the held-out loss by joint where the term is felt.
     left : float

@@ -17,7 +17,7 @@ from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.revision import drop_superfluous, restore_friction
+from wearscope.closed_loop.selection.revision import drop_superfluous, restore_standard
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen
@@ -129,7 +129,7 @@ def weigh_generic(
     """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
     policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed, tried = try_generic(terms, assembly, joints, policy)
-    weighed = search.compare_whole(adjust_p_values([replace(e, tried=tried) for e in weighed]))
+    weighed = search.compare_whole(assembly, adjust_p_values([replace(e, tried=tried) for e in weighed]))
     return [
         replace(
             e,
@@ -206,7 +206,7 @@ def explain_rest(
         if taken:
             new, there = {id(e.chosen) for e in taken}, {e.joint for e in taken}
             found = drop_superfluous(search, found, there, new)
-            found = restore_friction(search, found, there)
+            found = restore_standard(search, found, there)
     return found, left
 
 

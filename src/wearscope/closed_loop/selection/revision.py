@@ -139,12 +139,15 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
     return found
 
 
-def restore_friction(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
-    """The terms found, with plain friction of joints that was dropped while what hid it had no term yet."""
+def restore_standard(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
+    """The terms found, with standard ones of joints that were dropped while what hid them had no term yet.
+
+    They are asked as they were at first, and come before what is built on them or stands for them.
+    """
     for joint in sorted(joints):
         beside = search.assemble(found, standard=True)
         for candidate in search.candidates(beside, found, [joint]):
-            if not candidate.effect.is_plain_friction:
+            if not candidate.effect.standard:
                 continue
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
             own = weigh(beside, candidate, subset, search.policy)

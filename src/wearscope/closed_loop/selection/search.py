@@ -3,7 +3,8 @@
 1. Standard stage: rotor inertia, Coulomb, viscous and offset of every joint, as a group; what held-out runs
    do not need is dropped.
 2. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
-   accepted by the rule is added, in its simplest form that is as good; until none is accepted.
+   accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two
+   of a joint beside each other.
 3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
 """
 
@@ -23,12 +24,14 @@ from wearscope.closed_loop.selection.evidence import (
     on_same_folds,
     weigh,
 )
+from wearscope.closed_loop.selection.forms import Forms
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
+from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_friction, revise
+from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_standard, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.standard import find_standard
@@ -64,6 +67,8 @@ class Search:
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
+        self._apart: dict[tuple, bool] = {}
+        self.forms = Forms(problem, policy)
 
     def scale(self, found: Sequence[Found]) -> np.ndarray:
         """Residual scale (n,) of the model with the terms found."""
@@ -128,14 +133,43 @@ class Search:
                 weighed.append(self._weighed[key])
         more = count / max(len(weighed), 1)
         weighed = [replace(e, tried=e.tried * more) for e in weighed]
-        return [replace(e, refusal=self.judge(e)) for e in self.compare_whole(adjust_p_values(weighed))]
+        compared = self.compare_whole(assembly, adjust_p_values(weighed))
+        return [replace(e, refusal=self.judge(e)) for e in compared]
 
-    def compare_whole(self, weighed: Iterable[Evidence]) -> list[Evidence]:
-        """The same evidence with what it removes of the loss that the standard model leaves."""
+    def compare_whole(
+        self, beside: Assembly, weighed: Iterable[Evidence], found: bool = False
+    ) -> list[Evidence]:
+        """The same evidence with what it removes of the loss that the standard model leaves.
+
+        Or, where a term is refused for that alone, of what is left beside any form of the named terms, if it
+        passes there: it is no part of theirs then.
+        """
         scale = self.sigma**2 / np.maximum(self.standard_losses, 1e-300)
-        return [
-            replace(e, whole=max(g * scale[int(e.alone), j] for j, g in e.gains.items())) for e in weighed
-        ]
+        compared = []
+        for e in weighed:
+            e = replace(e, whole=max(g * scale[int(e.alone), j] for j, g in e.gains.items()))
+            if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
+                any_size = replace(e, whole=np.inf)
+                if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size, found):
+                    e = any_size
+            compared.append(e)
+        return compared
+
+    def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
+        """Whether a term passes the rule beside any form of its joint's large terms, and is most of the rest.
+
+        A machine's own rest beside a large term is of many kinds: what removes a part of it is no effect yet.
+        Of what was found that is not asked again.
+        """
+        key = (*self._key(beside, e.chosen.candidate, e.chosen.subset), found)
+        if key not in self._apart:
+            own, by_run = self.forms.weigh(beside, e), self.problem.layout.folds.by_run
+            self._apart[key] = (
+                own is not None
+                and self.judge(own) is Refusal.NONE
+                and (found or rule.is_beyond_chance(own, self.policy, by_run))
+            )
+        return self._apart[key]
 
     def _key(self, assembly: Assembly, candidate: Candidate, subset: tuple[int, ...]) -> tuple:
         """What evidence depends on: the candidate, and the model's terms that reach its joints."""
@@ -176,7 +210,8 @@ class Search:
         if not moved.any():
             return found
         self.problem = self.problem.reverse_over(fitted.where(moved, old))
-        self._weighed = {}
+        self._weighed, self._apart = {}, {}
+        self.forms = Forms(self.problem, self.policy)
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def is_believable(self, e: Evidence) -> bool:
@@ -204,16 +239,16 @@ class Search:
             # All are weighed once, for the table; later only what may be accepted.
             first = self._step <= 1
             weighed = self.weigh_all(assembly, offered, *([] if first else [self.find_least(assembly)]))
-            taken = self.take(assembly, weighed)
+            taken = self.take(assembly, weighed) or find_pair(self, found, weighed)
             self.record(weighed, taken)
             if not taken:
                 return found
             for e in taken:
                 self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
             found = [*found, *(Found(e.chosen, e) for e in taken)]
-            # What was missing yet may have hidden plain friction, which comes before what refines it.
+            # What was missing yet may have hidden what a plain joint has, which comes before what refines it.
             touched = {j for e in taken for j in e.chosen.candidate.joints}
-            found = restore_friction(self, found, touched)
+            found = restore_standard(self, found, touched)
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
@@ -243,11 +278,20 @@ class Search:
             able = [e for e in apart if e.gain > wide]
         return taken
 
-    def choose(self, assembly: Assembly, able: list[Evidence]) -> Evidence | None:
-        """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice."""
+    def choose(self, assembly: Assembly, able: list[Evidence], tried: int = 1) -> Evidence | None:
+        """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice.
+
+        Parameters
+        ----------
+        assembly : Assembly
+        able : list of Evidence
+            What may be accepted.
+        tried : int
+            Models beside which the same was asked.
+        """
         assembly, able = on_same_folds(assembly, able, self.policy)
         able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
-        while able and self.is_drift(assembly, able[0], every):
+        while able and self.is_drift(assembly, able[0], every, tried):
             able = able[1:]
         if not able:
             return None
@@ -258,25 +302,25 @@ class Search:
         if (
             chosen is not None
             and chosen.term.effect is not best.term.effect
-            and self.drifts(assembly, chosen)
+            and self.drifts(assembly, chosen, tried)
         ):
             return near[0]
         return chosen
 
-    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence]) -> bool:
+    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int = 1) -> bool:
         """Whether a drift explains a term, or one among others that it contains and is not told from."""
         inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
         tied = [o for o in inside if not rule.separates(e, o, self.policy)]
-        return any(self.drifts(assembly, one) for one in (*tied, e))
+        return any(self.drifts(assembly, one, tried) for one in (*tied, e))
 
-    def drifts(self, assembly: Assembly, e: Evidence) -> bool:
-        """Whether a drift of what a term leaves explains it as well."""
+    def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
+        """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
         if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
         kinds = self.count_kinds(effect, e.joint)
-        return kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
+        return tried * kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
 
     def count_kinds(self, effect: Effect, joint: int) -> int:
         """How many are asked of its kind: shapes of the generic term, what every drive has, or all names."""
@@ -317,7 +361,7 @@ class Search:
         Gains of different scales must not be compared.
         """
         own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
-        return self.compare_whole([replace(own, p_value=f.evidence.p_value)])[0]
+        return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
