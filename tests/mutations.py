@@ -45,13 +45,13 @@ def changed_trees(draw, tree):
             node = node[key]
         what = draw(st.sampled_from(["replace", "remove", "add"]))
         if what == "replace" or last not in (node if isinstance(node, dict) else range(len(node))):
-            node[last] = draw(VALUES)
+            node[last] = copy.deepcopy(draw(VALUES))
         elif what == "remove":
             del node[last]
         elif isinstance(node, dict):
-            node[draw(st.one_of(st.text(max_size=8), st.integers()))] = draw(VALUES)
+            node[draw(st.one_of(st.text(max_size=8), st.integers()))] = copy.deepcopy(draw(VALUES))
         else:
-            node.append(draw(VALUES))
+            node.append(copy.deepcopy(draw(VALUES)))
     return tree
 
 
