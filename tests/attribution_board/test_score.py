@@ -12,15 +12,17 @@ from wearscope.attribution_board.board import failed_result, run_board, write_re
 from wearscope.attribution_board.detection import find_size, fit_detection
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import read_verdict, score_case
+from wearscope.attribution_board.separability import CONTAINED
 from wearscope.attribution_board.summary import tell_share
+from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 
 
 def plant(effect, joint="j1", **changes):
     entry = {
-        "effect": effect, "accepted": [effect], "also_accepted": [], "outside": False, "standard": False,
-        "joint": joint, "joints": [joint], "size": 4.0, "measured_size": 4.0, "findable_size": 1.0,
-        "times_findable": 4.0, "separable": True, "rivals": {},
+        "effect": effect, "accepted": [effect], "also_accepted": [], "contains": [], "outside": False,
+        "standard": False, "joint": joint, "joints": [joint], "size": 4.0, "measured_size": 4.0,
+        "findable_size": 1.0, "times_findable": 4.0, "separable": True, "rivals": {},
         "parameters": {"level": {"value": 2.0, "unit": "N m"}},
     }  # fmt: skip
     return entry | changes
@@ -49,6 +51,17 @@ def test_one_missed_or_one_extra_or_the_wrong_joint_is_not_exact():
     assert case["outcome"] == "both" and case["extra"] == 1 and case["missed"] == 1
     case, _ = score([plant("coulomb")], said("coulomb"), said("unknown"))
     assert not case["exact"] and case["extra"] == 0 and case["unknowns"] == 1
+
+
+def test_a_part_of_a_planted_effect_is_neither_its_name_nor_an_extra_one():
+    hysteresis = plant("presliding_hysteresis", contains=["coulomb"])
+    assert score([hysteresis], said("presliding_hysteresis"), said("coulomb"))[0]["exact"]
+    case, rows = score([hysteresis], said("coulomb"))
+    assert case["outcome"] == "missed" and case["extra"] == 0
+    assert rows[0]["grade"] == "missed" and rows[0]["in_set"] is None
+    assert score([hysteresis], said("presliding_hysteresis"), said("coulomb", "j2"))[0]["extra"] == 1
+    for effect, parts in CONTAINED.items():
+        assert set(parts) <= set(load_effect(effect).parents)
 
 
 def test_what_cannot_be_found_or_told_apart_may_be_left_out_or_named():

@@ -28,7 +28,7 @@ from wearscope.attribution_board.physics import (
 )
 from wearscope.attribution_board.position_loop import react
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan, make_stream
-from wearscope.attribution_board.separability import accepted_names
+from wearscope.attribution_board.separability import CONTAINED, accepted_names
 from wearscope.attribution_board.terms import Term
 from wearscope.errors import InputError
 from wearscope.tables import write_table, write_text
@@ -245,9 +245,9 @@ def generate_dataset(
     -------
     dict
         `dataset`, `robot`, `seed`, `joints`, `unit`, `noise`, `noise_rms` (by joint), `declared`, `planted`
-        (a list with `effect`, `accepted`, `also_accepted`, `joint`, `joints`, `outside`, `standard`, `size`,
-        `measured_size`, `parameters`, `form` and what `assessment.assess_entries` adds) and `signals` (a
-        mapping of columns; not in the JSON).
+        (a list with `effect`, `accepted`, `also_accepted`, `contains`, `joint`, `joints`, `outside`,
+        `standard`, `size`, `measured_size`, `parameters`, `form` and what `assessment.assess_entries`
+        adds) and `signals` (a mapping of columns; not in the JSON).
 
     Raises
     ------
@@ -365,6 +365,7 @@ def _describe(
         "effect": plant.effect,
         "accepted": list(accepted_names(plant.effect)),
         "also_accepted": accept,
+        "contains": list(CONTAINED.get(plant.effect, ())),
         "outside": plant.effect in OUTSIDE,
         "standard": plant.amplitude is not None,
         "joint": machine.joints[joint],
@@ -383,6 +384,7 @@ def _describe_rigid_body(machine: Machine) -> dict[str, Any]:
         "effect": "rigid_body",
         "accepted": ["rigid_body"],
         "also_accepted": [*alike, "inertial_error", "payload_error"],
+        "contains": [],
         "outside": False,
         "standard": True,
         "joint": machine.joints[0],

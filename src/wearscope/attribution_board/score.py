@@ -107,7 +107,8 @@ def accounts_for(entry: dict[str, Any], plant: dict[str, Any]) -> str | None:
     -------
     str or None
         ``right``, ``equivalent`` (its confidence set holds the truth), ``excused`` (a rival that the data
-        cannot tell apart), ``unknown`` (an outside effect called unknown), or None.
+        cannot tell apart), ``unknown`` (an outside effect called unknown), ``part`` (something that the
+        effect contains, which does not name it), or None.
     """
     if entry["joint"] not in plant["joints"]:
         return None
@@ -120,7 +121,7 @@ def accounts_for(entry: dict[str, Any], plant: dict[str, Any]) -> str | None:
         return "equivalent"
     if not plant["separable"] and named & set(plant["rivals"]):
         return "excused"
-    return None
+    return "part" if entry["effect"] in plant["contains"] else None
 
 
 def is_required(plant: dict[str, Any]) -> bool:
@@ -155,7 +156,7 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
     rows: list[dict[str, Any]] = []
     for p, plant in enumerate(planted):
         met = sorted(
-            (_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) is not None
+            (_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) in _ORDER
         )
         grade = _ORDER[met[0][0]] if met else "missed"
         entry = said[met[0][1]] if met else {}

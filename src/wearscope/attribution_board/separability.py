@@ -31,6 +31,12 @@ SAME_THING = {
 }
 """Two names of one column."""
 
+CONTAINED = {"presliding_hysteresis": ("coulomb",)}
+"""Names of what a planted effect becomes far from its reversals; elsewhere they are no part of its name.
+
+Springs that slip have slid to the last after a while, and are Coulomb friction from then on.
+"""
+
 
 def accepted_names(effect: str) -> tuple[str, ...]:
     """Names that mean the planted effect."""

@@ -303,8 +303,9 @@ def record_twin(
     write_text(folder / "dataset.yaml", yaml.safe_dump(document, sort_keys=False))
     size = float(np.sqrt(np.mean(np.concatenate(worth) ** 2)) / sigma[1])
     entry = {
-        "effect": secret, "accepted": [secret], "also_accepted": [], "outside": False, "joint": "axis_2",
-        "joints": ["axis_2"], "size": size, "unabsorbed_size": None, "separable": True, "rivals": {},
+        "effect": secret, "accepted": [secret], "also_accepted": [], "contains": [],
+        "outside": False, "joint": "axis_2", "joints": ["axis_2"], "size": size,
+        "unabsorbed_size": None, "separable": True, "rivals": {},
         "parameters": {"coefficient": {"value": 0.045 * gain, "unit": "1"}}
         if secret == "load_dependent_friction" else {},
     }  # fmt: skip
