@@ -155,9 +155,7 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
     extra = [entry for entry, row in zip(said, grades, strict=True) if not any(row)]
     rows: list[dict[str, Any]] = []
     for p, plant in enumerate(planted):
-        met = sorted(
-            (_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) in _ORDER
-        )
+        met = sorted((_ORDER.index(grade), i) for i in range(len(said)) if (grade := grades[i][p]) in _ORDER)
         grade = _ORDER[met[0][0]] if met else "missed"
         entry = said[met[0][1]] if met else {}
         state = (verdict["joints"].get(plant["joint"]) or {}).get("state")

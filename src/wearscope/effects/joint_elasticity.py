@@ -1,7 +1,7 @@
 """Compliance of the gear between motor and link.
 
-The smallest strain wave gears have some 200 N m/rad, a toothed belt of a slide 5e4 N/m; every other drive is
-stiffer.
+The smallest strain wave gears have some 200 N m/rad, a slide's toothed belt as thin as they come 1e4 N/m (5e4 N
+per unit of strain, 5 m long); every other drive is stiffer.
 """
 
 from wearscope.effects.base import Parameter, TransmissionEffect
@@ -17,7 +17,7 @@ EFFECT = TransmissionEffect(
             lower=0.0,
             upper=0.01,
             believable=(0.0, 5e-3),
-            believable_prismatic=(0.0, 2e-5),
+            believable_prismatic=(0.0, 1e-4),
         ),
     ),
     source="Spong 1987, ASME JDSMC 109(4)",
