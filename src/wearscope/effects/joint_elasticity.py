@@ -1,7 +1,7 @@
 """Compliance of the gear between motor and link.
 
-The smallest strain wave gears have some 200 N m/rad, a slide's toothed belt as thin as they come 1e4 N/m (5e4 N
-per unit of strain, 5 m long); every other drive is stiffer.
+The smallest strain wave gears have some 200 N m/rad, a slide's toothed belt as thin as they come 1e4 N/m
+(5e4 N per unit of strain, 5 m long); every other drive is stiffer.
 """
 
 from wearscope.effects.base import Parameter, TransmissionEffect
