@@ -226,13 +226,16 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     """Add a generic term where it leaves clearly less than a name that leaves much of its joint's loss.
 
     The name, asked again beside it as all others at the joint, goes where it stood for that structure, and
-    stays where that had hidden it. A wave is asked whatever it leaves, since one of few periods may stand for
-    any curve: it is doubted where the fitted errors are not alike either. Of a single run, which cannot give
-    a generic term, such a name is dropped.
+    stays where that had hidden it. Of a single run, which cannot give a generic term, such a name is dropped.
+
+    A wave is asked whatever it leaves, since one of few periods may stand for any curve, and so is what the
+    whole robot has, whose many columns may: such a name is doubted where the fitted errors are not alike
+    either.
     """
     for f in list(found):
         sure = f.evidence.share >= search.policy.beyond_doubt
-        if f.effect.standard or (sure and not f.effect.periodic) or not any(k is f for k in found):
+        flexible = f.effect.periodic or f.effect.per_robot
+        if f.effect.standard or (sure and not flexible) or not any(k is f for k in found):
             continue
         beside = search.assemble([k for k in found if k is not f])
         weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
