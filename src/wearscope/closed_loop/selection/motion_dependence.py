@@ -71,7 +71,7 @@ def find_dependence(search: Search, found: Sequence[Found], joints: Sequence[int
     Returns
     -------
     dict of int to Dependence
-        Of the joints at which at least `large_share` of the held-out loss does, with a p-value over all
+        Of the joints at which at least `structure_share` of the held-out loss does, with a p-value over all
         splines of at most `unknown_level`.
     """
     search.sigma = search.scale(found)
@@ -92,7 +92,7 @@ def _ask(search: Search, assembly: Assembly, joint: int) -> Dependence | None:
     splines = list(_list_splines(search, joint, every))
     own = sums.target(residual[::every, None])
     shares = np.array([sums.explain(s.columns, s.penalty, own)[:, 0] for s in splines])
-    able = shares[:, 0] >= policy.large_share
+    able = shares[:, 0] >= policy.structure_share
     if not able.any():
         return None
     runs = zip(layout.unpack(residual[:, None]), layout.unpack(layout.keep[:, joint]), strict=True)

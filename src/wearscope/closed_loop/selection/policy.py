@@ -106,7 +106,8 @@ class Policy(BaseModel):
 
     structure_share: float = Field(0.2, gt=0, lt=1)
     """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
-    where trees predict it, it repeats or it is a line: less is a tenth of the RMS error."""
+    where it depends on the motion, trees predict it, it repeats or it is a line: less is a tenth of the RMS
+    error."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in
