@@ -61,6 +61,8 @@ setup: $(VENV)/installed
 # pyproject.toml only installs wearscope again.
 $(VENV)/installed: $(VENV)/locked pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@echo "Compiling what studies run (up to a minute) ..."
+	@$(BIN)/python -m wearscope.compiled
 	@touch $@
 
 $(VENV)/locked: $(LOCKS)

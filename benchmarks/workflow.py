@@ -4,7 +4,8 @@
     taskset -c 0,1 .venv/bin/python benchmarks/workflow.py --first            as it stood at first, on c9864d4
     .venv/bin/python benchmarks/workflow.py --configfile config/quick.yaml
 
-The study is run from nothing in a copy of the tree, then once more with nothing to do. Processor seconds are
+In a copy of the tree, what studies run is compiled as the set-up does; then the study is run from nothing,
+and once more with nothing to do. Processor seconds are
 those of all processes, so that others' work on the machine counts little; what no job states is Snakemake's
 main process, the shells that it starts and the ends of the jobs' processes. The overhead is cores x elapsed
 time less the jobs' own time: starting processes, Snakemake itself, and cores that wait.
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
@@ -42,11 +44,13 @@ def write_first_study(file: Path) -> None:
     file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
 
 
-def run_timed(command: list[str], folder: Path) -> tuple[float, float, float]:
+def run_timed(
+    command: list[str], folder: Path, names: Mapping[str, str] | None = None
+) -> tuple[float, float, float]:
     """Seconds of a command, processor seconds with all it starts, and its own; ends where it fails."""
     start = time.perf_counter()
     with open(folder / "benchmark.log", "w+", encoding="utf-8") as log:
-        process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
+        process = subprocess.Popen(command, cwd=folder, env=names, stdout=log, stderr=log)
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         elapsed = time.perf_counter() - start
         # The 14th to 17th field: ticks in user and system mode of a process, and of those that it waited for.
@@ -84,6 +88,8 @@ def main() -> None:
         copy_tree(folder, compiled=False)
         if given.first:
             write_first_study(folder / "first.yaml")
+        source = os.environ | {"PYTHONPATH": str(folder / "src")}
+        compiling, *_ = run_timed([sys.executable, "-m", "wearscope.compiled"], folder, source)
         load = os.getloadavg()[0]
         elapsed, processor, own = run_timed(command, folder)
         loads = f"load {load:.1f} before, {os.getloadavg()[0]:.1f} after"
@@ -99,6 +105,7 @@ def main() -> None:
             f"{max(peaks):9.0f}"
         )
     print(f"simulations           {simulated:9d}")
+    print(f"compiled at set-up    {compiling:9.1f} s")
     print(f"elapsed on {given.cores} cores      {elapsed:9.1f} s, {loads}")
     print(f"processor             {processor:9.1f} s")
     print(f"sum of {len(jobs)} jobs        {total:9.1f} s, {used:.1f} s of processor")
