@@ -98,6 +98,20 @@ def test_more_is_asked_of_parts_of_a_single_run(changed, why):
     assert rule.judge(evidence(**changed), POLICY, FREE, 0.0, by_run=False) is why
 
 
+@pytest.mark.parametrize("name", ["warm_up_drift", "temperature_dependent_friction"])
+def test_what_goes_with_time_is_as_likely_a_drift_in_few_runs(name):
+    """Of torques that drift at random, in every fourth set of three runs all start on the same side."""
+    shape = tuple(p.default for p in load_effect(name).shape)
+    bounds = (2 + len(shape)) * FREE
+
+    def judge(share):
+        e = evidence(name, shape=shape, informing=3, p_value=0.03, share=share, fitted=share)
+        return rule.judge(e, POLICY, bounds[: 1 + len(shape)], 0.0, by_run=True)
+
+    assert judge(0.66) is Refusal.CHANCE
+    assert judge(0.75) is Refusal.NONE
+
+
 def test_nan_is_not_taken_for_evidence():
     """A p-value that nobody worked out and a share that is not a number must not pass."""
     for changed in ({"p_value": np.nan}, {"share": np.nan}, {"torque": np.nan}, {"agreement": np.nan}):
