@@ -93,7 +93,7 @@ def try_many(count, inputs, attempt):
         except InputError as error:
             outcomes["refused"] += 1
             text = str(error)
-            assert len(text.splitlines()) == 1 and text.endswith("."), text
+            assert len(text.splitlines()) == 1 and text.endswith((".", "?")), text
 
     run()
     assert outcomes["refused"] > count // 10, "the inputs do not reach what is checked"

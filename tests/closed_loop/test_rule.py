@@ -98,6 +98,12 @@ def test_more_is_asked_of_parts_of_a_single_run(changed, why):
     assert rule.judge(evidence(**changed), POLICY, FREE, 0.0, by_run=False) is why
 
 
+def test_a_constant_torque_is_as_likely_a_drift_in_few_runs():
+    for name, sure in (("torque_offset", False), ("coulomb_asymmetry", True)):
+        e = evidence(name, informing=3, share=0.53, fitted=0.53)
+        assert rule.is_beyond_chance(e, POLICY, by_run=True) is sure
+
+
 @pytest.mark.parametrize("name", ["warm_up_drift", "temperature_dependent_friction"])
 def test_what_goes_with_time_is_as_likely_a_drift_in_few_runs(name):
     """Of torques that drift at random, in every fourth set of three runs all start on the same side."""

@@ -144,7 +144,7 @@ def ranked(shift, spread=1.0, cells=24):
 
 def test_planted_ranks_are_found_and_ties_are_stated():
     table = ranked({"A": 0.0, "B": 5.0, "C": 0.02}, spread=0.5)
-    assert table.index[0] == "B"
+    assert table.index[0] == "B" and table["rank"].tolist() == [1, 2, 3]
     assert (table.loc["B", "rank_low"], table.loc["B", "rank_high"]) == (1, 1)
     assert table.loc["B", "tied_with"] == ""
     assert table.loc["A", "tied_with"] == "C" and table.loc["C", "tied_with"] == "A"
@@ -214,6 +214,7 @@ def few_cells(**intervals):
 def test_few_cells_are_ranked_by_their_own_intervals():
     ranking = rank_by_median(few_cells(A=(3.0, 1.0, 5.0), B=(2.0, 1.5, 2.5), C=(0.5, 0.4, 0.6)))
     assert (ranking["interval_from"] == "each cell").all()
+    assert ranking["rank"].tolist() == [1, 2, 3]
     rows = ranking.set_index("fda")
     assert rows.loc["A", ["median", "median_low", "median_high"]].tolist() == [3.0, 1.0, 5.0]
     assert rows.loc["A", "tied_with"] == "B" and rows.loc["B", "tied_with"] == "A"

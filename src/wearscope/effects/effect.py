@@ -201,6 +201,11 @@ class Effect:
         return bool({"temp_{joint}", "t"} & set(self.depends_on))
 
     @property
+    def drifts_alike(self) -> bool:
+        """Whether its torque changes with time or temperature, or not at all, as that of a drift in a few runs."""
+        return self.is_thermal or set(self.depends_on) == {"constant"}
+
+    @property
     def needs_wear(self) -> bool:
         """Whether its torque depends on how worn the joint is."""
         return "wear_{joint}" in self.depends_on

@@ -80,9 +80,10 @@ def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether every one of the informing runs is predicted far better when held out, of few nearly all.
 
     The same on the rows that are fitted: where only the held-out ones gain, the model runs away there. What
-    goes with time or temperature resembles a torque that drifts, of which a few runs are few parts.
+    goes with time or temperature, or changes with nothing, resembles a torque that drifts, of which a few
+    runs are few parts.
     """
-    several = by_run and not e.alone and e.informing >= 3 and not e.term.effect.is_thermal
+    several = by_run and not e.alone and e.informing >= 3 and not e.term.effect.drifts_alike
     least = policy.beyond_chance if several else policy.beyond_doubt
     return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
 
