@@ -3,9 +3,9 @@
     python benchmarks/closed_loop.py [--size small|contract|large|longer|hundredfold] [--light] [--out DIR]
 
 small: 6 joints x 6 runs x 40 s at 100 Hz; contract: 6 joints x 5 runs x 60 s at 250 Hz; large: 7 joints x 50
-runs x 60 s at 1 kHz, made as in benchmarks/intake.py with an undeclared spring at the second joint; longer and
-hundredfold: 400 and 5,000 such runs, of which the stretches that inform most are used. The data set is made
-in a process of its own, whose memory is not counted; the largest takes 44 GB of disk and an hour to make.
+runs x 60 s at 1 kHz, made as in benchmarks/intake.py with an undeclared spring at the second joint; longer
+and hundredfold: 400 and 5,000 such runs, of which the stretches that inform most are used. The data set is
+made in a process of its own, whose memory is not counted; the largest is 44 GB and an hour's work.
 """
 
 import argparse

@@ -118,6 +118,27 @@ def test_what_goes_with_time_is_as_likely_a_drift_in_few_runs(name):
     assert judge(0.75) is Refusal.NONE
 
 
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({}, Refusal.NONE),
+        ({"relief": 0.99 * POLICY.unexpected**2}, Refusal.ABSORBED),
+        ({"relief": np.nan}, Refusal.ABSORBED),
+        # Where the data themselves ask for it, they decide.
+        ({"fitted": 1.01 * POLICY.material_whole}, Refusal.ABSORBED),
+        ({"name": "torque_constant_error"}, Refusal.ABSORBED),
+        ({"beta": np.array([-1.0])}, Refusal.BOUNDS),
+    ],
+)
+def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_there(changed, why):
+    held = {"name": "rotor_inertia", "relief": 1.01 * POLICY.unexpected**2}
+    held |= {"sine": 0.0, "share": 0.0, "fitted": 0.0, "p_value": 1.0, "agreement": 0.0}
+    e = evidence(**(held | changed))
+    assert rule.judge(e, POLICY, [(0.0, np.inf)], 0.0, by_run=True) is why
+    if why is not Refusal.BOUNDS:
+        assert rule.is_needed(e, POLICY, by_run=True) is (why is Refusal.NONE)
+
+
 def test_nan_is_not_taken_for_evidence():
     """A p-value that nobody worked out and a share that is not a number must not pass."""
     for changed in ({"p_value": np.nan}, {"share": np.nan}, {"torque": np.nan}, {"agreement": np.nan}):

@@ -18,10 +18,14 @@ SHORT = {"duration": 8.0, "rate": 125.0, "plans": PLANS}
 BODIES = {"payload_error", "inertial_error"}
 
 
-def close_on(folder, planted, seed, **changed):
-    generate_dataset(folder / "d1", "arm3", planted, seed, Recipe(**SHORT, **changed))
+def plant(folder, planted, seed, **changed):
+    truth = generate_dataset(folder / "d1", "arm3", planted, seed, Recipe(**SHORT, **changed))
     close_loop(folder / "d1", folder / "out", light=True)
-    return json.loads((folder / "out" / "verdict.json").read_text())
+    return truth, json.loads((folder / "out" / "verdict.json").read_text())
+
+
+def close_on(folder, planted, seed, **changed):
+    return plant(folder, planted, seed, **changed)[1]
 
 
 @pytest.mark.parametrize("seed", [31, 32])
@@ -38,6 +42,20 @@ def test_wrong_masses_under_trusted_are_named_as_such(tmp_path, seed):
 def test_the_same_masses_under_approximate_are_refitted_without_a_name(tmp_path):
     verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=True)
     assert verdict["verdict"] == []
+
+
+def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_named(tmp_path):
+    """At the first joint no motion tells the two apart; of a few hundredths of it the links may be wrong."""
+    for size, named in ((60.0, ["rotor_inertia"]), (6.0, [])):
+        planted = [Planted("rotor_inertia_error", "waist", size)]
+        truth, verdict = plant(tmp_path / f"{size:g}", planted, 31, inertia_error=0.05, approximate=True)
+        assert [e["effect"] for e in verdict["verdict"]] == named
+        if named:
+            inertia = truth["planted"][0]["parameters"]["inertia"]["value"]
+            low, high = verdict["verdict"][0]["parameters"]["inertia"]["ci95"]
+            assert low < inertia < high
+            # What is believed of the links, not the many rows, says how sure it is.
+            assert high - low > 0.2 * inertia
 
 
 def test_a_fault_is_found_beside_wrong_masses(tmp_path):

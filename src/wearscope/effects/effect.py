@@ -202,8 +202,13 @@ class Effect:
 
     @property
     def drifts_alike(self) -> bool:
-        """Whether its torque changes with time or temperature, or not at all, as that of a drift in a few runs."""
+        """Whether its torque changes with time or temperature, or not at all, as a drift's in few runs."""
         return self.is_thermal or set(self.depends_on) == {"constant"}
+
+    @property
+    def is_armature(self) -> bool:
+        """Whether it is inertia on the motor's side, which refitted inertias of the links may hold."""
+        return False
 
     @property
     def needs_wear(self) -> bool:

@@ -138,7 +138,8 @@ def estimate_jointly(model: Regression) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. Intervals take Student's t
+    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. What is believed of a body's
+    inertials beforehand counts as observations of them, with their own scatter. Intervals take Student's t
     with as many degrees of freedom as clusters carry the parameter's information, less one. Where a regressor
     was made from the measured torque, its noise-free instrument takes its place in the scores.
     """
@@ -174,6 +175,7 @@ def estimate_jointly(model: Regression) -> JointFit:
     # Each joint's torque is an observation of its own, and what a prior holds is not taken from them.
     taken = float(np.trace(inverse @ (hessian - held))) / max(int(model.prepared.moving.sum()), 1)
     meat = scores.T @ scores * blocks / max(blocks - taken, 1.0) + np.diag(prior)
+    meat[: model.p, : model.p] += model.belief
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     # A mixture of forms would move the estimates by so much.

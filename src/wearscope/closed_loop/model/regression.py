@@ -172,7 +172,8 @@ class Regression:
             if penalty is not None:
                 prior[span] = np.diag(penalty)[list(entry.subset)]
         diagonal = np.einsum("bii->i", self.gram)
-        precision = np.diag(prior + 1e-10 * np.maximum(diagonal, 1e-12))
+        self.belief = np.diag(prior)
+        precision = self.belief + np.diag(1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):
             if entry.effect.empirical:
                 precision[span, span] += diagonal[span].mean() * regularise(len(entry.subset))

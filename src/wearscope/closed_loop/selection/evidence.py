@@ -86,6 +86,9 @@ class Evidence:
         Whether only one of several recordings shows it, of which fifths are then held out.
     overturns : bool
         Whether plain friction that the model has at its joints would be negative beside it.
+    relief : float
+        What the model's parameters with a prior, such as inertial ones, come nearer to it: difference of
+        their squared distances [standard deviations a priori, squared].
     refusal : Refusal
         Of what can be said of it without comparing it with others.
     """
@@ -111,6 +114,7 @@ class Evidence:
     tried: float
     alone: bool = False
     overturns: bool = False
+    relief: float = 0.0
     varies: float = 1.0
     whole: float = np.inf
     p_value: float = np.nan
@@ -198,6 +202,7 @@ def weigh(
         tried=candidate.tried,
         alone=alone,
         overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
+        relief=relieve_prior(assembly, sums.at(best), beta),
     )
 
 
@@ -289,6 +294,28 @@ def overturns_friction(
         if theta[k] > 0.0 and beside < -max(policy.unexpected * error, policy.large_share * theta[k]):
             return True
     return False
+
+
+def relieve_prior(assembly: Assembly, sums: Sums, beta: np.ndarray) -> float:
+    """What a model's parameters come nearer to where they are expected, beside a term.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model.
+    sums : Sums
+        Of the term's columns, one shape.
+    beta : ndarray (m,)
+        Its coefficients.
+
+    Returns
+    -------
+    float
+        Difference of the squared distances, in standard deviations a priori.
+    """
+    inverse, theta = assembly.whole
+    beside = theta - inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T @ beta
+    return float(theta @ assembly.prior @ theta - beside @ assembly.prior @ beside)
 
 
 def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:

@@ -58,8 +58,8 @@ class Policy(BaseModel):
     beyond_doubt: float = Field(0.7, gt=0)
     """The same in two runs, and in parts of a single one, which resemble each other more than runs do, and of
     what goes with time or temperature or is constant, as a torque that drifts is in few runs. A name that
-    removes less is given up where a generic term in its place does better, and what gains less than this share
-    of the best alternative does not stand beside a name."""
+    removes less is given up where a generic term in its place does better, and what gains less than this
+    share of the best alternative does not stand beside a name."""
 
     fewest_blocks: float = Field(4.0, ge=0)
     """Fewest blocks, effectively, that the evidence from a single run may lie in: fewer are one event,

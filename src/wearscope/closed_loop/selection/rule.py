@@ -39,6 +39,8 @@ def judge(
     level = policy.unknown_level if generic else policy.family_level
     if e.refusal is not Refusal.NONE:
         return e.refusal
+    if relieves(e, policy):
+        return Refusal.NONE if is_within(e, bounds) and abs(float(e.beta[0])) >= least else Refusal.BOUNDS
     # Asked so that what is NaN is refused.
     if not is_own(e, policy):
         return Refusal.ABSORBED
@@ -50,8 +52,7 @@ def judge(
     smooth = generic or e.chosen.candidate.penalty is not None
     if not smooth and not max(e.cancellation, e.torque) <= policy.cancels:
         return Refusal.CANCELS
-    believed = all(low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True))
-    if not believed or e.overturns:
+    if not is_within(e, bounds) or e.overturns:
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
@@ -61,6 +62,21 @@ def judge(
     if not agrees(e, policy, by_run) or (generic and e.share > 1.0):
         return Refusal.DISAGREES
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
+
+
+def is_within(e: Evidence, bounds: Sequence[tuple[float, float]]) -> bool:
+    """Whether a term's coefficients and shape parameters are within what such machines have."""
+    return all(low <= b <= high for b, (low, high) in zip((*e.beta, *e.term.shape), bounds, strict=True))
+
+
+def relieves(e: Evidence, policy: Policy) -> bool:
+    """Whether a drive's inertia that refitted inertias of links can hold would make them unbelievable.
+
+    No motion tells the two apart at a robot's first joint, so that the data alone gain nothing by it. What
+    the links' inertias had to be without it, against what the robot's description says of them, does.
+    """
+    held = e.term.effect.is_armature and e.fitted < policy.material_whole
+    return held and e.relief > policy.unexpected**2
 
 
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
@@ -99,6 +115,8 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     beyond = min(e.share, e.fitted) >= policy.beyond_chance and e.agreement == 1.0
     sure = agrees(e, policy, by_run) and (gain > errors * error or beyond)
     likely = is_plain(e, policy) and e.agreement > 0.5
+    if relieves(e, policy):
+        return True
     return is_own(e, policy) and e.share >= policy.material_whole and (sure or likely)
 
 

@@ -316,6 +316,8 @@ class Search:
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
+        if rule.relieves(e, self.policy):
+            return False
         if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
