@@ -5,6 +5,7 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection import generic
+from wearscope.closed_loop.selection import search as search_module
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.found import Found
@@ -51,6 +52,35 @@ def test_a_name_goes_beside_what_explains_it(beside_balancer, name):
     found = [find(search, name, 1), whole, other]
     assert drop_superfluous(search, found, {1}, {id(whole.chosen)}) == [whole, other]
     assert drop_superfluous(search, found, set(), set()) == found
+
+
+@pytest.mark.parametrize(
+    ("asked_again", "grown", "settled"),
+    [
+        ("ab", "ab", "ab"),
+        # Beside all others it is not needed; alone the weights of the smaller model ask for it.
+        ("a", "ab", "a"),
+        # Another one has its place.
+        ("ac", "ac", "ac"),
+        ("a", "ac", "ac"),
+    ],
+)
+def test_what_is_dropped_and_taken_again_is_not_needed(
+    beside_balancer, monkeypatch, asked_again, grown, settled
+):
+    search = beside_balancer
+    names = {"a": "gravity_counterbalance", "b": "coulomb_asymmetry", "c": "viscous_asymmetry"}
+    terms = {key: find(search, name, 1) for key, name in names.items()}
+
+    def make(keys):
+        return [terms[key] for key in keys]
+
+    def answer(found, first, then):
+        return make(first) if found == make("ab") else make(then)
+
+    monkeypatch.setattr(search_module, "revise", lambda _, found: answer(found, asked_again, settled))
+    monkeypatch.setattr(search, "extend", lambda found: answer(found, grown, grown))
+    assert search.settle(make("ab")) == make(settled)
 
 
 def test_names_beside_one_that_gave_way_are_asked_again(beside_balancer, monkeypatch):

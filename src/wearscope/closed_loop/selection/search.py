@@ -194,11 +194,19 @@ class Search:
         standard = self.assemble(found)
         losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
         self.standard_losses = np.array(losses) * self.sigma**2
-        found = self.settle_reversals(self.extend(found))
+        return self.settle(self.settle_reversals(self.extend(found)))
+
+    def settle(self, found: list[Found]) -> list[Found]:
+        """Ask of each term again, and for more, until nothing changes.
+
+        What is taken only in the weights of a model without it, and not beside all others in those of the whole
+        model, is not needed.
+        """
         for _ in range(_PASSES):
-            grown = self.extend(revise(self, found))
+            asked_again = revise(self, found)
+            grown = self.extend(asked_again)
             if _names(grown) == _names(found):
-                return grown
+                return asked_again if _names(asked_again) < _names(found) else grown
             found = grown
         return found
 
