@@ -199,8 +199,8 @@ class Search:
     def settle(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, and for more, until nothing changes.
 
-        What is taken only in the weights of a model without it, and not beside all others in those of the whole
-        model, is not needed.
+        What is taken only in the weights of a model without it, and not beside all others in those of the
+        whole model, is not needed.
         """
         for _ in range(_PASSES):
             asked_again = revise(self, found)
