@@ -41,7 +41,16 @@ def test_wrong_masses_under_trusted_are_named_as_such(tmp_path, seed):
 
 def test_the_same_masses_under_approximate_are_refitted_without_a_name(tmp_path):
     verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=True)
-    assert verdict["verdict"] == []
+    assert verdict["verdict"] == [] and not any("far from the URDF" in note for note in verdict["notes"])
+
+
+def test_links_that_nobody_would_believe_are_said(tmp_path):
+    """A load that was taken off is refitted as the last link's, which had not half of it."""
+    planted = [Planted("payload_error", "elbow", 60.0)]
+    truth, verdict = plant(tmp_path, planted, 31, inertia_error=0.05, approximate=True)
+    said = [note for note in verdict["notes"] if "far from the URDF" in note]
+    assert len(said) == 1 and said[0].startswith("the link that elbow moves") and "(mass -" in said[0]
+    assert truth["planted"][0]["parameters"]["mass"]["value"] < -5.0
 
 
 def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_named(tmp_path):
@@ -50,6 +59,7 @@ def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_named(tmp_
         planted = [Planted("rotor_inertia_error", "waist", size)]
         truth, verdict = plant(tmp_path / f"{size:g}", planted, 31, inertia_error=0.05, approximate=True)
         assert [e["effect"] for e in verdict["verdict"]] == named
+        assert not any("far from the URDF" in note for note in verdict["notes"])
         if named:
             inertia = truth["planted"][0]["parameters"]["inertia"]["value"]
             low, high = verdict["verdict"][0]["parameters"]["inertia"]["ci95"]

@@ -7,6 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.inertials import name_unbelievable_links
 from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,
@@ -68,8 +69,17 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
         ],
         "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
-        "notes": prepared.notes,
+        "notes": prepared.notes + list_unbelievable_links(diagnosis),
     }
+
+
+def list_unbelievable_links(diagnosis: "Diagnosis") -> list[str]:
+    """What the refit made of the links, where nobody would believe it; nothing where they are trusted."""
+    after = diagnosis.after
+    if not after.inertial:
+        return []
+    deviations = after.solve()[: 10 * diagnosis.prepared.n]
+    return name_unbelievable_links(diagnosis.prepared, deviations, diagnosis.policy.unexpected)
 
 
 def summarise_joints(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.effects.base import Effect, InertialEffect, PayloadEffect
+from wearscope.effects.base import Effect, InertialEffect, PayloadEffect, load_effect
 
 
 def inertial_scale(prepared: Prepared) -> np.ndarray:
@@ -16,6 +16,33 @@ def inertial_scale(prepared: Prepared) -> np.ndarray:
     lever = np.sqrt(np.maximum(trace / mass, 1e-4))
     scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
     return 0.3 * scale.ravel()
+
+
+def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: float) -> list[str]:
+    """A sentence for each link whose refitted inertials are far from the URDF's.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    deviations : ndarray (10 n,)
+        Of the refitted inertial parameters from the URDF's.
+    errors : float
+        Standard deviations a priori beyond which they are.
+    """
+    names = [p.name for p in load_effect("payload_error").coefficients]
+    units = [p.unit for p in load_effect("payload_error").coefficients]
+    off = deviations.reshape(-1, 10)
+    far = np.abs(off) > errors * inertial_scale(prepared).reshape(-1, 10)
+    sentences = []
+    for joint, own, beyond in zip(prepared.dataset.joints, off, far, strict=True):
+        changes = [f"{names[k]} {own[k]:+.3g} {units[k]}" for k in np.flatnonzero(beyond)]
+        if changes:
+            sentences.append(
+                f"the link that {joint} moves was refitted far from the URDF ({', '.join(changes)}: more "
+                f"than {errors:g} times 30 % of its own scale); a load, balancer or drive's inertia that is not "
+                "declared may stand behind it."
+            )
+    return sentences
 
 
 def inertial_penalty(prepared: Prepared) -> np.ndarray:
