@@ -39,8 +39,8 @@ def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: 
         if changes:
             sentences.append(
                 f"the link that {joint} moves was refitted far from the URDF ({', '.join(changes)}: more "
-                f"than {errors:g} times 30 % of its own scale); a load, balancer or drive's inertia that is not "
-                "declared may stand behind it."
+                f"than {errors:g} times 30 % of its own scale); a load, balancer or drive's inertia that "
+                "is not declared may stand behind it."
             )
     return sentences
 
