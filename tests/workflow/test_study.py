@@ -116,9 +116,9 @@ def test_second_run_does_nothing_and_is_quick(finished, tmp_path, monkeypatch):
     run_well(finished)
     start = take_seconds(lambda: subprocess.run([sys.executable, "-m", "snakemake", "--version"], check=True))
     texts = []
-    idle = take_seconds(lambda: texts.append(run_well(finished)))
-    assert "Nothing to be done" in texts[0]
-    # In processor seconds, which both grow where other work is done beside them.
+    # In processor seconds, which both grow where other work is done beside them, though not always together.
+    idle = min(take_seconds(lambda: texts.append(run_well(finished))) for _ in range(3))
+    assert all("Nothing to be done" in text for text in texts)
     assert idle < 3.0 * start, f"{idle:.1f} s, Snakemake's start {start:.1f} s"
 
 
