@@ -7,7 +7,7 @@ rule pack_archive:
     input:
         study=rules.report.input,
         own=own_files(),
-        code=code("pack_archive"),
+        code=lambda w: code("pack_archive"),
     output:
         f"results/archive/{STUDY.study}.tar",
     log:

@@ -11,7 +11,7 @@ rule audit:
 rule choose_audit_points:
     input:
         scope=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
-        code=code("choose_audit_points"),
+        code=lambda w: code("choose_audit_points"),
     output:
         f"{R}/design/audit.parquet",
     log:
@@ -64,7 +64,7 @@ rule audit_surrogates:
         points=f"{R}/design/audit.parquet",
         parts=expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED),
         asked=list(asked_of(STUDY.scope.model)(None).values()),
-        code=code("audit_surrogates"),
+        code=lambda w: code("audit_surrogates"),
     output:
         audit=f"{R}/audit.parquet",
         summary=f"{R}/audit_summary.parquet",

@@ -44,7 +44,7 @@ rule attribution_board:
 # The demonstration gives way to the study, whose later stages leave a core idle.
 rule record_demonstration:
     input:
-        code=code("record_demonstration"),
+        code=lambda w: code("record_demonstration"),
     output:
         dataset=f"{R}/demonstration/twin/dataset.yaml",
         urdf=f"{R}/demonstration/twin/robot.urdf",
@@ -69,7 +69,7 @@ rule close_demonstration:
         urdf=rules.record_demonstration.output.urdf,
         runs=rules.record_demonstration.output.runs,
         effects=own_effects(),
-        code=code("close_loop", *effect_files()),
+        code=lambda w: code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
         drawn_files(TWIN),
@@ -91,7 +91,7 @@ rule close_demonstration:
 rule report_demonstration:
     input:
         tables=DEMONSTRATION,
-        code=code("report_loop"),
+        code=lambda w: code("report_loop"),
         style=REPORT_FILES,
     output:
         report(
@@ -118,7 +118,7 @@ if STUDY.dataset is not None:
             dataset=dataset_file(STUDY.dataset),
             files=dataset_files(STUDY.dataset),
             effects=own_effects(),
-            code=code("close_loop", *effect_files()),
+            code=lambda w: code("close_loop", *effect_files()),
         output:
             LOOP,
             drawn_files(LOOP_FOLDER),
@@ -138,7 +138,7 @@ if STUDY.dataset is not None:
     rule report_loop:
         input:
             tables=LOOP,
-            code=code("report_loop"),
+            code=lambda w: code("report_loop"),
             style=REPORT_FILES,
         output:
             f"{LOOP_FOLDER}/report.html",
@@ -154,7 +154,7 @@ if STUDY.dataset is not None:
 
 rule run_board:
     input:
-        code=code("run_board", *effect_files()),
+        code=lambda w: code("run_board", *effect_files()),
     output:
         f"{BOARD}/cases.parquet",
         f"{BOARD}/entries.parquet",

@@ -255,6 +255,12 @@ def cycle_files():
 
 
 @cache
+def offered(room):
+    """Names that installed packages offer for a room."""
+    return set(list_installed(room))
+
+
+@cache
 def installed(*rooms):
     """What is used of installed packages, by name: a parameter, as the dates of their files tell no change."""
     robots = [*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())]
@@ -272,7 +278,7 @@ def installed(*rooms):
     return {
         f"{room}: {name}": identify_installed(name, room)
         for room in rooms
-        for name in sorted({str(name) for name in named[room]} & set(list_installed(room)))
+        for name in sorted({str(name) for name in named[room]} & offered(room))
         if not is_built_in(name, room)
     }
 

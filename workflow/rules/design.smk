@@ -5,7 +5,7 @@ rule design:
 
 rule make_design:
     input:
-        code=code("make_design"),
+        code=lambda w: code("make_design"),
     output:
         **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS[2:]},
         identification=f"{R}/design/identification.parquet",

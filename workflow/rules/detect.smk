@@ -20,7 +20,7 @@ else:
             dataset=dataset_file(STUDY.dataset),
             files=dataset_files(STUDY.dataset),
             robot=DETECT_ROBOT,
-            code=code("judge_recordings", *detector_files(), *effect_files()),
+            code=lambda w: code("judge_recordings", *detector_files(), *effect_files()),
         output:
             f"{DETECTION}/detection.parquet",
             f"{DETECTION}/thresholds.parquet",
@@ -51,7 +51,7 @@ else:
     rule report_detection:
         input:
             rules.judge_recordings.output,
-            code=code("report_detection"),
+            code=lambda w: code("report_detection"),
             style=REPORT_FILES,
         output:
             f"{DETECTION}/report.html",

@@ -10,7 +10,7 @@ rule direct:
 
 rule make_direct_design:
     input:
-        code=code("make_direct_design"),
+        code=lambda w: code("make_direct_design"),
     output:
         f"{R}/design/direct.parquet",
     log:
@@ -60,7 +60,7 @@ rule compare_direct:
         direct=f"{R}/parts/direct_quantities/{DIRECT_ROBOT}/{DIRECT_CYCLE}.parquet",
         chosen=f"{R}/chosen_surrogates.parquet",
         test_quantities=f"{R}/test_quantities.parquet",
-        code=code("compare_direct"),
+        code=lambda w: code("compare_direct"),
     output:
         f"{R}/direct.parquet",
     log:

@@ -20,7 +20,7 @@ rule compute_sensitivity:
     input:
         surrogates=whole("surrogates"),
         screening=SCREENINGS,
-        code=code("compute_sensitivity"),
+        code=lambda w: code("compute_sensitivity"),
     output:
         f"{R}/sensitivity.parquet",
     log:
@@ -41,7 +41,7 @@ rule compute_snr:
         unpack(asked_of(STUDY.snr.model)),
         # Replicates, which tell whether a robot's model has noise, belong to the filling design.
         noise=f"{R}/chosen_surrogates.parquet" if FILLED else [],
-        code=code("compute_snr"),
+        code=lambda w: code("compute_snr"),
     output:
         snr=f"{R}/snr.parquet",
         ranking=f"{R}/ranking.parquet",
@@ -62,7 +62,7 @@ rule compute_snr:
 rule compute_scope:
     input:
         unpack(asked_of(STUDY.scope.model)),
-        code=code("compute_scope"),
+        code=lambda w: code("compute_scope"),
     output:
         f"{R}/parts/scope/{{robot}}.parquet",
     log:
@@ -84,7 +84,7 @@ rule join_scope:
     input:
         parts=parts("scope", "parts/scope", "{robot}"),
         screening=SCREENINGS,
-        code=code("join_scope"),
+        code=lambda w: code("join_scope"),
     output:
         scope=f"{R}/scope.parquet",
         groups=f"{R}/group_scope.parquet",
@@ -109,7 +109,7 @@ rule compute_responses:
     input:
         unpack(asked_of(STUDY.scope.model)),
         test_quantities=f"{R}/test_quantities.parquet",
-        code=code("compute_responses"),
+        code=lambda w: code("compute_responses"),
     output:
         responses=f"{R}/responses.parquet",
         simulated=f"{R}/simulated.parquet",
@@ -139,7 +139,7 @@ rule draw_conclusion:
         scope=whole("scope"),
         snr=f"{R}/snr.parquet",
         answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
-        code=code("draw_conclusion"),
+        code=lambda w: code("draw_conclusion"),
     output:
         conclusion=f"{R}/conclusion.json",
         thresholds=f"{R}/thresholds.parquet",

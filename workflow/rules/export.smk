@@ -23,7 +23,7 @@ else:
     rule export_model:
         input:
             model=EXPORTED,
-            code=code("export_model", *effect_files()),
+            code=lambda w: code("export_model", *effect_files()),
         output:
             f"{EXPORT}/robot.urdf",
             f"{EXPORT}/robot.xml",

@@ -6,7 +6,7 @@ rule make_overview:
         fits=f"{R}/chosen_surrogates.parquet" if STUDY.scope.model == "chosen" else f"{R}/validation.parquet",
         failed_simulations=f"{R}/failed_simulations.parquet",
         conclusion=f"{R}/conclusion.json",
-        code=code("make_overview"),
+        code=lambda w: code("make_overview"),
     output:
         f"{R}/overview.parquet",
     log:
@@ -28,7 +28,7 @@ if PARTITIONS:
     rule draw_scopes:
         input:
             scope=whole("scope"),
-            code=code("draw_scopes"),
+            code=lambda w: code("draw_scopes"),
             style=REPORT_FILES,
         output:
             **figure_files(SCOPE_FIGURES),
@@ -60,7 +60,7 @@ if PARTITIONS:
             answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
             figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
             robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-            code=code("write_overview", *detector_files()),
+            code=lambda w: code("write_overview", *detector_files()),
             style=REPORT_FILES,
         output:
             overview=f"{R}/overview.parquet",

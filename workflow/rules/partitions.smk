@@ -33,7 +33,7 @@ if PARTITIONS:
     rule run_partition:
         input:
             robots=lambda w: [file for one in PARTITIONS[w.part].robots for file in robot_files(one)],
-            code=partition_code(),
+            code=lambda w: partition_code(),
             style=REPORT_FILES,
         output:
             expand("{R}/partitions/{{part}}/{table}.parquet", R=R, table=PARTITION_TABLES),
@@ -66,7 +66,7 @@ if PARTITIONS:
             parts=lambda w: [
                 f"{R}/partitions/{PARTITION_OF[robot]}/{w.table}.parquet" for robot in sorted(ROBOTS)
             ],
-            code=code("join_partitions"),
+            code=lambda w: code("join_partitions"),
         output:
             f"{R}/{{table}}.parquet",
         log:
@@ -85,7 +85,7 @@ if PARTITIONS:
     rule rank_detectors:
         input:
             snr=f"{R}/snr.parquet",
-            code=code("rank_detectors"),
+            code=lambda w: code("rank_detectors"),
         output:
             f"{R}/ranking.parquet",
         log:
@@ -103,7 +103,7 @@ if PARTITIONS:
     rule join_audit:
         input:
             parts=parts("audit"),
-            code=code("join_audit"),
+            code=lambda w: code("join_audit"),
         output:
             audit=f"{R}/audit.parquet",
             summary=f"{R}/audit_summary.parquet",
@@ -129,7 +129,7 @@ else:
     rule join_screening:
         input:
             screening=SCREENINGS,
-            code=code("join_screening"),
+            code=lambda w: code("join_screening"),
         output:
             f"{R}/screening.parquet",
         log:

@@ -45,7 +45,7 @@ rule make_reevaluation:
     input:
         models=reevaluated_models,
         truth=rules.record_demonstration.output.truth if "truth" in RE_SIDES else [],
-        code=code("make_reevaluation", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
+        code=lambda w: code("make_reevaluation", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
     output:
         **RE_DESIGNS,
         models=f"{RE}/models.json",
@@ -85,7 +85,7 @@ rule simulate_models:
     input:
         **RE_DESIGNS,
         models=f"{RE}/models.json",
-        code=code("simulate_models", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
+        code=lambda w: code("simulate_models", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
     output:
         f"{RE}/traces/{{side}}.json",
     log:
@@ -119,7 +119,7 @@ rule quantify_models:
         models=f"{RE}/models.json",
         traces=f"{RE}/traces/{{side}}.json",
         detectors=f"{R}/check/detectors.json",
-        code=code("quantify_models", *detector_files(), *effect_files(), *TWIN_EFFECTS),
+        code=lambda w: code("quantify_models", *detector_files(), *effect_files(), *TWIN_EFFECTS),
     output:
         own=f"{RE}/parts/test_quantities/{{side}}.parquet",
         drawn=f"{RE}/parts/drawn_test_quantities/{{side}}.parquet",
@@ -148,7 +148,7 @@ rule quantify_models:
 use rule choose_surrogates as choose_reevaluated with:
     input:
         test_quantities=f"{RE}/parts/test_quantities/{{side}}.parquet",
-        code=code("choose_surrogates"),
+        code=lambda w: code("choose_surrogates"),
     output:
         f"{RE}/parts/chosen_surrogates/{{side}}.parquet",
     log:
@@ -165,7 +165,7 @@ rule compare_sides:
         drawn=expand("{RE}/parts/drawn_test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
         left_out=expand("{RE}/parts/left_out/{side}.parquet", RE=RE, side=RE_SIDES),
         chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
-        code=code("compare_sides"),
+        code=lambda w: code("compare_sides"),
     output:
         table=f"{R}/reevaluation.parquet",
         ranking=f"{R}/reevaluation_ranking.parquet",
@@ -194,7 +194,7 @@ rule report_reevaluation:
         reevaluation=REEVALUATION,
         after=f"{RE}/models/after.yaml",
         chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
-        code=code("report_reevaluation"),
+        code=lambda w: code("report_reevaluation"),
         style=REPORT_FILES,
     output:
         report(

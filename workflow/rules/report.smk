@@ -22,7 +22,7 @@ rule figures:
 rule describe_robots:
     input:
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=code(
+        code=lambda w: code(
             "describe_robots",
             *cycle_files(),
             *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
@@ -55,7 +55,7 @@ rule draw_setup:
         traces=traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         recordings=packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=code(
+        code=lambda w: code(
             "draw_setup",
             *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
         ),
@@ -89,7 +89,7 @@ rule draw_findings:
         scope=f"{R}/scope.parquet",
         fits=f"{R}/fit_table.parquet",
         screening=SCREENINGS,
-        code=code("draw_findings"),
+        code=lambda w: code("draw_findings"),
         style=REPORT_FILES,
     output:
         **figure_files(FINDING_FIGURES),
@@ -114,7 +114,7 @@ rule draw_findings:
 rule draw_audit:
     input:
         audit=f"{R}/audit.parquet",
-        code=code("draw_audit"),
+        code=lambda w: code("draw_audit"),
         style=REPORT_FILES,
     output:
         **figure_files(["audit"]),
@@ -140,7 +140,7 @@ rule compare_paper:
         failures=f"{R}/failures.parquet",
         checks=f"{R}/design/checks.parquet",
         answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
-        code=code("compare_paper"),
+        code=lambda w: code("compare_paper"),
     output:
         f"{R}/findings.parquet",
     log:
@@ -190,7 +190,7 @@ rule write_report:
         reevaluation=REEVALUATION if REEVALUATED else [],
         after=f"{RE}/models/after.yaml" if REEVALUATED else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=code("write_report", *detector_files()),
+        code=lambda w: code("write_report", *detector_files()),
         style=REPORT_FILES,
     output:
         report=report(

@@ -113,7 +113,7 @@ rule check_cycles:
 
 rule check_detectors:
     input:
-        code=code("check_detectors", *detector_files()),
+        code=lambda w: code("check_detectors", *detector_files()),
     output:
         f"{R}/check/detectors.json",
     log:

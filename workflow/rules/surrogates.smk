@@ -16,7 +16,7 @@ rule validate:
 rule fit_surrogates:
     input:
         test_quantities=f"{R}/test_quantities.parquet",
-        code=code("fit_surrogates"),
+        code=lambda w: code("fit_surrogates"),
     output:
         f"{R}/surrogates.parquet",
     log:
@@ -36,7 +36,7 @@ rule validate_surrogates:
     input:
         test_quantities=f"{R}/test_quantities.parquet",
         surrogates=f"{R}/surrogates.parquet",
-        code=code("validate_surrogates"),
+        code=lambda w: code("validate_surrogates"),
     output:
         validation=f"{R}/validation.parquet",
         fit_table=f"{R}/fit_table.parquet",
@@ -56,7 +56,7 @@ rule validate_surrogates:
 rule choose_surrogates:
     input:
         test_quantities=f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
-        code=code("choose_surrogates"),
+        code=lambda w: code("choose_surrogates"),
     output:
         f"{R}/parts/chosen_surrogates/{{robot}}/{{cycle}}.parquet",
     log:
@@ -77,7 +77,7 @@ rule choose_surrogates:
 rule join_chosen:
     input:
         parts=parts("chosen_surrogates", "parts/chosen_surrogates", "{robot}", "{cycle}"),
-        code=code("join_chosen"),
+        code=lambda w: code("join_chosen"),
     output:
         f"{R}/chosen_surrogates.parquet",
     log:

@@ -74,7 +74,7 @@ rule join_test_quantities:
     input:
         parts=parts("test_quantities", "parts/test_quantities", "{robot}", "{cycle}"),
         failed=parts("failed_simulations", "parts/failed_simulations", "{robot}", "{cycle}"),
-        code=code("join_test_quantities"),
+        code=lambda w: code("join_test_quantities"),
     output:
         table=f"{R}/test_quantities.parquet",
         failures=f"{R}/failures.parquet",

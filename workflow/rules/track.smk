@@ -11,7 +11,7 @@ if STUDY.dataset is not None:
             dataset=ancient(dataset_file(STUDY.dataset)),
             files=session_files(STUDY.dataset, TRACKED.reference),
             effects=own_effects(),
-            code=code("identify_healthy", *effect_files()),
+            code=lambda w: code("identify_healthy", *effect_files()),
         output:
             f"{TRACK_FOLDER}/reference.npz",
         log:
@@ -33,7 +33,7 @@ if STUDY.dataset is not None:
             dataset=ancient(dataset_file(STUDY.dataset)),
             reference=rules.identify_healthy.output,
             files=lambda wildcards: session_files(STUDY.dataset, [TRACKED.named[wildcards.session]]),
-            code=code("assess_session", *effect_files()),
+            code=lambda w: code("assess_session", *effect_files()),
         output:
             f"{TRACK_FOLDER}/sessions/{{session}}.json",
         log:
@@ -59,7 +59,7 @@ if STUDY.dataset is not None:
             dataset=dataset_file(STUDY.dataset),
             reference=rules.identify_healthy.output,
             sessions=expand(rules.assess_session.output, session=list(TRACKED.named)),
-            code=code("join_sessions", *effect_files()),
+            code=lambda w: code("join_sessions", *effect_files()),
         output:
             f"{TRACK_FOLDER}/tracking.json",
             f"{TRACK_FOLDER}/changes.parquet",
@@ -80,7 +80,7 @@ if STUDY.dataset is not None:
     rule report_tracking:
         input:
             tables=rules.join_sessions.output,
-            code=code("report_tracking"),
+            code=lambda w: code("report_tracking"),
             style=REPORT_FILES,
         output:
             f"{TRACK_FOLDER}/report.html",
