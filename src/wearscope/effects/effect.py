@@ -206,11 +206,6 @@ class Effect:
         return self.is_thermal or set(self.depends_on) == {"constant"}
 
     @property
-    def is_armature(self) -> bool:
-        """Whether it is inertia on the motor's side, which refitted inertias of the links may hold."""
-        return False
-
-    @property
     def needs_wear(self) -> bool:
         """Whether its torque depends on how worn the joint is."""
         return "wear_{joint}" in self.depends_on

@@ -33,11 +33,6 @@ class RigidBodyEffect(Effect):
 class ArmatureEffect(Effect):
     """Inertia on the motor side."""
 
-    @property
-    def is_armature(self) -> bool:
-        """It is."""
-        return True
-
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Add to the armature."""
         plant.armature[joint] += self.pack(values)[0][0]

@@ -175,7 +175,7 @@ def estimate_jointly(model: Regression) -> JointFit:
     # Each joint's torque is an observation of its own, and what a prior holds is not taken from them.
     taken = float(np.trace(inverse @ (hessian - held))) / max(int(model.prepared.moving.sum()), 1)
     meat = scores.T @ scores * blocks / max(blocks - taken, 1.0) + np.diag(prior)
-    meat[: model.p, : model.p] += model.belief
+    meat[: model.p, : model.p] += model.inertial_prior
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     # A mixture of forms would move the estimates by so much.

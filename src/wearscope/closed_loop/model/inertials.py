@@ -5,9 +5,12 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.effects.base import Effect, InertialEffect, PayloadEffect, load_effect
 
+#: Usual error of an inertial parameter, as a share of its link's own scale.
+USUAL_ERROR = 0.3
+
 
 def inertial_scale(prepared: Prepared) -> np.ndarray:
-    """Usual size of an error of each inertial parameter, (10 n,): 30 % of each link's own scale."""
+    """Usual size of an error of each inertial parameter, (10 n,): `USUAL_ERROR` of its link's own scale."""
     body = prepared.runs[0].signals.rigid_body
     parameters = body.inertial_parameters.reshape(-1, 10)
     mass = np.maximum(parameters[:, 0], 0.02 * parameters[:, 0].max() + 1e-6)
@@ -15,7 +18,7 @@ def inertial_scale(prepared: Prepared) -> np.ndarray:
     trace = parameters[:, 4] + parameters[:, 6] + parameters[:, 9]
     lever = np.sqrt(np.maximum(trace / mass, 1e-4))
     scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
-    return 0.3 * scale.ravel()
+    return USUAL_ERROR * scale.ravel()
 
 
 def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: float) -> list[str]:
@@ -29,18 +32,17 @@ def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: 
     errors : float
         Standard deviations a priori beyond which they are.
     """
-    names = [p.name for p in load_effect("payload_error").coefficients]
-    units = [p.unit for p in load_effect("payload_error").coefficients]
+    parameters = load_effect("payload_error").coefficients
     off = deviations.reshape(-1, 10)
     far = np.abs(off) > errors * inertial_scale(prepared).reshape(-1, 10)
     sentences = []
     for joint, own, beyond in zip(prepared.dataset.joints, off, far, strict=True):
-        changes = [f"{names[k]} {own[k]:+.3g} {units[k]}" for k in np.flatnonzero(beyond)]
+        changes = [f"{parameters[k].name} {own[k]:+.3g} {parameters[k].unit}" for k in np.flatnonzero(beyond)]
         if changes:
             sentences.append(
                 f"the link that {joint} moves was refitted far from the URDF ({', '.join(changes)}: more "
-                f"than {errors:g} times 30 % of its own scale); a load, balancer or drive's inertia that "
-                "is not declared may stand behind it."
+                f"than {errors:g} times {100 * USUAL_ERROR:g} % of its own scale); a load, balancer or "
+                "drive's inertia that is not declared may stand behind it."
             )
     return sentences
 

@@ -161,8 +161,9 @@ class Regression:
             )
         return self._moments[key]
 
-    def _make_prior(self) -> np.ndarray:
-        """Precision of the inertial deviations about the URDF's values; next to nothing elsewhere."""
+    @property
+    def inertial_prior(self) -> np.ndarray:
+        """Precision (P, P) a priori of the inertial deviations about the URDF's values; zero elsewhere."""
         prior = np.zeros(self.p)
         if self.inertial:
             scale = inertial_scale(self.prepared)
@@ -171,9 +172,12 @@ class Regression:
             penalty = find_penalty(self.prepared, entry.effect)
             if penalty is not None:
                 prior[span] = np.diag(penalty)[list(entry.subset)]
+        return np.diag(prior)
+
+    def _make_prior(self) -> np.ndarray:
+        """Precision (P, P) a priori: inertial deviations', empirical terms', next to nothing elsewhere."""
         diagonal = np.einsum("bii->i", self.gram)
-        self.belief = np.diag(prior)
-        precision = self.belief + np.diag(1e-10 * np.maximum(diagonal, 1e-12))
+        precision = self.inertial_prior + np.diag(1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):
             if entry.effect.empirical:
                 precision[span, span] += diagonal[span].mean() * regularise(len(entry.subset))

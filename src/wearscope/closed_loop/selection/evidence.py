@@ -282,7 +282,7 @@ def overturns_friction(
     policy : Policy
     """
     inverse, theta = assembly.whole
-    onto = inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T
+    onto = project_columns(assembly, sums)
     for term, span in zip(assembly.chosen, assembly.spans, strict=True):
         other = term.candidate
         if not other.effect.is_plain_friction or other.joint not in chosen.candidate.joints:
@@ -294,6 +294,12 @@ def overturns_friction(
         if theta[k] > 0.0 and beside < -max(policy.unexpected * error, policy.large_share * theta[k]):
             return True
     return False
+
+
+def project_columns(assembly: Assembly, sums: Sums) -> np.ndarray:
+    """By how much a model's parameters fall for each unit of a term's coefficients, (P, m)."""
+    inverse, _ = assembly.whole
+    return inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T
 
 
 def relieve_prior(assembly: Assembly, sums: Sums, beta: np.ndarray) -> float:
@@ -313,8 +319,8 @@ def relieve_prior(assembly: Assembly, sums: Sums, beta: np.ndarray) -> float:
     float
         Difference of the squared distances, in standard deviations a priori.
     """
-    inverse, theta = assembly.whole
-    beside = theta - inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T @ beta
+    _, theta = assembly.whole
+    beside = theta - project_columns(assembly, sums) @ beta
     return float(theta @ assembly.prior @ theta - beside @ assembly.prior @ beside)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_critical
+from wearscope.effects.base import ArmatureEffect
 
 
 def judge(
@@ -40,7 +41,9 @@ def judge(
     if e.refusal is not Refusal.NONE:
         return e.refusal
     if relieves(e, policy):
-        return Refusal.NONE if is_within(e, bounds) and abs(float(e.beta[0])) >= least else Refusal.BOUNDS
+        if not is_within(e, bounds):
+            return Refusal.BOUNDS
+        return Refusal.NONE if abs(float(e.beta[0])) >= least else Refusal.SMALL
     # Asked so that what is NaN is refused.
     if not is_own(e, policy):
         return Refusal.ABSORBED
@@ -75,8 +78,8 @@ def relieves(e: Evidence, policy: Policy) -> bool:
     No motion tells the two apart at a robot's first joint, so that the data alone gain nothing by it. What
     the links' inertias had to be without it, against what the robot's description says of them, does.
     """
-    held = e.term.effect.is_armature and e.fitted < policy.material_whole
-    return held and e.relief > policy.unexpected**2
+    held = e.fitted < policy.material_whole
+    return isinstance(e.term.effect, ArmatureEffect) and held and e.relief > policy.unexpected**2
 
 
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
@@ -115,9 +118,8 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     beyond = min(e.share, e.fitted) >= policy.beyond_chance and e.agreement == 1.0
     sure = agrees(e, policy, by_run) and (gain > errors * error or beyond)
     likely = is_plain(e, policy) and e.agreement > 0.5
-    if relieves(e, policy):
-        return True
-    return is_own(e, policy) and e.share >= policy.material_whole and (sure or likely)
+    gains = is_own(e, policy) and e.share >= policy.material_whole and (sure or likely)
+    return gains or relieves(e, policy)
 
 
 def is_plain(e: Evidence, policy: Policy) -> bool:
