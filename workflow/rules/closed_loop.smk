@@ -118,7 +118,7 @@ if STUDY.dataset is not None:
             dataset=dataset_file(STUDY.dataset),
             files=dataset_files(STUDY.dataset),
             effects=own_effects(),
-            code=lambda w: code("close_loop", *effect_files()),
+            code=code("close_loop", *effect_files()),
         output:
             LOOP,
             drawn_files(LOOP_FOLDER),
