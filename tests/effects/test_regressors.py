@@ -44,7 +44,10 @@ FORMULAS = {
     "coulomb_asymmetry": ((), lambda s: np.where(s.v[:, [J]] != 0.0, 1.0, 0.0)),
     "viscous_asymmetry": ((), lambda s: s.sign[:, [J]] * s.v[:, [J]]),
     "quadratic_viscous": ((), lambda s: s.sign[:, [J]] * s.v[:, [J]] ** 2),
-    "concave_viscous": ((0.4,), lambda s: s.sign[:, [J]] * (s.sign[:, [J]] * s.v[:, [J]]) ** 0.4),
+    "concave_viscous": (
+        (0.4, 0.7),
+        lambda s: s.sign[:, [J]] * (s.sign[:, [J]] * s.v[:, [J]]) / np.hypot(s.v[:, [J]], 0.7) ** 0.6,
+    ),
     "load_dependent_friction": ((), lambda s: np.sqrt(s.load[:, [J]] ** 2) * s.sign[:, [J]]),
     "temperature_dependent_friction": (
         (33.0,),
@@ -87,6 +90,12 @@ def test_regressors_are_the_formula(name, signals):
     expected = formula(signals)
     assert np.ptp(expected, axis=0).max() > 0.5 or name in ("torque_offset", "coulomb_asymmetry")
     np.testing.assert_allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_concave_law_whose_speed_is_nothing_is_a_power_of_the_speed(signals):
+    signals.v[:5, J] = 0.0
+    columns = load_effect("concave_viscous").columns(signals, J, np.array([0.4, 0.0]))
+    np.testing.assert_allclose(columns[:, 0], np.abs(signals.v[:, J]) ** 0.4 * signals.sign[:, J], rtol=1e-9)
 
 
 @pytest.mark.parametrize(

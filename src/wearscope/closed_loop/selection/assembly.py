@@ -222,11 +222,15 @@ class Assembly:
         return out
 
     @cached_property
+    def fitted_losses(self) -> np.ndarray:
+        """Loss by block and joint (B, n) of the model fitted on all blocks, in residual variances."""
+        each = zip(self._packed, self.at, strict=True)
+        return np.stack([((y - x @ self.theta[k]) ** 2).sum(axis=1) for (x, y), k in each], axis=1)
+
+    @cached_property
     def sample_losses(self) -> np.ndarray:
         """Loss on all blocks by joint, (n,)."""
-        return np.array(
-            [((y - x @ self.theta[k]) ** 2).sum() for (x, y), k in zip(self._packed, self.at, strict=True)]
-        )
+        return np.asarray(self.fitted_losses.sum(axis=0))
 
     def sum_products(self, candidate: Candidate) -> Sums:
         """Block sums of a candidate's columns with its own, the model's and the target's."""

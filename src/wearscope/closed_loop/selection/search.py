@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
@@ -26,6 +27,7 @@ from wearscope.closed_loop.selection.evidence import (
 )
 from wearscope.closed_loop.selection.forms import Forms
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
@@ -194,7 +196,9 @@ class Search:
         standard = self.assemble(found)
         losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
         self.standard_losses = np.array(losses) * self.sigma**2
-        return self.settle(self.settle_reversals(self.extend(found)))
+        found = self.settle(self.settle_reversals(self.extend(found)))
+        suited = suit_laws(self, found)
+        return found if suited is found else self.settle(self.settle_reversals(suited))
 
     def settle(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, and for more, until nothing changes.
@@ -215,12 +219,19 @@ class Search:
         old = self.problem.prepared.reversals
         fitted = refine_reversals(self.problem.prepared, self.assemble(found), forms)
         moved = fitted.differ(old, _SETTLED)
-        if not moved.any():
-            return found
-        self.problem = self.problem.reverse_over(fitted.where(moved, old))
+        return self.reverse_over(fitted.where(moved, old), found) if moved.any() else found
+
+    def reverse_over(self, reversals: Reversals, found: list[Found]) -> list[Found]:
+        """Make all anew along frictions that reverse in another way, and the terms found."""
+        self.problem = self.problem.reverse_over(reversals)
         self._weighed, self._apart = {}, {}
         self.forms = Forms(self.problem, self.policy)
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
+
+    def adopt(self, other: "Search") -> None:
+        """Go on with another search's problem."""
+        self.problem, self.forms = other.problem, other.forms
+        self._weighed, self._apart = {}, {}
 
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
