@@ -1,4 +1,4 @@
-"""Friction laws beside reversals: what rises smoothly from rest is no wide reversal with another law beside it."""
+"""Friction laws beside reversals: what rises smoothly from rest is no wide reversal beside another law."""
 
 import numpy as np
 import pytest

@@ -24,8 +24,8 @@ from wearscope.effects.base import Effect
 
 #: Sum of squares, of what the present law leaves, from which another one at its start is not fitted further.
 _HOPELESS = 4.0
-#: Most steps of the fit.
-_STEPS = 12
+#: Most steps of the fit; share of the sum of squares below which a step is the last.
+_STEPS, _NEAR = 12, 1e-3
 
 
 def fit_law(
@@ -73,7 +73,9 @@ def fit_law(
     low = np.log([LEAST * top, *shapes[:, free].min(axis=0)])
     high = np.log([WIDEST * top, *shapes[:, free].max(axis=0)])
     start = np.clip(np.log([width, *shape[free]]), low + 1e-3, high - 1e-3)
-    found = optimize.least_squares(leave, start, bounds=(low, high), diff_step=DIFFERENCE, max_nfev=_STEPS)
+    found = optimize.least_squares(
+        leave, start, bounds=(low, high), diff_step=DIFFERENCE, max_nfev=_STEPS, ftol=_NEAR
+    )
     shape[free] = np.exp(found.x[1:])
     return shape, Reversals(np.where(fit.only, np.exp(found.x[0]), today.width), today.form)
 
@@ -100,7 +102,8 @@ class _LawFit:
     def leave(self, width: float, shapes: np.ndarray) -> list[np.ndarray]:
         """Torque (K,) that is left with each shape, no coefficient below its bound."""
         today = self.prepared.reversals
-        runs = self.prepared.try_reversals(Reversals(np.where(self.only, width, today.width), today.form))
+        changed = Reversals(np.where(self.only, width, today.width), today.form)
+        runs = self.prepared.try_reversals(changed, self.joint)
         kept = [reduce_term(c, runs)[self.keep] for c in self.kept]
         law = np.concatenate(map_runs(partial(reduce_columns, self.effect, self.joint, shapes), runs))
         each = np.split(law[self.keep], len(shapes), axis=1)
