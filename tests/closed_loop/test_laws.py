@@ -37,6 +37,33 @@ def test_a_law_of_another_form_that_rises_smoothly_from_rest_is_concave(record, 
     assert not is_wide(diagnosis.prepared, 0)
 
 
+OWN = """
+import numpy as np
+from wearscope.effects.base import Effect, Parameter
+
+
+def columns(signals, joint, shape):
+    beyond = np.maximum(np.abs(signals.v[:, joint]) - shape[0], 0.0)
+    return (beyond * signals.sign[:, joint])[:, None]
+
+
+EFFECT = Effect(
+    name="dead_zone", form="slope max(abs(v) - edge, 0) sign(v)", source="a test", regressors=columns,
+    coefficients=(Parameter("slope", "{torque} s/{position}"),), depends_on=("qd_{joint}",),
+    shape=(Parameter("edge", "{position}/s", lower=0.0, default=0.5),), parents=("viscous",),
+    search=lambda signals, joint: np.array([[0.0], [0.5], [1.0]]),
+)
+"""
+
+
+def test_an_own_law_whose_shape_may_be_nothing_is_compared_too(record, tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    folder = record([], seed=2, extra_torque=eyring(15.0, 0.15))
+    diagnosis = diagnose(folder, effects=[tmp_path / "own.py"])
+    assert [(e["joint"], e["effect"]) for e in diagnosis.verdict["verdict"]] == [("a", "concave_viscous")]
+    assert "dead_zone" in set(diagnosis.candidates["effect"])
+
+
 def smooth(width, stribeck=0.0):
     """Torque that makes the generator's abrupt friction at joint a a smooth one, with a Stribeck curve."""
 

@@ -34,8 +34,8 @@ def fit_law(
 ) -> tuple[np.ndarray, Reversals] | None:  # fmt: skip
     """Shape of a law of a joint's speed, in the place of a term, and the reversal that fits best with it.
 
-    From the best of the shapes and of some widths on, within their range, up to a width that drives have
-    (variable projection, Golub and Pereyra 1973).
+    From the best of the shapes and of some widths on, within the range of the shapes' positive numbers and up
+    to a width that drives have (variable projection, Golub and Pereyra 1973).
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def fit_law(
     least, width, s = min(tried)
     if least > _HOPELESS * fit.present:
         return None
-    free = np.flatnonzero(np.ptp(shapes, axis=0) > 0.0)
+    free = np.flatnonzero((np.ptp(shapes, axis=0) > 0.0) & (shapes.min(axis=0) > 0.0))
     shape = np.array(shapes[s], dtype=float)
 
     def leave(z: np.ndarray) -> np.ndarray:

@@ -83,13 +83,12 @@ def _suit(search: "Search", found: list[Found], joint: int, f: Found | None) -> 
         made = make_candidate(effect, joint, tried.problem.prepared, shape[None])
         asked = len(problem.effects) * int(problem.prepared.moving.sum())
         weighed = tried.weigh_all(beside, [replace(made, tried=float(asked))])
-        law = max((Found(e.chosen, e) for e in weighed), key=lambda law: law.evidence.gain)
+        able = [Found(e.chosen, e) for e in weighed if e.refusal is Refusal.NONE]
+        if not able:
+            continue
+        law = max(able, key=lambda law: law.evidence.gain)
         other = _Suited(tried, [*rest, law], tried.assemble([*rest, law]))
-        if (
-            law.evidence.refusal is Refusal.NONE
-            and other.suits_better(best, joint)
-            and not tried.drifts(beside, law.evidence)
-        ):
+        if other.suits_better(best, joint) and not tried.drifts(beside, law.evidence):
             best = other
     if best.search is not search:
         label = best.found[-1].evidence.term.label

@@ -32,7 +32,8 @@ def refine(problem: Problem, assembly: Assembly, e: Evidence, policy: Policy) ->
     others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
     order = [*first[:1], *others, *(first[:1] if others else [])]
     shape = np.array(candidate.shapes[0])
-    for k in order:
+    # In the logarithm, so that what can be nothing or negative stays as it is.
+    for k in (k for k in order if grid[:, k].min() > 0.0 and shape[k] > 0.0):
         shape[k] = _refine_one(problem, assembly, e, shape, k, grid[:, k])
     finer = weigh(assembly, _shape(problem, e, shape), e.chosen.subset, policy)
     if finer.gain <= e.gain:
