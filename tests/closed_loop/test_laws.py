@@ -132,6 +132,17 @@ def test_a_law_that_fits_far_worse_wherever_it_starts_is_not_fitted(record, pose
     assert fit_law(search.problem.prepared, model, 0, stribeck.chosen, law, shapes) is None
 
 
+def test_a_reversal_that_is_tried_at_one_joint_is_that_of_a_trial_at_all(record, pose):
+    """At its joint the same to the last bit, at the other one as it was."""
+    prepared = pose(record([], seed=8, runs=2, extra_torque=smooth(0.05))).prepared
+    other = Reversals.over(np.array([0.2, 0.3]))
+    for one, every in zip(prepared.try_reversals(other, 0), prepared.try_reversals(other), strict=True):
+        np.testing.assert_array_equal(one.signals.sign[:, 0], every.signals.sign[:, 0])
+        assert np.ptp(every.signals.sign[:, 1] - one.signals.sign[:, 1]) > 0.1
+    for one, run in zip(prepared.try_reversals(other, 0), prepared.runs_for("train"), strict=True):
+        np.testing.assert_array_equal(one.signals.sign[:, 1], run.signals.sign[:, 1])
+
+
 def test_laws_are_those_of_the_own_speed_that_not_every_drive_has():
     laws = {effect.name for effect in list_effects() if is_law(effect)}
     assert laws == {

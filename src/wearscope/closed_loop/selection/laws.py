@@ -9,6 +9,8 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from wearscope.closed_loop.model.candidates import make_candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
@@ -37,15 +39,15 @@ def suit_laws(search: "Search", found: list[Found]) -> list[Found]:
         Which goes on along the reversals of those that replace one.
     found : list of Found
     """
-    laws = [(f.effect.name, f.joint) for f in found if is_law(f.effect)]
+    prepared, model = search.problem.prepared, search.assemble(found)
+    smooth = np.flatnonzero(prepared.moving & (prepared.reversals.width > 0.0)).tolist()
+    laws = [(f.effect.name, f.joint) for f in found if is_law(f.effect) and f.joint in smooth]
     named = {joint for _, joint in laws}
-    others = [j for j in range(search.problem.prepared.n) if j not in named]
-    laws += [("", j) for j in others if _asks_for_law(search, found, j)]
+    laws += [("", j) for j in smooth if j not in named and _asks_for_law(search, model, j)]
     for name, joint in laws:
         # Terms are made anew along other reversals.
         f = next((f for f in found if (f.effect.name, f.joint) == (name, joint)), None)
-        if search.problem.prepared.reversals.width[joint] > 0.0:
-            found = _suit(search, found, joint, f)
+        found = _suit(search, found, joint, f)
     return found
 
 
@@ -54,11 +56,8 @@ def is_law(effect: Effect) -> bool:
     return not effect.standard and not effect.empirical and set(effect.depends_on) <= _OWN_SPEED
 
 
-def _asks_for_law(search: "Search", found: list[Found], joint: int) -> bool:
+def _asks_for_law(search: "Search", model: Assembly, joint: int) -> bool:
     """Whether a joint's reversal is too wide for one, or a law would remove much of what is left."""
-    if not search.problem.prepared.moving[joint]:
-        return False
-    model = search.assemble(found)
     candidates = [search.problem.candidate(e, joint) for e in search.problem.effects if is_law(e)]
     gains = [float(model.add(model.sum_products(c)).gain.max()) for c in candidates if c is not None]
     much = search.policy.beyond_chance * float(model.sample_losses[joint])
