@@ -15,10 +15,6 @@ LOCKS := envs/build.lock envs/requirements.lock
 export OMP_NUM_THREADS ?= 1
 export NO_MKDOCS_2_WARNING := true
 
-# The default study's own page in a browser, against its tables; skips, saying why, where either is not there.
-test-page: setup
-	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
-
 .PHONY: run test test-fast test-page test-how-to test-kills test-cluster cluster mutants setup docs lint format lock clean
 
 run: setup
@@ -31,6 +27,10 @@ test: setup
 FAST := architecture config designs surrogates robots cycles docs/test_tables.py
 test-fast: setup
 	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
+
+# The default study's own page in a browser, against its tables; skips, saying why, where either is not there.
+test-page: setup
+	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
 
 # Each how-to page's commands to their end, from an empty folder: half an hour.
 test-how-to: setup
