@@ -74,13 +74,14 @@ def answer_disturbance(rng, t, size) -> tuple[np.ndarray, np.ndarray]:
 def write_dataset(
     folder: Path, planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5,
     noise=1.0, extra_torque=None, duration=12.0, rate=200.0, warm=True, fields=None, robot=None, repeat=False,
-    disturbance=0.0,
+    disturbance=0.0, together=None,
 ) -> Path:  # fmt: skip
     """Write a data set with planted effects [(joint index, effect, values)] and return its folder.
 
     `extra_torque(t, q, v, a, rng)` gives further torque (N, 2); `disturbance` is the size of one that
     the joints' position loops answer; `warm` records temperatures; `fields` and `robot` are further entries
-    of ``dataset.yaml``; `repeat` makes the second run follow the first.
+    of ``dataset.yaml``; `repeat` makes the second run follow the first; `together` are the second joint's
+    speeds over the first's, by run, but for a hundredth of what it would do.
     """
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(URDF)
@@ -91,6 +92,9 @@ def write_dataset(
         t = np.arange(int(duration * rate)) / rate
         drawn = draw_motion(rng, t)
         q, v, a = draw_motion(np.random.default_rng([seed, 0]), t) if repeat and r == 1 else drawn
+        if together is not None:
+            for x in (q, v, a):
+                x[:, 1] = together[r] * x[:, 0] + 0.01 * x[:, 1]
         disturbing = np.zeros_like(q)
         if disturbance:
             disturbing, answer = answer_disturbance(rng, t, disturbance)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import assembly as assembly_module
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
-from wearscope.closed_loop.selection.evidence import on_same_folds, weigh
+from wearscope.closed_loop.selection.evidence import on_same_folds, shows_alone, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
@@ -321,7 +322,7 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     layout = assembly.layout
     candidate = search.problem.candidate(load_effect("stribeck"), 0)
     both = weigh(assembly, candidate, (0,), search.policy)
-    assert not both.alone
+    assert not both.by_fifths
     rests = np.repeat(layout.run_of == 0, [block.stop - block.start for block in layout.blocks])
     still = Candidate(
         candidate.effect,
@@ -331,7 +332,7 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
         tuple(x * rests[:, None] for x in candidate.rows),
     )
     one = weigh(assembly, still, (0,), search.policy)
-    assert one.alone
+    assert one.by_fifths
     assert 3 <= one.informing <= 5
     assert one.share > 0.1
     assert (
@@ -342,13 +343,13 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
         rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
         is True
     )
-    assert weigh(assembly.by_fifths, still, (0,), search.policy, alone=True).gain == one.gain
+    assert weigh(assembly.by_fifths, still, (0,), search.policy, by_fifths=True).gain == one.gain
     # Terms are compared by what the same held-out parts gain: fifths, where one is judged by them.
     beside, (first, second) = on_same_folds(assembly, [both, one], search.policy)
     assert beside is assembly.by_fifths and second is one
     assert first.gain == pytest.approx(weigh(beside, candidate, (0,), search.policy).gain, rel=1e-9)
     assert abs(first.gain / both.gain - 1.0) > 1e-3
-    assert (first.p_value, first.refusal, first.alone) == (both.p_value, both.refusal, False)
+    assert (first.p_value, first.refusal, first.by_fifths) == (both.p_value, both.refusal, False)
     same, kept = on_same_folds(assembly, [both, both], search.policy)
     assert same is assembly and kept[0] is both
     scale = np.array([[2.0], [5.0]]) * search.sigma**2
@@ -359,7 +360,27 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
     slow = Candidate(
         drift.effect, 0, drift.shapes, drift.joints, tuple(x * rests[:, None] for x in drift.rows)
     )
-    assert not weigh(assembly, slow, (0,), search.policy).alone
+    assert not weigh(assembly, slow, (0,), search.policy).by_fifths
+
+
+@pytest.mark.parametrize(
+    ("shares", "alone"),
+    [
+        ((0.96, 0.04), True),
+        ((0.94, 0.06), False),
+        # Each of the others has too little to be asked, whatever they have together.
+        ((0.88, 0.04, 0.04, 0.04), True),
+        ((0.86, 0.06, 0.04, 0.04), False),
+        ((1.0,), False),
+    ],
+)
+def test_one_recording_shows_a_term_alone_where_no_other_one_informs(shares, alone):
+    blocks = [Block(r, 10 * k, 10 * k + 10) for r in range(len(shares)) for k in range(10)]
+    folds = make_folds(blocks, [f"{r}.csv" for r in range(len(shares))])
+    information = np.repeat(shares, 10) / 10.0
+    ripple, drift = (SimpleNamespace(effect=load_effect(x)) for x in ("torque_ripple", "warm_up_drift"))
+    assert shows_alone(ripple, information, folds, Policy()) is alone
+    assert not shows_alone(drift, information, folds, Policy())
 
 
 @pytest.mark.parametrize(("runs", "folds"), [(1, 5), (2, 5), (3, 3)])

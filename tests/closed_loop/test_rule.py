@@ -87,6 +87,12 @@ def test_each_refusal_has_its_reason(changed, why):
         ({}, Refusal.NONE),
         ({"blocks": 3.9}, Refusal.LOCAL),
         ({"blocks": 4.0}, Refusal.NONE),
+        # One event lies in one part, from which the others predict nothing.
+        ({"blocks": 3.4, "share": 0.7, "fitted": 0.7, "informing": 3}, Refusal.NONE),
+        ({"blocks": 3.4, "share": 0.7, "fitted": 0.7, "informing": 2}, Refusal.LOCAL),
+        ({"blocks": 3.4, "share": 0.69, "fitted": 0.9, "informing": 3}, Refusal.LOCAL),
+        ({"blocks": 3.4, "share": 0.9, "fitted": 0.69, "informing": 3}, Refusal.LOCAL),
+        ({"blocks": 3.4, "share": 0.9, "fitted": 0.9, "informing": 3, "agreement": 0.9}, Refusal.LOCAL),
         ({"agreement": 0.79}, Refusal.DISAGREES),
         ({"agreement": 0.8}, Refusal.NONE),
         ({"agreement": 0.8, "opposed": True}, Refusal.DISAGREES),
@@ -96,6 +102,21 @@ def test_each_refusal_has_its_reason(changed, why):
 )
 def test_more_is_asked_of_parts_of_a_single_run(changed, why):
     assert rule.judge(evidence(**changed), POLICY, FREE, 0.0, by_run=False) is why
+
+
+@pytest.mark.parametrize(
+    ("changed", "explains"),
+    [
+        ({"refusal": Refusal.IMMATERIAL, "share": -13.0}, True),
+        ({"refusal": Refusal.DISAGREES}, True),
+        ({"refusal": Refusal.IMMATERIAL, "fitted": 0.69}, False),
+        ({"refusal": Refusal.IMMATERIAL, "by_fifths": True}, False),
+        ({"refusal": Refusal.BOUNDS}, False),
+        ({"refusal": Refusal.NONE}, False),
+    ],
+)
+def test_what_held_out_runs_refuse_is_asked_by_fifths_if_it_explains_the_fit(changed, explains):
+    assert rule.explains_fit(evidence(**({"fitted": 0.7} | changed)), POLICY) is explains
 
 
 def test_a_constant_torque_is_as_likely_a_drift_in_few_runs():

@@ -82,8 +82,9 @@ class Evidence:
         Largest of its columns' RMS over the RMS of their sum.
     beta : ndarray (m,)
     tried : float
-    alone : bool
-        Whether only one of several recordings shows it, of which fifths are then held out.
+    by_fifths : bool
+        Whether fifths of several recordings are held out: one alone shows it, or none can be predicted from
+        the others.
     overturns : bool
         Whether plain friction that the model has at its joints would be negative beside it.
     relief : float
@@ -112,7 +113,7 @@ class Evidence:
     cancellation: float
     beta: np.ndarray
     tried: float
-    alone: bool = False
+    by_fifths: bool = False
     overturns: bool = False
     relief: float = 0.0
     varies: float = 1.0
@@ -133,7 +134,7 @@ class Evidence:
 
 def weigh(
     assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], policy: Policy,
-    sums: Sums | None = None, alone: bool = False,
+    sums: Sums | None = None, by_fifths: bool = False,
 ) -> Evidence:  # fmt: skip
     """Evidence on one subset of a candidate's coefficients, p-value and refusal left open.
 
@@ -146,8 +147,8 @@ def weigh(
     policy : Policy
     sums : Sums, optional
         Of all the candidate's columns, where they are there.
-    alone : bool
-        Whether fifths are held out since only one of several recordings shows it.
+    by_fifths : bool
+        Whether `assembly` holds out fifths of several recordings for this term.
     """
     layout = assembly.layout
     every = sums or assembly.sum_products(candidate)
@@ -158,8 +159,8 @@ def weigh(
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
     information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
-    if not alone and shows_alone(candidate, information, layout.folds, policy):
-        return weigh(assembly.by_fifths, candidate, subset, policy, every, alone=True)
+    if not by_fifths and shows_alone(candidate, information, layout.folds, policy):
+        return weigh(assembly.by_fifths, candidate, subset, policy, every, by_fifths=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = -assembly.fit_change(sums.at(best), beta) / max(assembly.sample_losses[touched].sum(), 1e-300)
@@ -200,7 +201,7 @@ def weigh(
         cancellation=float((np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(beta)).max() / whole),
         beta=beta,
         tried=candidate.tried,
-        alone=alone,
+        by_fifths=by_fifths,
         overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
         relief=relieve_prior(assembly, sums.at(best), beta),
     )
@@ -211,8 +212,8 @@ def on_same_folds(
 ) -> tuple[Assembly, list[Evidence]]:
     """Evidence with the same held out of all terms, and the model so folded, for terms that are compared.
 
-    Where fifths are held out of some, since one recording alone shows them, then of all: what a whole
-    recording loses, predicted by others, is no measure for what a part of it does.
+    Where fifths are held out of some, then of all: what a whole recording loses, predicted by others, is no
+    measure for what a part of it does.
 
     Parameters
     ----------
@@ -221,12 +222,12 @@ def on_same_folds(
     weighed : sequence of Evidence
     policy : Policy
     """
-    if len({e.alone for e in weighed}) < 2:
+    if len({e.by_fifths for e in weighed}) < 2:
         return assembly, list(weighed)
     folded = assembly.by_fifths
     return folded, [
         e
-        if e.alone
+        if e.by_fifths
         else replace(
             weigh(folded, e.chosen.candidate, e.chosen.subset, policy),
             p_value=e.p_value, tried=e.tried, whole=e.whole, refusal=e.refusal,
@@ -325,7 +326,7 @@ def relieve_prior(assembly: Assembly, sums: Sums, beta: np.ndarray) -> float:
 
 
 def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:
-    """Whether one of several recordings holds nearly all information (B,) on a candidate.
+    """Whether only one of several recordings informs (B,) on a candidate.
 
     Fitted on the others it would be anything, so that nothing can be learnt from holding that one out. Not of
     what goes with temperature or time, of which another recording has another level.
@@ -333,8 +334,8 @@ def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, pol
     if any(name == "t" or name.startswith("temp") for name in candidate.effect.depends_on):
         return False
     by_recording = np.bincount(folds.recording, information)
-    nearly_all = (1.0 - policy.informing) * by_recording.sum()
-    return len(by_recording) > 1 and bool(by_recording.max() > nearly_all)
+    informs = by_recording > policy.informing * by_recording.sum()
+    return len(by_recording) > 1 and int(informs.sum()) == 1
 
 
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:

@@ -33,7 +33,7 @@ def judge(
         Whether with its shape it may stand for any function of its signals.
     """
     expected = e.term.effect.is_in_every_drive
-    by_run = by_run and not e.alone
+    by_run = by_run and not e.by_fifths
     share = policy.large_share if generic else policy.material_whole if expected else policy.material_share
     share = max(share, policy.beyond_chance) if any_form else share
     whole = policy.large_share if generic else policy.material_whole if by_run else policy.material_alone
@@ -49,7 +49,7 @@ def judge(
         return Refusal.ABSORBED
     if not (e.share >= share and (expected or e.whole >= whole)):
         return Refusal.IMMATERIAL
-    if e.informing < 2 or (not by_run and e.blocks < policy.fewest_blocks):
+    if e.informing < 2 or not (by_run or is_repeated(e, policy)):
         return Refusal.LOCAL
     # Its columns each other, or what it gives the torque of other terms.
     smooth = generic or e.chosen.candidate.penalty is not None
@@ -102,9 +102,21 @@ def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
     goes with time or temperature, or changes with nothing, resembles a torque that drifts, of which a few
     runs are few parts.
     """
-    several = by_run and not e.alone and e.informing >= 3 and not e.term.effect.drifts_alike
+    several = by_run and not e.by_fifths and e.informing >= 3 and not e.term.effect.drifts_alike
     least = policy.beyond_chance if several else policy.beyond_doubt
     return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
+
+
+def is_repeated(e: Evidence, policy: Policy) -> bool:
+    """Whether what a single run shows is no one event: in blocks enough, or sure in three parts."""
+    sure = e.informing >= 3 and is_beyond_chance(e, policy, by_run=False)
+    return sure or e.blocks >= policy.fewest_blocks
+
+
+def explains_fit(e: Evidence, policy: Policy) -> bool:
+    """Whether a term that held-out runs refuse removes nearly all on the rows that are fitted."""
+    refused = e.refusal in (Refusal.IMMATERIAL, Refusal.DISAGREES) and not e.by_fifths
+    return refused and e.fitted >= policy.beyond_doubt
 
 
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:

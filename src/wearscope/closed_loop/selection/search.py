@@ -25,6 +25,7 @@ from wearscope.closed_loop.selection.evidence import (
     on_same_folds,
     weigh,
 )
+from wearscope.closed_loop.selection.fifths import weigh_by_fifths
 from wearscope.closed_loop.selection.forms import Forms
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.laws import suit_laws
@@ -149,7 +150,7 @@ class Search:
         scale = self.sigma**2 / np.maximum(self.standard_losses, 1e-300)
         compared = []
         for e in weighed:
-            e = replace(e, whole=max(g * scale[int(e.alone), j] for j, g in e.gains.items()))
+            e = replace(e, whole=max(g * scale[int(e.by_fifths), j] for j, g in e.gains.items()))
             if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
                 any_size = replace(e, whole=np.inf)
                 if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size, found):
@@ -259,6 +260,7 @@ class Search:
             first = self._step <= 1
             weighed = self.weigh_all(assembly, offered, *([] if first else [self.find_least(assembly)]))
             taken = self.take(assembly, weighed) or find_pair(self, found, weighed)
+            taken = taken or self.take(assembly, weigh_by_fifths(self, assembly, weighed))
             self.record(weighed, taken)
             if not taken:
                 return found
@@ -379,9 +381,11 @@ class Search:
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
         """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
 
-        Gains of different scales must not be compared.
+        Gains of different scales must not be compared. What was found by fifths is asked by fifths.
         """
-        own = weigh(beside, f.chosen.candidate, f.chosen.subset, self.policy)
+        by_fifths = f.evidence.by_fifths
+        folded = beside.by_fifths if by_fifths else beside
+        own = weigh(folded, f.chosen.candidate, f.chosen.subset, self.policy, by_fifths=by_fifths)
         return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:

@@ -1,0 +1,59 @@
+"""Two joints that move together in every recording: what one does to the other shows in no run held out."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.selection.evidence import Refusal
+from wearscope.closed_loop.selection.fifths import weigh_by_fifths
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.search import Search
+
+#: Speed of the second joint over the first's in the training runs and the test run.
+TOGETHER = (1.0, -1.0, 0.3)
+DRAG = 3.0
+
+
+def drag(t, q, v, a, rng):
+    """Viscous friction of the first joint that goes with the second one's speed."""
+    return np.column_stack([DRAG * v[:, 1], 0.0 * t])
+
+
+@pytest.fixture
+def search(record, pose):
+    """A search along such recordings; of the first one alone where asked."""
+
+    def make(seed, torque, runs=3):
+        together = TOGETHER[-runs:]
+        return Search(pose(record(seed=seed, runs=runs, together=together, extra_torque=torque)), Policy())
+
+    return make
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_no_run_predicts_of_another_is_found_by_fifths(search, seed):
+    made = search(seed, drag)
+    assembly = made.assemble(())
+    (offered,) = [c for c in made.candidates(assembly, (), [0]) if c.effect.name == "cross_coupling"]
+    weighed = made.weigh_all(assembly, [offered])
+    # Each run alone holds the ratio of the two speeds, and little besides.
+    best = max(weighed, key=lambda e: e.fitted)
+    assert best.refusal in (Refusal.IMMATERIAL, Refusal.DISAGREES)
+    assert not made.take(assembly, weighed)
+    own = max(weigh_by_fifths(made, assembly, weighed), key=lambda e: e.gain)
+    assert own.by_fifths and own.agreement == 1.0 and own.informing > 2
+    assert min(own.share, own.fitted) >= Policy().beyond_doubt
+    (found,) = made.run()
+    assert (found.effect.name, found.joint, found.evidence.by_fifths) == ("cross_coupling", 0, True)
+    assert found.evidence.beta[0] == pytest.approx(DRAG, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_nothing_is_found_by_fifths_where_nothing_is(search, seed):
+    assert search(seed, None).run() == []
+
+
+def test_of_a_single_run_nothing_is_asked_again(search):
+    made = search(0, drag, runs=2)
+    assembly = made.assemble(())
+    weighed = made.weigh_all(assembly, made.candidates(assembly, (), [0]))
+    assert weigh_by_fifths(made, assembly, weighed) == []
