@@ -6,6 +6,7 @@ import pytest
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection.delays import fit_below, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.layout import Layout
+from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 
@@ -52,6 +53,15 @@ def test_what_lags_at_reversals_only_is_no_delay(record, pose):
     assert e.share > Policy().material_share
     assert not search.is_delay(assembly, e)
     assert "time_delay" not in {f.effect.name for f in search.run()}
+
+
+def test_what_lags_at_reversals_only_is_not_called_a_delay_for_being_simpler(record, pose):
+    """What else explains it has a parameter more, and held-out runs do not tell the two apart."""
+    search = Search(pose(record(extra_torque=lag(everywhere=False), seed=1)), Policy())
+    found = search.run()
+    named, others = name_terms(search, found)
+    assert named[0].effect.name == "presliding_hysteresis"
+    assert "time_delay" not in {name for names in others for name in names} | {f.effect.name for f in named}
 
 
 def test_what_a_position_loop_answers_is_no_delay(record, pose):

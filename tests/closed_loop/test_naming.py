@@ -146,6 +146,9 @@ class Scripted:
     def weigh_all(self, beside, candidates, least):
         return [e for e in self.offered if any(e.chosen.candidate is one for one in candidates)]
 
+    def is_delay(self, beside, e, settled=False):
+        return not (settled and e.term.effect.name == "time_delay")
+
     def refine(self, beside, e):
         return e
 
@@ -174,6 +177,12 @@ def test_the_simplest_able_name_of_the_set_is_given_and_the_others_stand_beside_
     assert named(replace(complex_, refusal=Refusal.CHANCE)) == ("stribeck", [])
     weak = evidence("joint_spring", losses(-0.2, 1))
     assert named(complex_, weak) == ("stribeck", [])
+
+
+def test_what_is_no_delay_is_no_name():
+    own, lag = evidence("presliding_hysteresis", losses(-1.0, 0)), evidence("time_delay", losses(-1.0, 1))
+    assert lag.complexity < own.complexity
+    assert named(own, lag) == ("presliding_hysteresis", [])
 
 
 def test_what_is_compared_is_near_the_best_that_may_be_named():

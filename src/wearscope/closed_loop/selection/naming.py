@@ -74,7 +74,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         ]
         own = search.refine(beside, search.weigh_again(beside, f))
         weighed = search.weigh_all(beside, offered, match_gain(beside, own))
-        weighed = [e for e in weighed if e.refusal in _OPEN]
+        weighed = [e for e in weighed if e.refusal in _OPEN and search.is_delay(beside, e, settled=True)]
         beside, (own, *weighed) = on_same_folds(beside, [own, *weighed], search.policy)
         weighed.sort(key=lambda e: -e.gain)
         able = [e for e in weighed if e.refusal is Refusal.NONE and rule.gains_there(e, own)]

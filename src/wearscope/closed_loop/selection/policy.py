@@ -48,7 +48,7 @@ class Policy(BaseModel):
 
     informing: float = Field(0.05, gt=0, lt=0.5)
     """Share of the information on a term from which a run (part) is asked whether it agrees: with less it
-    gains or loses by chance. Where one recording holds all but this share, that one shows the term alone."""
+    gains or loses by chance. Where one recording alone has more, that one shows the term alone."""
 
     beyond_chance: float = Field(0.5, gt=0)
     """Share of the loss, held out and on the rows that are fitted, that no chance removes in each of three
@@ -57,7 +57,8 @@ class Policy(BaseModel):
 
     beyond_doubt: float = Field(0.7, gt=0)
     """The same in two runs, and in parts of a single one, which resemble each other more than runs do, and of
-    what goes with time or temperature or is constant, as a torque that drifts is in few runs. A name that
+    what goes with time or temperature or is constant, as a torque that drifts is in few runs. What held-out
+    runs refuse and removes as much of the fit is asked by fifths of the runs. A name that
     removes less is given up where a generic term in its place does better, and what gains less than this
     share of the best alternative does not stand beside a name."""
 
