@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.diagnostics.structure import judge_joints
+from wearscope.closed_loop.diagnostics.structure import _from_test, judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms
@@ -84,6 +84,33 @@ def test_noise_with_a_memory_is_still_noise(judge, noise, seed):
 @pytest.mark.parametrize("noise", [coloured, drift])
 def test_noise_does_not_repeat_where_the_motion_does(judge, noise):
     assert {state.state for state in judge(noise, 62, repeat=True)} == {"explained"}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "test", "told"),
+    [
+        # Of one run there is no spread.
+        ((1.0,), 1.49, False),
+        ((1.0,), 1.51, True),
+        # Two that differ by a third would let any other be, by Student's t alone.
+        ((1.0, 1.3), 2.9, False),
+        ((1.0, 1.3), 2.95, True),
+        # Many that hardly differ tell by their spread.
+        ((1.0, 1.01, 0.99, 1.0, 1.01, 0.99), 1.49, False),
+        ((1.0, 1.01, 0.99, 1.0, 1.01, 0.99), 1.51, True),
+        ((1.0, 0.5, 1.0, 2.0, 1.0, 0.7), 4.0, False),
+        ((1.0, 0.5, 1.0, 2.0, 1.0, 0.7), 4.6, True),
+    ],
+)
+def test_a_test_error_beyond_that_of_all_training_runs_is_told(sizes, test, told):
+    runs = [size * np.resize([1.0, -1.0], 50) for size in sizes]
+    keep = [np.ones(50, dtype=bool) for _ in sizes]
+    seen = _from_test(runs, keep, test, Policy())
+    assert bool(seen) is told
+    if told:
+        train = np.sqrt(np.mean(np.square(sizes)))
+        assert seen[0].share == pytest.approx(min((test / train) ** 2 - 1.0, 1.0))
+        assert f"{test / train:.1f} times" in seen[0].reason
 
 
 def hum(t, q, v, a, rng):

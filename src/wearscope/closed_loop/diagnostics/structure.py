@@ -294,7 +294,11 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy)
 
 
 def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, policy: Policy) -> list[_Seen]:
-    """A test error beyond the training runs' own, and beyond what those differ by (a drift's do)."""
+    """A test error beyond the training runs' own, and beyond what those differ by (a drift's do).
+
+    What few runs differ by says next to nothing of how far another one may lie: beyond the largest of theirs by
+    the square of what makes two errors unlike, none is asked.
+    """
     train = _rms(own, keep)
     if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
         return []
@@ -302,7 +306,8 @@ def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, polic
     logs = np.log(np.maximum(sizes, 1e-300))
     if len(logs) > 1:
         width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
-        if np.log(test) < logs.mean() + stats.t.isf(policy.family_level, len(logs) - 1) * width:
+        usual = logs.mean() + stats.t.isf(policy.family_level, len(logs) - 1) * width
+        if np.log(test) < min(usual, logs.max() + 2.0 * np.log(policy.alike)):
             return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0
