@@ -301,6 +301,18 @@ def test_a_plateau_of_friction_is_no_limit_though_its_slow_reversals_spoil_the_p
     assert at[np.abs(wanted + load) > 0.16].mean() > 0.95 and not at[np.abs(wanted + load) < 0.14].any()
 
 
+def test_a_torque_that_stays_while_its_joint_rests_is_at_no_limit():
+    """Others move, and what their motion is said to ask of it is not what its friction or brake holds."""
+    rng = np.random.default_rng(16)
+    v = np.where(T > 0.9 * T[-1], np.sin(8.0 * T), 1e-6 * rng.normal(size=len(T)))[:, None]
+    tau = np.where(v < -1e-3, -0.6, 0.0) + 0.003 * rng.normal(size=v.shape)
+    load = 0.3 * np.sin(2.0 * T)[:, None] * (np.abs(v) < 1e-3)
+    assert not find_clipped(tau, tau + load, v, None).any()
+    # The same where it moves all the time.
+    moving = np.cos(5.0 * T)[:, None]
+    assert find_clipped(tau, tau + load, moving, None).any()
+
+
 def test_stated_torque_limits_are_believed():
     tau = 10 * np.sin(2 * T)[:, None]
     assert find_clipped(tau, tau, np.gradient(tau, axis=0), [9.0])[:, 0].sum() == (np.abs(tau) >= 8.991).sum()

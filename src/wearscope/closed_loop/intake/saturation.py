@@ -18,6 +18,8 @@ _FOLLOWS = 0.5
 #: Share of the samples that move one way, faster than `_FAST` of the top speed, from which a level that they
 #: keep is that of friction: it comes with the direction, and a limit with what the motion needs.
 _WHENEVER, _FAST = 0.95, 0.2
+#: Share of the top speed below which a joint may rest, where friction is whatever holds it.
+_RESTS = 0.01
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
@@ -43,7 +45,8 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.n
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / np.sqrt(6.0)
     span = float(np.ptp(np.percentile(x, [0.5, 99.5])))
     top = float(np.quantile(x, 0.998))
-    beyond = predicted > top + _BEYOND * span
+    moves_at_all = np.abs(v) > _RESTS * np.abs(v).max()
+    beyond = (predicted > top + _BEYOND * span) & moves_at_all
     if beyond.sum() < max(_ROWS, _SHARE * len(x)):
         return none
     level = float(np.median(x[beyond]))
