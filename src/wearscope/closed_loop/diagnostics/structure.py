@@ -296,8 +296,8 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy)
 def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, policy: Policy) -> list[_Seen]:
     """A test error beyond the training runs' own, and beyond what those differ by (a drift's do).
 
-    What few runs differ by says next to nothing of how far another one may lie: beyond the largest of theirs by
-    the square of what makes two errors unlike, none is asked.
+    What few runs differ by says next to nothing of how far another one may lie: it is not asked beyond the
+    largest of theirs by the square of what makes two errors unlike.
     """
     train = _rms(own, keep)
     if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
