@@ -14,7 +14,7 @@ from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.plausibility import _is_borne_out, ask_runs, check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
 
@@ -58,12 +58,12 @@ def change_fields(folder, change):
     (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
 
 
-def swing(folder: Path, size: float, friction: float = 1.0) -> Path:
-    """Recordings of a pendulum by its textbook equation: no URDF, no Pinocchio."""
+def swing(folder: Path, size: float, friction: float = 1.0, further=lambda q, v: 0.0, runs: int = 3) -> Path:
+    """Recordings of a pendulum by its textbook equation: no URDF, no Pinocchio. The last is a test run."""
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(PENDULUM)
-    runs = []
-    for k, use in enumerate(("train", "train", "test")):
+    listed = []
+    for k in range(runs):
         rng = np.random.default_rng(k)
         t = np.arange(int(10 * RATE)) / RATE
         q, v, a = np.zeros((3, len(t)))
@@ -72,16 +72,16 @@ def swing(folder: Path, size: float, friction: float = 1.0) -> Path:
             v += size / 2 * w * np.cos(w * t + phase)
             a -= size / 2 * w**2 * np.sin(w * t + phase)
         tau = (MOMENT + MASS * LENGTH**2) * a + MASS * GRAVITY * LENGTH * np.sin(q)
-        tau += friction * np.sign(v) + 0.5 * friction * v + 0.05 * rng.normal(size=len(t))
+        tau += friction * np.sign(v) + 0.5 * friction * v + further(q, v) + 0.05 * rng.normal(size=len(t))
         table = {"t": t, "q_pivot": q + 1e-6 * rng.normal(size=len(t)), "tau_pivot": tau}
         pd.DataFrame(table).to_parquet(folder / f"runs/{k}.parquet", index=False)
-        runs.append({"file": f"runs/{k}.parquet", "use": use})
+        listed.append({"file": f"runs/{k}.parquet", "use": "train" if k < runs - 1 else "test"})
     fields = {
         "name": "pendulum",
         "robot": {"urdf": "robot.urdf", "joints": ["pivot"]},
         "sample_rate": RATE,
         "declared_effects": ["rigid_body", "coulomb", "viscous"],
-        "runs": runs,
+        "runs": listed,
     }
     (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
     return folder
@@ -95,6 +95,31 @@ def scale(column, factor):
 @pytest.mark.parametrize("friction", [0.0, 1.0, 8.0])
 def test_a_pendulum_is_believed(tmp_path, size, friction):
     check(swing(tmp_path / "p", size, friction))
+
+
+@pytest.mark.parametrize("drag", [5.0, 20.0, 60.0])
+def test_what_the_model_lacks_is_no_delay_of_the_recorder(tmp_path, drag):
+    """A drag that grows with the square of the angle: along one of the runs it looks 140 ms late."""
+    check(swing(tmp_path / "p", 2.0, further=lambda q, v: drag * q**2 * v, runs=6))
+
+
+@pytest.mark.parametrize(
+    ("turned", "further", "borne_out"),
+    [
+        # In every run; in the first one beside good ones; beside ones that no reading explains.
+        (range(4), None, True),
+        ([0], None, True),
+        ([0], lambda q, v: 25.0 * np.cos(3.0 * q), False),
+    ],
+)
+def test_a_reading_must_suit_most_runs_that_the_stated_one_does_not(tmp_path, turned, further, borne_out):
+    folder = swing(tmp_path / "p", 1.0, further=further or (lambda q, v: 0.0), runs=4)
+    for k in turned:
+        file = folder / f"runs/{k}.parquet"
+        scale("tau_pivot", -1.0)(pd.read_parquet(file)).to_parquet(file, index=False)
+    prepared = prepare(read_dataset(folder, find_prismatic))
+    asked = ask_runs(prepared)
+    assert _is_borne_out(prepared, asked[1:], ["sign tau"], [0]) is borne_out
 
 
 PENDULUM_FAULTS = {

@@ -2,9 +2,12 @@
 
 Every run is asked on its own, against the declared rigid body, so that it holds for any robot. A run whose
 torque the stated reading of its columns explains is believed. Where it explains little and another reading
-explains far more, the data set is refused with that reading as the remedy, unless `accept` in `dataset.yaml`
-says that the data are right as they are.
+explains far more, in that run and in most of the others that the stated one explains as little, the data set
+is refused with that reading as the remedy, unless `accept` in `dataset.yaml` says that the data are right as
+they are. What the model lacks may look like another reading along one motion, and not along several.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,18 +53,41 @@ def check_plausibility(prepared: Prepared) -> None:
     InputError
         Naming the run, the columns and what they look like.
     """
+    asked = ask_runs(prepared)
+    for one in asked:
+        others = [other for other in asked if other is not one]
+        _check_limits(prepared, one.run, one.stated)
+        if one.run.piece < 2:
+            _check_speeds(prepared, one.run)
+        _check_readings(prepared, one, others)
+        _check_frozen(prepared, one.run)
+        _check_lag(prepared, one, others)
+    prepared.notes += prepared.dataset.accepted.list_unused()
+
+
+@dataclass(frozen=True)
+class AskedRun:
+    """A run, rows of it, and the misfits (n,) of the stated reading; NaN where a joint says nothing."""
+
+    run: PreparedRun
+    sample: Sample
+    stated: np.ndarray
+
+    @property
+    def doubtful(self) -> np.ndarray:
+        """Joints (n,) of bool that the stated reading does not explain."""
+        return np.asarray(np.nan_to_num(self.stated) > _DOUBTFUL)
+
+
+def ask_runs(prepared: Prepared) -> list[AskedRun]:
+    """Every run with the misfits of its stated reading."""
     usual = np.median([_torque_spread(run) for run in prepared.runs], axis=0)
     inertia, inertials = known_inertia(prepared.dataset), prepared.dataset.fields.robot.inertials
-    for run in prepared.runs:
-        sample = take_sample(run, inertia, inertials, usual)
-        stated = np.where(sample.heard, misfits(sample), np.nan)
-        _check_limits(prepared, run, stated)
-        if run.piece < 2:
-            _check_speeds(prepared, run)
-        _check_readings(prepared, run, sample, stated)
-        _check_frozen(prepared, run)
-        _check_lag(prepared, run, sample)
-    prepared.notes += prepared.dataset.accepted.list_unused()
+    samples = [take_sample(run, inertia, inertials, usual) for run in prepared.runs]
+    return [
+        AskedRun(run, sample, np.where(sample.heard, misfits(sample), np.nan))
+        for run, sample in zip(prepared.runs, samples, strict=True)
+    ]
 
 
 def _refuse(prepared: Prepared, run: PreparedRun, told: str, *codes: str) -> None:
@@ -121,9 +147,9 @@ def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
             _refuse(prepared, run, told, f"speed qd_{joint}")
 
 
-def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample, stated: np.ndarray) -> None:
+def _check_readings(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> None:
     """Degrees, swapped columns, opposite signs, motor-side torque and the like."""
-    doubtful = np.nan_to_num(stated) > _DOUBTFUL
+    run, sample, stated, doubtful = one.run, one.sample, one.stated, one.doubtful
     if not doubtful.any():
         _check_inertia(prepared, run, sample)
         return
@@ -132,8 +158,9 @@ def _check_readings(prepared: Prepared, run: PreparedRun, sample: Sample, stated
         if found is None:
             break
         told, codes, joints = found
-        _refuse(prepared, run, told, *codes)
-        # What is accepted is right as it is: no other reading is sought for these joints.
+        if _is_borne_out(prepared, others, codes, joints):
+            _refuse(prepared, run, told, *codes)
+        # What is accepted, or not borne out, is right as it is: no other reading is sought for these joints.
         doubtful = doubtful & ~np.isin(np.arange(prepared.n), joints)
         stated = np.where(np.isin(np.arange(prepared.n), joints), np.nan, stated)
     heard = np.isfinite(stated)
@@ -170,6 +197,25 @@ def _find_reading(
         if total < best:
             best, found = total - _ALIKE, (reading.told, [reading.code], concerned)
     return found
+
+
+def _is_borne_out(prepared: Prepared, others: list[AskedRun], codes: list[str], joints: list[int]) -> bool:
+    """Whether a reading explains more than the stated one in most other runs where these joints are doubtful.
+
+    Also where it cannot be asked of any.
+    """
+    dataset = prepared.dataset
+    slides = [unit == "m" for unit in dataset.position_unit]
+    better = []
+    for other in others:
+        if not other.doubtful[joints].any():
+            continue
+        for reading in list_readings(other.run, dataset.joints, slides, other.doubtful):
+            if [reading.code] == codes:
+                own = other.doubtful.nonzero()[0] if not reading.joints else joints
+                left = misfits(reading.change(other.sample))
+                better.append(np.nansum(left[own]) < np.nansum(other.stated[own]))
+    return not better or bool(np.mean(better) >= 0.5)
 
 
 def _judge_reading(reading: Reading, sample: Sample, stated: np.ndarray, concerned: list[int]) -> float:
@@ -263,20 +309,29 @@ def _span(x: np.ndarray) -> float:
     return float(np.ptp(np.percentile(x, [2, 98])))
 
 
-def _check_lag(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
-    """A delay between the torque and the position channels of the whole recorder."""
+def _check_lag(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> None:
+    """A delay between the torque and the position channels of the whole recorder.
+
+    Of one joint it is believed where it is the same in most of the runs in which that one is as doubtful.
+    """
     if TIME_DELAY.name in prepared.dataset.fields.declared_effects:
         return
-    lag, ratio = find_lag(sample, _LONGEST)
+    lag, ratio = find_lag(one.sample, _LONGEST)
     heard = np.isfinite(lag)
     if not heard.any():
         return
     middle = float(np.median(lag[heard]))
     agree = np.abs(lag[heard] - middle) < 0.01
     if abs(middle) >= _LAG and agree.mean() >= 0.75 and float(np.median(ratio[heard])) < 0.5:
+        if heard.sum() == 1:
+            lags = [
+                find_lag(other.sample, _LONGEST)[0][heard] for other in others if other.doubtful[heard].any()
+            ]
+            if lags and np.mean(np.abs(np.array(lags) - middle) < 0.01) < 0.5:
+                return
         late = "late" if middle > 0 else "early"
         told = (
             f"the torque channels come {1000 * abs(middle):.0f} ms {late} against the positions; align the "
             "channels, or declare time_delay."
         )
-        _refuse(prepared, run, told, "late tau")
+        _refuse(prepared, one.run, told, "late tau")
