@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from wearscope.closed_loop.selection import evidence, generic, revision, search, standard
+from wearscope.closed_loop.selection import evidence, fifths, generic, revision, search, standard
 from wearscope.closed_loop.selection.assembly import Added, Assembly, Chosen, Sums
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms, try_generic
@@ -169,9 +169,11 @@ def remember() -> Iterator[Memory]:
         key = (*key, tell_chosen(chosen), sigma.tobytes(), asked)
         return take(key, lambda: LateAssembly(memory, layout, target, tuple(chosen), sigma, joints))
 
-    def weigh_once(assembly: Any, candidate: Any, subset: Any, policy: Policy, sums: Any = None) -> Evidence:
-        key = ("weigh", assembly, candidate, subset, *tell_read(policy))
-        return take(key, lambda: weigh(assembly, candidate, subset, policy, sums))
+    def weigh_once(
+        assembly: Any, candidate: Any, subset: Any, policy: Policy, sums: Any = None, by_fifths: bool = False
+    ) -> Evidence:
+        key = ("weigh", assembly, candidate, subset, by_fifths, *tell_read(policy))
+        return take(key, lambda: weigh(assembly, candidate, subset, policy, sums, by_fifths))
 
     def refine_once(problem: Any, assembly: Any, e: Evidence, policy: Policy) -> Evidence:
         key = ("refine", problem, assembly, e.chosen.candidate, e.chosen.subset, e.gain, *tell_read(policy))
@@ -218,6 +220,7 @@ def remember() -> Iterator[Memory]:
     instead = [
         (search, "Assembly", assemble), (standard, "Assembly", assemble), (evidence, "Assembly", assemble),
         (search, "weigh", weigh_once), (standard, "weigh", weigh_once), (revision, "weigh", weigh_once),
+        (fifths, "weigh", weigh_once),
         (search, "refine", refine_once), (search, "drift_p_value", drift_once),
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
         (generic, "try_generic", generic_once),
