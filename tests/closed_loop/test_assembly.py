@@ -343,7 +343,7 @@ def test_what_one_of_two_recordings_shows_is_asked_of_its_parts(record, pose):
         rule.is_beyond_chance(replace(both, share=0.6, fitted=0.6, agreement=1.0), search.policy, by_run=True)
         is True
     )
-    assert weigh(assembly.by_fifths, still, (0,), search.policy, by_fifths=True).gain == one.gain
+    assert weigh(assembly, still, (0,), search.policy, by_fifths=True).gain == one.gain
     # Terms are compared by what the same held-out parts gain: fifths, where one is judged by them.
     beside, (first, second) = on_same_folds(assembly, [both, one], search.policy)
     assert beside is assembly.by_fifths and second is one

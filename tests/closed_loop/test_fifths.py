@@ -1,9 +1,12 @@
 """Two joints that move together in every recording: what one does to the other shows in no run held out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.selection.evidence import Refusal
+from wearscope.closed_loop.selection import fifths
+from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.fifths import weigh_by_fifths
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
@@ -20,7 +23,7 @@ def drag(t, q, v, a, rng):
 
 @pytest.fixture
 def search(record, pose):
-    """A search along such recordings; of the first one alone where asked."""
+    """A search along such recordings, of which the last ones are taken where fewer are asked for."""
 
     def make(seed, torque, runs=3):
         together = TOGETHER[-runs:]
@@ -52,8 +55,18 @@ def test_nothing_is_found_by_fifths_where_nothing_is(search, seed):
     assert search(seed, None).run() == []
 
 
-def test_of_a_single_run_nothing_is_asked_again(search):
-    made = search(0, drag, runs=2)
+@pytest.mark.parametrize(("runs", "times"), [(2, 0), (3, 1)])
+def test_of_a_single_run_nothing_is_asked_again(search, monkeypatch, runs, times):
+    """Its parts are held out already; the last of the runs is the test run."""
+    asked = []
+
+    def ask(*args, **kwargs):
+        asked.append(weigh(*args, **kwargs))
+        return asked[-1]
+
+    monkeypatch.setattr(fifths, "weigh", ask)
+    made = search(0, drag, runs=runs)
     assembly = made.assemble(())
-    weighed = made.weigh_all(assembly, made.candidates(assembly, (), [0]))
-    assert weigh_by_fifths(made, assembly, weighed) == []
+    first, *_ = made.weigh_all(assembly, made.candidates(assembly, (), [0]))
+    weigh_by_fifths(made, assembly, [replace(first, refusal=Refusal.DISAGREES, fitted=1.0, by_fifths=False)])
+    assert len(asked) == times

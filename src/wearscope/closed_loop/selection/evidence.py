@@ -148,8 +148,9 @@ def weigh(
     sums : Sums, optional
         Of all the candidate's columns, where they are there.
     by_fifths : bool
-        Whether `assembly` holds out fifths of several recordings for this term.
+        Whether fifths of several recordings are held out.
     """
+    assembly = assembly.by_fifths if by_fifths else assembly
     layout = assembly.layout
     every = sums or assembly.sum_products(candidate)
     sums = every.select(subset)
@@ -160,7 +161,7 @@ def weigh(
     own = sums.gram[:, best].sum(axis=0)
     information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
     if not by_fifths and shows_alone(candidate, information, layout.folds, policy):
-        return weigh(assembly.by_fifths, candidate, subset, policy, every, by_fifths=True)
+        return weigh(assembly, candidate, subset, policy, every, by_fifths=True)
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = -assembly.fit_change(sums.at(best), beta) / max(assembly.sample_losses[touched].sum(), 1e-300)

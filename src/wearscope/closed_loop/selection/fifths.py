@@ -40,7 +40,7 @@ def weigh_by_fifths(search: "Search", assembly: Assembly, weighed: Sequence[Evid
     for e in weighed:
         if not rule.explains_fit(e, search.policy):
             continue
-        own = weigh(assembly.by_fifths, e.chosen.candidate, e.chosen.subset, search.policy, by_fifths=True)
+        own = weigh(assembly, e.chosen.candidate, e.chosen.subset, search.policy, by_fifths=True)
         (own,) = search.compare_whole(assembly, [replace(own, p_value=e.p_value, tried=e.tried)])
         sure = rule.is_beyond_chance(own, search.policy, by_run=False)
         if sure and search.judge(own) is Refusal.NONE:

@@ -383,9 +383,8 @@ class Search:
 
         Gains of different scales must not be compared. What was found by fifths is asked by fifths.
         """
-        by_fifths = f.evidence.by_fifths
-        folded = beside.by_fifths if by_fifths else beside
-        own = weigh(folded, f.chosen.candidate, f.chosen.subset, self.policy, by_fifths=by_fifths)
+        made, by_fifths = f.chosen, f.evidence.by_fifths
+        own = weigh(beside, made.candidate, made.subset, self.policy, by_fifths=by_fifths)
         return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
