@@ -7,10 +7,10 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection import generic
 from wearscope.closed_loop.selection import search as search_module
 from wearscope.closed_loop.selection.assembly import Chosen
-from wearscope.closed_loop.selection.evidence import weigh
+from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined
+from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, revise
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
 
@@ -35,6 +35,28 @@ def test_a_term_is_refined_where_it_alone_is_a_refining_ones_parent(record, pose
         assert not is_refined(search, offset, [asymmetry, coulomb])
         assert is_refined(search, coulomb, [asymmetry])
         assert not is_refined(search, coulomb, [find(search, "coulomb_asymmetry", 1)])
+
+
+@pytest.mark.parametrize(
+    ("needed", "judged", "drifts", "stays"),
+    [
+        (True, Refusal.CHANCE, True, True),
+        (False, Refusal.NONE, False, True),
+        (False, Refusal.CHANCE, False, False),
+        (False, Refusal.NONE, True, False),
+    ],
+)
+def test_a_standard_term_that_would_be_taken_again_stays(
+    record, pose, monkeypatch, needed, judged, drifts, stays
+):
+    """What fifths of two runs do not need and whole runs held out ask for is not dropped."""
+    names = ("rigid_body", "rotor_inertia", "coulomb")
+    search = Search(pose(record(seed=2, declared=names, runs=2, duration=6.0)), Policy(flips=99))
+    viscous = find(search, "viscous", 0)
+    monkeypatch.setattr(search, "is_needed", lambda *_: needed)
+    monkeypatch.setattr(search, "judge", lambda _: judged)
+    monkeypatch.setattr(search, "drifts", lambda *_: drifts)
+    assert [f.chosen for f in revise(search, [viscous])] == ([viscous.chosen] if stays else [])
 
 
 @pytest.fixture

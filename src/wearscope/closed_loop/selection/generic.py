@@ -110,7 +110,7 @@ def try_generic(
     count = 0
     for joint in joints:
         sigma = assembly.sigma[joint]
-        least = policy.large_share * assembly.sample_losses[joint]
+        least = policy.structure_share * assembly.sample_losses[joint]
         for rough in terms.roughly(joint):
             count += 1
             if not by_run and rough.count > COARSE:
@@ -266,7 +266,7 @@ def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
     policy = search.policy
     gain, error = rule.summed(-e.change)
-    held_out = e.share >= policy.large_share and gain > policy.unexpected * error
+    held_out = e.share >= policy.structure_share and gain > policy.unexpected * error
     return (
         # Runs of different kinds may disagree on the form of what most of the loss is.
         (held_out or (e.fitted >= policy.beyond_chance and not is_slow(e)))

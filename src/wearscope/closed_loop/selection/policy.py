@@ -37,14 +37,14 @@ class Policy(BaseModel):
     form passes for another more easily."""
 
     large_share: float = Field(0.1, ge=0, lt=1)
-    """As `material_share`, for the generic term, of what the model and the standard model leave: an effect's
-    form may differ from its name's by as much. Plain friction that removes as much is kept where it gains in
-    most of the runs, and no drift is asked about."""
+    """`material_whole` for the generic term: an effect's form may differ from its name's by as much. Plain
+    friction that removes as much of its joint's loss is kept where it gains in most of the runs, whatever its
+    standard error, and no drift is asked about."""
 
     agreeing: float = Field(0.8, ge=0, le=1)
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
     predicts better when they are held out: of up to four, all. Parts of a single run must not lose more than
-    their noise besides."""
+    their noise besides. Where no run does, plain friction, which every joint has, need only gain in most."""
 
     informing: float = Field(0.05, gt=0, lt=0.5)
     """Share of the information on a term from which a run (part) is asked whether it agrees: with less it
@@ -109,7 +109,7 @@ class Policy(BaseModel):
     structure_share: float = Field(0.2, gt=0, lt=1)
     """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
     where it depends on the motion, trees predict it, it repeats or it is a line: less is a tenth of the RMS
-    error."""
+    error. As `material_share`, for the generic term."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in

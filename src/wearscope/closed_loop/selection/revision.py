@@ -34,7 +34,7 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
         if f.effect.standard:
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
             stays = is_refined(search, f, others) and search.is_believable(own)
-            if not stays and not search.is_needed(beside, own):
+            if not stays and not search.is_needed(beside, own) and not is_accepted(search, f, others):
                 search.progress(f"{own.term.label} is dropped: not needed beside the others")
                 found = others
             else:
@@ -51,6 +51,13 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
                 search.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
             found = [again if k is f else k for k in found]
     return found
+
+
+def is_accepted(search: "Search", f: Found, others: Sequence[Found]) -> bool:
+    """Whether a standard term would be taken again beside the others, as any name is."""
+    beside = search.assemble(others)
+    own = search.weigh_again(beside, f)
+    return search.judge(own) is Refusal.NONE and not search.drifts(beside, own)
 
 
 def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
@@ -130,7 +137,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
         if f.effect.standard:
             needed = search.is_needed(beside, own)
         elif f.effect.empirical:
-            needed = own.share >= search.policy.large_share
+            needed = own.share >= search.policy.structure_share
         else:
             needed = search.judge(own) is Refusal.NONE
         if not needed:

@@ -34,7 +34,8 @@ def judge(
     """
     expected = e.term.effect.is_in_every_drive
     by_run = by_run and not e.by_fifths
-    share = policy.large_share if generic else policy.material_whole if expected else policy.material_share
+    named = policy.material_whole if expected else policy.material_share
+    share = policy.structure_share if generic else named
     share = max(share, policy.beyond_chance) if any_form else share
     whole = policy.large_share if generic else policy.material_whole if by_run else policy.material_alone
     level = policy.unknown_level if generic else policy.family_level
@@ -85,8 +86,11 @@ def relieves(e: Evidence, policy: Policy) -> bool:
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether most runs are predicted better, of parts of one run, which resemble each other more, all.
 
-    But for noise: a part that loses no more than its blocks' noise does not speak against a term.
+    But for noise: a part that loses no more than its blocks' noise does not speak against a term. Of plain
+    friction, which every joint has, little is asked beside that, of which one run in four may lose by chance.
     """
+    if e.term.effect.is_plain_friction and by_run and e.agreement > 0.5 and not e.opposed:
+        return True
     return e.agreement >= policy.agreeing and (by_run or not e.opposed)
 
 
