@@ -398,3 +398,18 @@ def test_share_of_the_fit_is_of_the_loss_though_columns_of_the_model_are_held_ne
     e = weigh(before, search.problem.candidate(load_effect("stribeck"), 0), (0,), search.policy)
     after = Assembly(before.layout, before.target, (*before.chosen, e.chosen), before.sigma)
     assert e.fitted == pytest.approx(1.0 - after.sample_losses[0] / before.sample_losses[0], rel=1e-6)
+
+
+def test_what_a_term_removes_of_the_fit_is_said_of_its_own_joint(record, pose):
+    """Refitted inertials carry what is missing at a joint to others, which gain by the term too."""
+    planted = [(1, "gravity_counterbalance", {"sine1": 60.0, "cosine1": 30.0})]
+    folder = record(planted, seed=4, runs=3, duration=6.0, robot={"inertials": "approximate"})
+    search = Search(pose(folder), Policy(flips=99))
+    before = search.assemble(())
+    balancer = search.problem.candidate(load_effect("gravity_counterbalance"), 1)
+    e = weigh(before, balancer, (0, 1), search.policy)
+    after = Assembly(before.layout, before.target, (*before.chosen, e.chosen), before.sigma)
+    removed = before.sample_losses - after.sample_losses
+    assert removed[0] > 0.05 * removed[1]
+    assert e.fitted == pytest.approx(removed[1] / before.sample_losses[1], rel=1e-6)
+    assert e.fitted <= 1.0

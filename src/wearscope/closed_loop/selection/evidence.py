@@ -165,7 +165,7 @@ def weigh(
     change = assembly.hold_out(sums)
     touched = list(candidate.joints)
     fitted = -assembly.fit_change(sums.at(best), beta) / max(assembly.sample_losses[touched].sum(), 1e-300)
-    felt = _losses_where_felt(assembly, candidate, chosen, change, fitted)
+    felt = _losses_where_felt(assembly, candidate, chosen, change, fitted, policy)
     joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
     reach = list(find_reach(assembly.chosen, candidate))
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
@@ -354,19 +354,28 @@ class _Felt:
 
 
 def _losses_where_felt(
-    assembly: Assembly, candidate: Candidate, chosen: Chosen, change: np.ndarray, fitted: float
-) -> dict[int, _Felt]:
-    """Losses of the model at each joint where the candidate is felt; `fitted` is that of all of them."""
+    assembly: Assembly, candidate: Candidate, chosen: Chosen, change: np.ndarray, fitted: float,
+    policy: Policy,
+) -> dict[int, _Felt]:  # fmt: skip
+    """Losses of the model at each joint where the candidate is felt.
+
+    `fitted` is what it removes at all joints that the model couples to those, over the loss at those: where
+    it is much, the share removed at the joint itself is worked out.
+    """
     held = np.isfinite(change)
     before = assembly.joint_losses[held].sum(axis=0)
     total = float(-np.nansum(change))
-    if len(candidate.joints) == 1 or total <= 0.0:
-        # What gains nothing in all need not be told apart by joint.
-        own = candidate.joint if candidate.joint in candidate.joints else candidate.joints[0]
+    own = candidate.joint if candidate.joint in candidate.joints else candidate.joints[0]
+    # What gains nothing in all need not be told apart by joint.
+    alone = len(candidate.joints) == 1 or total <= 0.0
+    coupled = len(find_reach(assembly.chosen, candidate)) > 1 and fitted >= policy.beyond_chance
+    if alone and not coupled:
         return {own: _Felt(total, float(before[own]), fitted)}
     after = Assembly(assembly.layout, assembly.target, (*assembly.chosen, chosen), assembly.sigma)
-    gains = before - after.joint_losses[held].sum(axis=0)
     shares = 1.0 - after.sample_losses / np.maximum(assembly.sample_losses, 1e-300)
+    if alone:
+        return {own: _Felt(total, float(before[own]), float(shares[own]))}
+    gains = before - after.joint_losses[held].sum(axis=0)
     return {j: _Felt(float(gains[j]), float(before[j]), float(shares[j])) for j in candidate.joints}
 
 
