@@ -8,6 +8,7 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
 from wearscope.closed_loop.diagnostics.structure import _from_test, judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
@@ -151,6 +152,46 @@ def test_what_repeats_with_the_motion_is_structure_though_no_signal_tells_it(jud
     a, b = judge(hidden, 64, repeat=True)
     assert a.state == "unexplained"
     assert b.state == "explained"
+
+
+def differs(signal):
+    """Goes with a signal by a factor of the run's own."""
+    factors = iter([2.0, -1.0, 3.0, -2.0, 1.5])
+
+    def torque(t, q, v, a, rng):
+        of = {"sign_qd_a": np.sign(v[:, 0]), "qd_a": v[:, 0], "qdd_a": a[:, 0] / 3.0, "": np.ones(len(t))}
+        return np.column_stack([next(factors) * of[signal], 0.0 * t])
+
+    return torque
+
+
+@pytest.mark.parametrize("signal", ["sign_qd_a", "qd_a", "qdd_a", ""])
+@pytest.mark.parametrize("seed", [68, 69])
+def test_what_differs_from_run_to_run_is_said(record, signal, seed):
+    """No run tells of another one then, and no name holds it: but it is no noise either."""
+    verdict = diagnose(record(extra_torque=differs(signal), seed=seed, runs=5, duration=16.0)).verdict
+    joint = verdict["joints"]["a"]
+    assert joint["state"] == "unexplained"
+    assert "differs from run to run" in joint["unexplained_reason"]
+    # Friction that differs makes the reversal look wide, over which the direction is like the speed.
+    alike = [["qd_a"], ["sign_qd_a"]]
+    assert joint["unexplained_depends_on"] in (alike if signal == "qd_a" else [[signal] if signal else []])
+    assert joint["unexplained_rms"] > 0.5
+    assert verdict["joints"]["b"]["state"] == "explained"
+
+
+def test_halves_of_runs_tell_a_mean_that_differs_from_a_drift():
+    rng = np.random.default_rng(5)
+    noise = [rng.standard_normal(400) for _ in range(4)]
+    levels = [3.0, -2.0, 0.5, 1.0]
+    share, p_value = compare_offsets([level + x for level, x in zip(levels, noise, strict=True)])
+    assert share == pytest.approx(3.17 / 4.56, abs=0.03) and p_value < 1e-4
+    assert compare_offsets(noise)[0] < 0.02
+    walks = [compare_offsets([x.cumsum() for x in rng.standard_normal((4, 400))]) for _ in range(200)]
+    # A walk's means differ as much, but so do its halves.
+    assert np.median([share for share, _ in walks]) > 0.2
+    assert np.mean([p_value < 0.005 for _, p_value in walks]) <= 0.01
+    assert compare_offsets([noise[0], np.zeros(1)]) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("torque", [square, product, hidden])

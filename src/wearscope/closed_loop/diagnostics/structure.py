@@ -10,6 +10,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.diagnostics.jumps import find_jumps
+from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
@@ -107,23 +108,25 @@ def judge_joints(
         own = [r[:, j] for r in residuals]
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
-        seen = [
+        inside = [
             *_from_generic(prepared, left, j),
             *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
+            *_from_runs(train, own, keep, prepared, j, policy),
             *_from_jumps(train, own, keep, policy),
             *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
-            *_from_test(own, keep, _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested]), policy),
         ]
+        test = _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])
+        seen = [*inside, *_from_test(own, keep, test, policy)]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
-        most = max(seen, key=lambda s: s.share)
+        most = max(s.share for s in seen)
+        # Seen in the training runs, it says more than that the test runs' error is large.
+        reason = max(inside or seen, key=lambda s: s.share).reason
         known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
-        states.append(
-            JointState(j, "unexplained", float(np.sqrt(min(most.share, 1.0)) * rms), known, most.reason)
-        )
+        states.append(JointState(j, "unexplained", float(np.sqrt(min(most, 1.0)) * rms), known, reason))
     return states
 
 
@@ -237,6 +240,31 @@ def _from_repeats(
         )
         if share > max(policy.structure_share, highest):
             seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
+    return seen
+
+
+def _from_runs(
+    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
+    joint: int, policy: Policy,
+) -> list[_Seen]:  # fmt: skip
+    """What differs from run to run, which held-out runs do not see: friction, inertia, a load, an offset."""
+    if len(train) < 2:
+        return []
+    seen = []
+    kept = [x[k] for x, k in zip(own, keep, strict=True)]
+    share, p_value = compare_offsets(kept)
+    if share >= policy.structure_share and p_value * prepared.moving.sum() <= policy.family_level:
+        seen.append(_Seen(share, [], "its mean differs from run to run"))
+    gains = gain_by_halves(train, own, keep, joint)
+    best = int(np.argmax(gains.sum(axis=0)))
+    run = np.repeat(np.arange(len(train)), [len(x) for x in kept])
+    y = np.concatenate(kept)
+    sums = _sum_independent(gains[:, best], y, run, max(4, int(4 * prepared.band.torque)))
+    share = float(sums.sum() / max((y**2).sum(), 1e-300))
+    error = np.sqrt(len(sums) * sums.var(ddof=1))
+    if share >= policy.structure_share and sums.sum() >= policy.unexpected * error:
+        name = SIGNALS[best].format(joint=prepared.dataset.joints[joint])
+        seen.append(_Seen(share, [name], f"what goes with {name} differs from run to run"))
     return seen
 
 
