@@ -84,7 +84,8 @@ class Policy(BaseModel):
 
     alike: float = Field(1.5, ge=1)
     """Factor within which two sizes of one thing are alike: errors (RMS) on the rows that are fitted of terms
-    that held-out runs do not tell apart; a delay with and without a joint's reversals; the test runs' error
+    that held-out runs do not tell apart, and held out of names of single joints in the place of one of the
+    whole robot; a delay with and without a joint's reversals; the test runs' error
     and the training runs', from which a model does not carry over to other motions."""
 
     away: float = Field(0.2, gt=0, lt=1)

@@ -37,6 +37,7 @@ from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_standard, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.closed_loop.selection.single_joints import count_parameters, prefer_single_joints
 from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.closed_loop.selection.whitening import drift_p_value
 from wearscope.effects.base import Effect
@@ -67,6 +68,7 @@ class Search:
         self.rows: list[dict] = []
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
+        self.asks_whole_robot = True
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
@@ -100,7 +102,8 @@ class Search:
         asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
-        return list_candidates(self.problem, assembly, sorted(asked - full))
+        made = list_candidates(self.problem, assembly, sorted(asked - full))
+        return [c for c in made if self.asks_whole_robot or not c.effect.per_robot]
 
     def weigh_all(
         self,
@@ -198,8 +201,11 @@ class Search:
         losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
         self.standard_losses = np.array(losses) * self.sigma**2
         found = self.settle(self.settle_reversals(self.extend(found)))
+        found = prefer_single_joints(self, found)
         suited = suit_laws(self, found)
-        return found if suited is found else self.settle(self.settle_reversals(suited))
+        found = found if suited is found else self.settle(self.settle_reversals(suited))
+        self.asks_whole_robot = True
+        return found
 
     def settle(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, and for more, until nothing changes.
@@ -230,8 +236,10 @@ class Search:
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def adopt(self, other: "Search") -> None:
-        """Go on with another search's problem."""
+        """Go on with another search's problem, and with what it has asked."""
         self.problem, self.forms = other.problem, other.forms
+        self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
+        self.asks_whole_robot = other.asks_whole_robot
         self._weighed, self._apart = {}, {}
 
     def is_believable(self, e: Evidence) -> bool:
@@ -250,9 +258,12 @@ class Search:
             and (rule.is_plain(e, self.policy) or not self.drifts(beside, e))
         )
 
-    def extend(self, found: list[Found]) -> list[Found]:
-        """Add terms until none is accepted: at each step the best of every joint, where they do not touch."""
-        while True:
+    def extend(self, found: list[Found], most: float = np.inf) -> list[Found]:
+        """Add terms until none is accepted: at each step the best of every joint, where they do not touch.
+
+        Or until all together have as many parameters as `most`.
+        """
+        while count_parameters(found) < most:
             self.sigma = self.scale(found)
             assembly = self.assemble(found)
             offered = self.candidates(assembly, found, range(self.problem.prepared.n))
@@ -270,6 +281,7 @@ class Search:
             # What was missing yet may have hidden what a plain joint has, which comes before what refines it.
             touched = {j for e in taken for j in e.chosen.candidate.joints}
             found = restore_standard(self, found, touched)
+        return found
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
