@@ -9,7 +9,7 @@ from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
-from wearscope.closed_loop.diagnostics.structure import _from_test, judge_joints
+from wearscope.closed_loop.diagnostics.structure import _compare_noise, _from_test, judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms
@@ -112,6 +112,33 @@ def test_a_test_error_beyond_that_of_all_training_runs_is_told(sizes, test, told
         train = np.sqrt(np.mean(np.square(sizes)))
         assert seen[0].share == pytest.approx(min((test / train) ** 2 - 1.0, 1.0))
         assert f"{test / train:.1f} times" in seen[0].reason
+
+
+def test_a_test_error_is_told_beside_the_noise_of_its_runs():
+    rng = np.random.default_rng(4)
+    train, test = [rng.standard_normal(900), rng.standard_normal(600)], [3.0 * rng.standard_normal(700)]
+    noisier = _compare_noise(train, test)
+    assert noisier == pytest.approx(3.0, rel=0.1)
+    # A model's error that changes with the motion is none of it, nor is less noise more of a model.
+    slow = 50.0 * np.sin(np.arange(700) / 100.0)
+    assert _compare_noise(train, [x + slow for x in test]) == pytest.approx(noisier, rel=0.05)
+    assert _compare_noise(test, train) == 1.0
+    assert _compare_noise([np.zeros(9)], test) == 1.0
+    keep = [np.ones(len(x), dtype=bool) for x in train]
+    assert not _from_test(train, keep, 3.0, Policy(), noisier) and _from_test(train, keep, 3.0, Policy())
+    # What is told is how much larger it is.
+    (seen,) = _from_test(train, keep, 9.0, Policy(), noisier)
+    (times,) = re.findall(r"([0-9.]+) times", seen.reason)
+    assert float(times) == pytest.approx(9.0, rel=0.05)
+
+
+def test_a_noisy_test_run_alone_leaves_nothing_unexplained(judge):
+    sizes = iter([0.5, 0.5, 0.5, 4.0])
+
+    def louder(t, q, v, a, rng):
+        return next(sizes) * rng.standard_normal(q.shape)
+
+    assert {state.state for state in judge(louder, 71)} == {"explained"}
 
 
 def hum(t, q, v, a, rng):

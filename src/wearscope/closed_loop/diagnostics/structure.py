@@ -93,10 +93,9 @@ def judge_joints(
     train = prepared.runs_for("train")
     full = [run.tau - predict_full(after, theta, run) for run in train]
     residuals = [run.measured - run.reduce(run.tau - x) for run, x in zip(train, full, strict=True)]
-    tested = [
-        (run.measured - run.reduce(predict_full(after, theta, run)), run.keep)
-        for run in prepared.runs_for("test")
-    ]
+    test = prepared.runs_for("test")
+    full_test = [run.tau - predict_full(after, theta, run) for run in test]
+    tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
     features = [_features(run) for run in train]
     repeats = _list_train_repeats(prepared)
     states = []
@@ -117,8 +116,9 @@ def judge_joints(
             *_from_jumps(train, own, keep, policy),
             *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
         ]
-        test = _rms([r[:, j] for r, _ in tested], [k[:, j] for _, k in tested])
-        seen = [*inside, *_from_test(own, keep, test, policy)]
+        error = _rms([r[:, j] for r in tested], [run.keep[:, j] for run in test])
+        noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])
+        seen = [*inside, *_from_test(own, keep, error, policy, noisier)]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
@@ -321,12 +321,24 @@ def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy)
     return [_Seen(float(np.median(sizes)), ["t"], f"a line at {middle:.3g} Hz in time")]
 
 
-def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, policy: Policy) -> list[_Seen]:
+def _compare_noise(train: list[np.ndarray], test: list[np.ndarray]) -> float:
+    """How many times as noisy the test runs are, at least 1, from residuals (N_r,) before the common filter.
+
+    By the median change from sample to sample, in which what a model lacks has next to no part.
+    """
+    sizes = [float(np.median(np.abs(np.concatenate([np.diff(x) for x in one])))) for one in (train, test)]
+    return max(1.0, sizes[1] / sizes[0]) if sizes[0] > 0.0 else 1.0
+
+
+def _from_test(
+    own: list[np.ndarray], keep: list[np.ndarray], error: float, policy: Policy, noisier: float = 1.0
+) -> list[_Seen]:
     """A test error beyond the training runs' own, and beyond what those differ by (a drift's do).
 
     What few runs differ by says next to nothing of how far another one may lie: it is not asked beyond the
-    largest of theirs by the square of what makes two errors unlike.
+    largest of theirs by the square of what makes two errors unlike. Of runs that are noisier, more is noise.
     """
+    test = error / noisier
     train = _rms(own, keep)
     if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
         return []
@@ -340,5 +352,5 @@ def _from_test(own: list[np.ndarray], keep: list[np.ndarray], test: float, polic
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0
     return [
-        _Seen(min(share, 1.0), [], f"the test runs' error is {test / train:.1f} times the training runs'")
+        _Seen(min(share, 1.0), [], f"the test runs' error is {error / train:.1f} times the training runs'")
     ]
