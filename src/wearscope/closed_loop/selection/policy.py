@@ -68,7 +68,8 @@ class Policy(BaseModel):
 
     cancels: float = Field(12.0, gt=1)
     """Largest RMS of one column of a term over that of their sum, and of their sum over that of the joint's
-    torque: beyond, columns cancel each other, or other terms."""
+    torque: beyond, columns cancel each other, or other terms. One over it is the least part of a sum larger
+    than the joint's torque that other terms must not take back."""
 
     told_apart: float = Field(2.0, gt=0)
     """Standard errors by which a sum over held-out blocks is told from noise (as far out in Student's t):

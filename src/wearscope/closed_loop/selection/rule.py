@@ -52,9 +52,8 @@ def judge(
         return Refusal.IMMATERIAL
     if e.informing < 2 or not (by_run or is_repeated(e, policy)):
         return Refusal.LOCAL
-    # Its columns each other, or what it gives the torque of other terms.
     smooth = generic or e.chosen.candidate.penalty is not None
-    if not smooth and not max(e.cancellation, e.torque) <= policy.cancels:
+    if not smooth and cancels(e, policy):
         return Refusal.CANCELS
     if not is_within(e, bounds) or e.overturns:
         return Refusal.BOUNDS
@@ -66,6 +65,16 @@ def judge(
     if not agrees(e, policy, by_run) or (generic and e.share > 1.0):
         return Refusal.DISAGREES
     return Refusal.ALONE if generic and not by_run else Refusal.NONE
+
+
+def cancels(e: Evidence, policy: Policy) -> bool:
+    """Whether a term's columns cancel each other, or what it gives the torque other terms of the model.
+
+    What is more than all of the joint's torque, and nearly all of which others take back, is none.
+    """
+    taken_back = e.torque > 1.0 and e.sine * policy.cancels < 1.0
+    # Asked so that what is NaN cancels.
+    return taken_back or not max(e.cancellation, e.torque) <= policy.cancels
 
 
 def is_within(e: Evidence, bounds: Sequence[tuple[float, float]]) -> bool:
