@@ -57,7 +57,7 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         ({"cancellation": 12.1}, Refusal.CANCELS),
         ({"torque": 12.1}, Refusal.CANCELS),
         ({"cancellation": 11.9, "torque": 11.9}, Refusal.NONE),
-        # More than the joint's torque, of which others take back nearly all: a spring beside its own opposite.
+        # More than the joint's torque, of which others take back nearly all: a spring and its opposite.
         ({"torque": 9.2, "sine": 0.001}, Refusal.CANCELS),
         ({"torque": 1.01, "sine": 0.083}, Refusal.CANCELS),
         ({"torque": 1.01, "sine": 0.084}, Refusal.NONE),
