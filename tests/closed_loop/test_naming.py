@@ -128,8 +128,9 @@ def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
 class Scripted:
     """A search whose answers are given: which candidates are offered for a term, and the evidence on each."""
 
-    def __init__(self, own, offered):
+    def __init__(self, own, offered, asks_whole_robot=True):
         self.own, self.offered, self.policy = own, offered, POLICY
+        self.asks_whole_robot = asks_whole_robot
         self.problem = SimpleNamespace(prepared=SimpleNamespace(n=2))
 
     def assemble(self, terms):
@@ -137,7 +138,8 @@ class Scripted:
         sums = SimpleNamespace(select=lambda subset: None)
         return SimpleNamespace(sum_products=lambda candidate: sums, add=lambda sums: gain)
 
-    def candidates(self, beside, others, joints):
+    def candidates(self, beside, others, joints, every=False):
+        assert every
         return [e.chosen.candidate for e in self.offered]
 
     def weigh_again(self, beside, found):
@@ -160,8 +162,8 @@ def losses(mean, noise):
     return mean + 0.1 * np.random.default_rng(noise).standard_normal(BLOCKS)
 
 
-def named(own, *offered):
-    (found,), (beside,) = name_terms(Scripted(own, offered), [Found(own.chosen, own)])
+def named(own, *offered, **more):
+    (found,), (beside,) = name_terms(Scripted(own, offered, **more), [Found(own.chosen, own)])
     return found.effect.name, beside
 
 
@@ -177,6 +179,15 @@ def test_the_simplest_able_name_of_the_set_is_given_and_the_others_stand_beside_
     assert named(replace(complex_, refusal=Refusal.CHANCE)) == ("stribeck", [])
     weak = evidence("joint_spring", losses(-0.2, 1))
     assert named(complex_, weak) == ("stribeck", [])
+
+
+def test_where_single_joints_are_preferred_the_whole_robot_s_stand_beside_them():
+    own, whole = (
+        evidence("gravity_counterbalance", losses(-1.0, 0)),
+        evidence("payload_error", losses(-2.0, 1)),
+    )
+    assert named(own, whole) == ("payload_error", [])
+    assert named(own, whole, asks_whole_robot=False) == ("gravity_counterbalance", ["payload_error"])
 
 
 def test_what_is_no_delay_is_no_name():

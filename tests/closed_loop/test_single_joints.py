@@ -5,6 +5,7 @@ import pytest
 
 from wearscope.closed_loop.selection.evidence import Refusal
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import count_parameters, prefer_single_joints
@@ -42,8 +43,11 @@ def test_what_two_drives_do_is_not_named_wrong_masses(search):
     assert count_parameters(single) < count_parameters(found)
     # What was asked on the way is in the table of candidates.
     assert {row["effect"] for row in made.rows if row["taken"]} == {name for _, name, _ in DRIVES}
-    # What many parameters follow a little closer does not come back.
+    # What many parameters follow a little closer does not come back, but may stand beside a name.
     assert not any(c.effect.per_robot for c in made.candidates(made.assemble([]), [], [1]))
+    assert any(c.effect.per_robot for c in made.candidates(made.assemble([]), [], [1], every=True))
+    named, _ = name_terms(made, single)
+    assert not any(f.effect.per_robot for f in named)
 
 
 @pytest.mark.parametrize("name", ["payload_error", "inertial_error"])

@@ -69,7 +69,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         last = search.problem.prepared.n - 1
         offered = [
             c
-            for c in search.candidates(beside, others, sorted({*joints, last}))
+            for c in search.candidates(beside, others, sorted({*joints, last}), every=True)
             if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
         ]
         own = search.refine(beside, search.weigh_again(beside, f))
@@ -83,8 +83,9 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
-        opposing = [e for e in able if opposes_gravity(search.problem, e)]
-        name = rule.simplest(able, opposing) if able and not f.effect.standard else own
+        naming = [e for e in able if e is own or _may_name(search, e)]
+        opposing = [e for e in naming if opposes_gravity(search.problem, e)]
+        name = rule.simplest(naming, opposing) if naming and not f.effect.standard else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
         if f.effect.standard:
@@ -92,6 +93,11 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent
+
+
+def _may_name(search: Search, e: Evidence) -> bool:
+    """Whether a term may give its name, and not only stand beside one, where single joints are preferred."""
+    return search.asks_whole_robot or not e.term.effect.per_robot
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:

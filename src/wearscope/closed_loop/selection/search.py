@@ -95,15 +95,18 @@ class Search:
         return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
 
     def candidates(
-        self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int]
+        self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int], every: bool = False
     ) -> list[Candidate]:
-        """What may be asked beside a model; a joint with the most terms is left out, and remembered."""
+        """What may be asked beside a model; a joint with the most terms is left out, and remembered.
+
+        Nothing of the whole robot where names of single joints are preferred, unless `every` name is asked.
+        """
         own = [f.joint for f in found if not f.effect.standard]
         asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
         made = list_candidates(self.problem, assembly, sorted(asked - full))
-        return [c for c in made if self.asks_whole_robot or not c.effect.per_robot]
+        return [c for c in made if every or self.asks_whole_robot or not c.effect.per_robot]
 
     def weigh_all(
         self,
@@ -203,9 +206,7 @@ class Search:
         found = self.settle(self.settle_reversals(self.extend(found)))
         found = prefer_single_joints(self, found)
         suited = suit_laws(self, found)
-        found = found if suited is found else self.settle(self.settle_reversals(suited))
-        self.asks_whole_robot = True
-        return found
+        return found if suited is found else self.settle(self.settle_reversals(suited))
 
     def settle(self, found: list[Found]) -> list[Found]:
         """Ask of each term again, and for more, until nothing changes.
