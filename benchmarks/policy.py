@@ -17,6 +17,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ _WITHOUT = {
     "agreeing": 0.0, "alike": float("inf"), "beyond_chance": float("inf"),
     "beyond_doubt": Policy().beyond_chance, "fewest_blocks": 0.0, "large_share": Policy().material_share,
     "material_alone": Policy().material_whole, "material_apart": 0.0, "material_torque": 0.0,
-    "material_whole": 0.0,
+    "material_whole": 0.0, "octaves": 0.0,
     "unexpected": Policy().told_apart, "unknown_level": Policy().family_level, "zero_level": 1.0,
 }  # fmt: skip
 
@@ -92,6 +93,7 @@ def diagnose_variants(
     TakesTooLong
     """
     problem = diagnosis.pose_problem(path)
+    pose = cache(diagnosis.pose_again)
     started = time.process_time()
 
     def stop(_: str) -> None:
@@ -104,7 +106,7 @@ def diagnose_variants(
         for name, policy in variants.items():
             begun = time.process_time()
             tried = search.Search(problem, policy, stop)
-            answer = diagnosis.find_terms(tried)
+            answer = diagnosis.find_terms(tried, pose)
             stop("")
             key = tell_answer(tried, answer)
             if key not in scores:

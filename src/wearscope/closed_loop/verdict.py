@@ -69,7 +69,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
         ],
         "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
-        "notes": prepared.notes + list_unbelievable_links(diagnosis),
+        "notes": prepared.notes + diagnosis.notes + list_unbelievable_links(diagnosis),
     }
 
 

@@ -1,0 +1,260 @@
+"""Whether a name stands in other bands: all is asked again at other common cut-offs, and they must agree.
+
+What noise, filters and reversals leave of a torque differs from band to band, and so do names that stand for
+it; what a machine has does not (as in stability selection: Meinshausen and Buehlmann 2010, JRSS B 72(4)).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
+from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.revision import restore_standard
+
+if TYPE_CHECKING:
+    from wearscope.closed_loop.selection.search import Search
+
+#: What a term must not be in a band to which others bring it: the runs do not hold it there.
+_NOT_HELD = (Refusal.ABSORBED, Refusal.CANCELS, Refusal.BOUNDS, Refusal.SMALL)
+
+
+@dataclass(frozen=True)
+class Name:
+    """What a search gave a name.
+
+    Attributes
+    ----------
+    effect : str
+    joint : int or None
+        None for what the whole robot has once.
+    equivalent : tuple of str
+        Other names in its confidence set.
+    doubtful : bool
+        Whether all bands must agree on it.
+    generic : bool
+        Whether it is the generic term, which is no name.
+    """
+
+    effect: str
+    joint: int | None
+    equivalent: tuple[str, ...] = ()
+    doubtful: bool = False
+    generic: bool = False
+
+    def is_near(self, other: "Name") -> bool:
+        """Whether both are of one joint, or one of the whole robot."""
+        return None in (self.joint, other.joint) or self.joint == other.joint
+
+    def is_same(self, other: "Name") -> bool:
+        """Whether both name the same effect of the same joint."""
+        return (self.effect, self.joint) == (other.effect, other.joint)
+
+
+@dataclass(frozen=True)
+class Agreed:
+    """What bands agree on.
+
+    Attributes
+    ----------
+    kept : list of int
+        Of the own band's names.
+    beside : list of list of str
+        By kept name, what the other bands name in its place.
+    added : list of (int, int)
+        Band, and number in it, of names that most other bands give and the own one does not.
+    beside_added : list of list of str
+        By added name, names of the own band in whose place it stands.
+    """
+
+    kept: list[int]
+    beside: list[list[str]]
+    added: list[tuple[int, int]]
+    beside_added: list[list[str]]
+
+
+def agree(own: Sequence[Name], others: Sequence[Sequence[Name]]) -> Agreed:
+    """The names on which bands agree.
+
+    A doubtful name of the own band stays where every other one gives it, or one that is in a confidence set
+    with it. Else what most bands name there takes its place; where every other one names something there,
+    each another thing, it stays, and they stand beside it; where one names nothing there, it goes.
+
+    Parameters
+    ----------
+    own : sequence of Name
+        Of the band whose model is the answer.
+    others : sequence of sequence of Name
+        Of each other band.
+    """
+    bands = 1 + len(others)
+    meets = [_match(own, other) for other in others]
+    votes = [1 + sum(i in met.values() for met in meets) for i in range(len(own))]
+    each = zip(others, meets, strict=True)
+    free = [[n for k, n in enumerate(other) if k not in met] for other, met in each]
+    added = []
+    for band, names in enumerate(free):
+        for name in names:
+            given = sum(any(name.is_same(n) for n in other) for other in free)
+            first = not any(name.is_same(n) for other in free[:band] for n in other)
+            if first and 2 * given > bands:
+                added.append((band, list(others[band]).index(name)))
+    kept: list[int] = []
+    beside: list[list[str]] = []
+    beside_added: list[list[str]] = [[] for _ in added]
+    for i, name in enumerate(own):
+        instead = [[n for n in names if n.is_near(name)] for names in free]
+        if not name.doubtful or votes[i] == bands:
+            kept.append(i)
+            beside.append([])
+            continue
+        near = [k for k, (b, n) in enumerate(added) if not beside_added[k] and others[b][n].is_near(name)]
+        if near:
+            beside_added[near[0]] += _list_effects([name])
+        elif all(instead) and not name.generic:
+            kept.append(i)
+            beside.append(_list_effects([n for names in instead for n in names]))
+    return Agreed(kept, beside, added, beside_added)
+
+
+def _list_effects(names: Sequence[Name]) -> list[str]:
+    """Effects that names are of; the generic term stands beside none."""
+    return list(dict.fromkeys(n.effect for n in names if not n.generic))
+
+
+def _match(own: Sequence[Name], other: Sequence[Name]) -> dict[int, int]:
+    """By number of another band's name, that of the own one which it speaks for: the same, or equivalent."""
+    met: dict[int, int] = {}
+    for k, name in enumerate(other):
+        same = next((i for i, n in enumerate(own) if n.is_same(name) and i not in met.values()), None)
+        if same is not None:
+            met[k] = same
+    for k, name in enumerate(other):
+        if k in met:
+            continue
+        for i, n in enumerate(own):
+            alike = n.effect in name.equivalent or name.effect in n.equivalent
+            if i not in met.values() and n.is_near(name) and alike:
+                met[k] = i
+                break
+    return met
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a search in one band ends with.
+
+    Attributes
+    ----------
+    found : list of Found
+    equivalent : list of list of str
+        Names beside each.
+    left : dict of int to Evidence
+        By joint, the best generic structure that was found and could not be added.
+    cutoff : float
+        The common one [Hz].
+    """
+
+    found: list[Found]
+    equivalent: list[list[str]]
+    left: dict[int, Evidence]
+    cutoff: float
+
+    def names(self, policy: Policy) -> list[Name]:
+        """Its names."""
+        return [
+            Name(
+                f.effect.name,
+                None if f.effect.per_robot else f.joint,
+                tuple(beside),
+                is_doubtful(f, policy),
+                f.effect.empirical,
+            )
+            for f, beside in zip(self.found, self.equivalent, strict=True)
+        ]
+
+
+def is_doubtful(f: Found, policy: Policy) -> bool:
+    """Whether a term may stand for what other bands do not show: not every drive has it, nor is it sure."""
+    sure = not f.effect.empirical and f.evidence.share >= policy.beyond_doubt
+    return not (f.effect.is_in_every_drive or sure)
+
+
+def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[Named, list[str]]:
+    """What bands agree on, in the own one, and a note on each name that goes or comes.
+
+    A generic term that some other band gives too goes from the model, and its joint stays unexplained.
+    Where something went, what every drive has is asked for again, which it may have hidden.
+
+    Parameters
+    ----------
+    search : Search
+        Of the own band.
+    own : Named
+    others : sequence of Named
+    """
+    policy, joints = search.policy, search.problem.prepared.dataset.joints
+    every = [other.names(policy) for other in others]
+    agreed = agree(own.names(policy), every)
+    kept = [own.found[i] for i in agreed.kept]
+    equivalent = [
+        list(dict.fromkeys([*own.equivalent[i], *beside]))
+        for i, beside in zip(agreed.kept, agreed.beside, strict=True)
+    ]
+    left, notes = dict(own.left), []
+    gone: set[int] = set()
+    where = " and ".join(f"{other.cutoff:.3g}" for other in others)
+    for i, (f, name) in enumerate(zip(own.found, own.names(policy), strict=True)):
+        if i in agreed.kept:
+            continue
+        if _is_only_parent(f, kept):
+            kept.append(f)
+            equivalent.append(own.equivalent[i])
+            continue
+        if name.generic and any(name.is_same(n) for names in every for n in names):
+            left.setdefault(f.joint, f.evidence)
+        gone |= set(f.chosen.candidate.joints)
+        notes.append(
+            f"{name.effect} at {joints[f.joint]} stands at a common cut-off of {own.cutoff:.3g} Hz, not at "
+            f"{where} Hz as well: it does not count."
+        )
+    for (band, k), instead in zip(agreed.added, agreed.beside_added, strict=True):
+        e = _weigh_here(search, kept, others[band].found[k])
+        if e is None:
+            continue
+        kept.append(Found(e.chosen, e))
+        equivalent.append(list(dict.fromkeys([*others[band].equivalent[k], *instead])))
+        left.pop(e.term.joint, None)
+        notes.append(
+            f"{e.term.effect.name} at {joints[e.term.joint]} does not stand at a common cut-off of "
+            f"{own.cutoff:.3g} Hz, but at {where} Hz: it counts."
+        )
+    hidden = [f for f in restore_standard(search, kept, gone)[len(kept) :] if f.effect.is_in_every_drive]
+    kept += hidden
+    equivalent += [[] for _ in hidden]
+    return (Named(kept, equivalent, left, own.cutoff) if notes else own), notes
+
+
+def _is_only_parent(f: Found, kept: Sequence[Found]) -> bool:
+    """Whether a term that stays refines this one, and nothing else there."""
+    here = [k.effect for k in kept if k.joint == f.joint]
+    return any(f.effect.name in k.parents and not k.has_parent(here) for k in here)
+
+
+def _weigh_here(search: "Search", found: list[Found], f: Found) -> Evidence | None:
+    """Evidence on another band's term beside the terms of this one; None where the runs do not hold it."""
+    beside = search.assemble(found)
+    if f.effect.empirical:
+        candidates = [search.problem.remake(f.chosen).candidate]
+    else:
+        joints = (*f.chosen.candidate.joints, f.joint)
+        offered = search.candidates(beside, found, sorted(set(joints)), every=True)
+        candidates = [c for c in offered if c.effect.name == f.effect.name and c.joint == f.joint]
+    weighed = [
+        weigh(beside, c, f.chosen.subset, search.policy, by_fifths=f.evidence.by_fifths) for c in candidates
+    ]
+    able = [replace(e, p_value=f.evidence.p_value) for e in weighed if e.gain > 0.0]
+    able = [e if f.effect.empirical else search.refine(beside, e) for e in able]
+    able = [e for e in able if f.effect.empirical or search.judge(e) not in _NOT_HELD]
+    return max(able, key=lambda e: e.gain, default=None)
