@@ -1,4 +1,4 @@
-"""Whether a name stands in other bands: all is asked again at other common cut-offs, and they must agree.
+"""Whether a name stands in other bands: all is asked again at a lower and a higher common cut-off.
 
 What noise, filters and reversals leave of a torque differs from band to band, and so do names that stand for
 it; what a machine has does not (as in stability selection: Meinshausen and Buehlmann 2010, JRSS B 72(4)).
@@ -32,9 +32,11 @@ class Name:
     equivalent : tuple of str
         Other names in its confidence set.
     doubtful : bool
-        Whether all bands must agree on it.
+        Whether it must stand in another band.
     generic : bool
         Whether it is the generic term, which is no name.
+    slow : bool
+        Whether it has no form that fast motion shows: the generic term, or an offset.
     """
 
     effect: str
@@ -42,6 +44,7 @@ class Name:
     equivalent: tuple[str, ...] = ()
     doubtful: bool = False
     generic: bool = False
+    slow: bool = False
 
     def is_near(self, other: "Name") -> bool:
         """Whether both are of one joint, or one of the whole robot."""
@@ -74,12 +77,14 @@ class Agreed:
     beside_added: list[list[str]]
 
 
-def agree(own: Sequence[Name], others: Sequence[Sequence[Name]]) -> Agreed:
+def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequence[bool]) -> Agreed:
     """The names on which bands agree.
 
-    A doubtful name of the own band stays where every other one gives it, or one that is in a confidence set
-    with it. Else what most bands name there takes its place; where every other one names something there,
-    each another thing, it stays, and they stand beside it; where one names nothing there, it goes.
+    A doubtful name of the own band stays where a higher one gives it, in which more of its form shows, or one
+    that is in a confidence set with it; an offset or generic term, for which noise with a memory may stand,
+    where a lower one does. Where there is no such band any other is asked. Else what most bands name there
+    takes its place; where every other one names something there, each another thing, it stays, and they stand
+    beside it; where one names nothing there, it goes.
 
     Parameters
     ----------
@@ -87,10 +92,11 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]]) -> Agreed:
         Of the band whose model is the answer.
     others : sequence of sequence of Name
         Of each other band.
+    higher : sequence of bool
+        Whether the other band is the higher one.
     """
     bands = 1 + len(others)
     meets = [_match(own, other) for other in others]
-    votes = [1 + sum(i in met.values() for met in meets) for i in range(len(own))]
     each = zip(others, meets, strict=True)
     free = [[n for k, n in enumerate(other) if k not in met] for other, met in each]
     added = []
@@ -104,12 +110,13 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]]) -> Agreed:
     beside: list[list[str]] = []
     beside_added: list[list[str]] = [[] for _ in added]
     for i, name in enumerate(own):
-        instead = [[n for n in names if n.is_near(name)] for names in free]
-        if not name.doubtful or votes[i] == bands:
+        asked = [met for met, above in zip(meets, higher, strict=True) if above != name.slow] or meets
+        if not name.doubtful or not asked or any(i in met.values() for met in asked):
             kept.append(i)
             beside.append([])
             continue
         near = [k for k, (b, n) in enumerate(added) if not beside_added[k] and others[b][n].is_near(name)]
+        instead = [[n for n in names if n.is_near(name)] for names in free]
         if near:
             beside_added[near[0]] += _list_effects([name])
         elif all(instead) and not name.generic:
@@ -170,13 +177,14 @@ class Named:
                 tuple(beside),
                 is_doubtful(f, policy),
                 f.effect.empirical,
+                f.effect.empirical or f.effect.standard,
             )
             for f, beside in zip(self.found, self.equivalent, strict=True)
         ]
 
 
 def is_doubtful(f: Found, policy: Policy) -> bool:
-    """Whether a term may stand for what other bands do not show: not every drive has it, nor is it sure."""
+    """Whether other bands are asked about a term: not every drive has it, and it removes too little."""
     sure = not f.effect.empirical and f.evidence.share >= policy.beyond_doubt
     return not (f.effect.is_in_every_drive or sure)
 
@@ -196,7 +204,7 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
     """
     policy, joints = search.policy, search.problem.prepared.dataset.joints
     every = [other.names(policy) for other in others]
-    agreed = agree(own.names(policy), every)
+    agreed = agree(own.names(policy), every, [other.cutoff > own.cutoff for other in others])
     kept = [own.found[i] for i in agreed.kept]
     equivalent = [
         list(dict.fromkeys([*own.equivalent[i], *beside]))
@@ -204,7 +212,7 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
     ]
     left, notes = dict(own.left), []
     gone: set[int] = set()
-    where = " and ".join(f"{other.cutoff:.3g}" for other in others)
+    where = ", ".join(f"{other.cutoff:.3g}" for other in others)
     for i, (f, name) in enumerate(zip(own.found, own.names(policy), strict=True)):
         if i in agreed.kept:
             continue
@@ -216,8 +224,8 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
             left.setdefault(f.joint, f.evidence)
         gone |= set(f.chosen.candidate.joints)
         notes.append(
-            f"{name.effect} at {joints[f.joint]} stands at a common cut-off of {own.cutoff:.3g} Hz, not at "
-            f"{where} Hz as well: it does not count."
+            f"{name.effect} at {joints[f.joint]}, named at a common cut-off of {own.cutoff:.3g} Hz, does not "
+            f"stand at others ({where} Hz): it does not count."
         )
     for (band, k), instead in zip(agreed.added, agreed.beside_added, strict=True):
         e = _weigh_here(search, kept, others[band].found[k])
@@ -227,8 +235,8 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
         equivalent.append(list(dict.fromkeys([*others[band].equivalent[k], *instead])))
         left.pop(e.term.joint, None)
         notes.append(
-            f"{e.term.effect.name} at {joints[e.term.joint]} does not stand at a common cut-off of "
-            f"{own.cutoff:.3g} Hz, but at {where} Hz: it counts."
+            f"{e.term.effect.name} at {joints[e.term.joint]}, not named at a common cut-off of "
+            f"{own.cutoff:.3g} Hz, stands at others ({where} Hz): it counts."
         )
     hidden = [f for f in restore_standard(search, kept, gone)[len(kept) :] if f.effect.is_in_every_drive]
     kept += hidden

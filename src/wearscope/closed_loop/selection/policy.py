@@ -115,8 +115,8 @@ class Policy(BaseModel):
 
     octaves: float = Field(0.5, ge=0, le=2)
     """Distance of two other common cut-offs, a lower and a higher one, at which all is asked again where a
-    name removes less than `beyond_doubt` of its joint's loss: such a name must stand at all three. Closer by,
-    the same noise is heard; further off, other effects. None are asked where it is zero."""
+    name removes less than `beyond_doubt` of its joint's loss, or structure has no name: it must stand at one
+    of them too. Closer by, the same noise is heard; further off, other effects. Zero asks none."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in
