@@ -28,7 +28,7 @@ from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import score_case
 from wearscope.closed_loop import diagnosis
-from wearscope.closed_loop.selection import evidence, search
+from wearscope.closed_loop.selection import answer, evidence, search
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 
@@ -93,7 +93,7 @@ def diagnose_variants(
     TakesTooLong
     """
     problem = diagnosis.pose_problem(path)
-    pose = cache(diagnosis.pose_again)
+    pose = cache(answer.pose_again)
     started = time.process_time()
 
     def stop(_: str) -> None:
@@ -106,17 +106,17 @@ def diagnose_variants(
         for name, policy in variants.items():
             begun = time.process_time()
             tried = search.Search(problem, policy, stop)
-            answer = diagnosis.find_terms(tried, pose)
+            found = answer.find_terms(tried, pose)
             stop("")
-            key = tell_answer(tried, answer)
+            key = tell_answer(tried, found)
             if key not in scores:
-                scores[key] = score(diagnosis.conclude(tried, answer).verdict)
+                scores[key] = score(diagnosis.conclude(tried, found).verdict)
             yield name, scores[key], time.process_time() - begun
             first = False
             memory.limit()
 
 
-def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
+def tell_answer(tried: search.Search, found: answer.Answer) -> tuple:
     """All that a verdict depends on but the rule's numbers that it is not concluded by."""
 
     def tell(e: evidence.Evidence) -> tuple:
@@ -125,9 +125,9 @@ def tell_answer(tried: search.Search, answer: diagnosis.Answer) -> tuple:
     return (
         tried.problem, tried.sigma.tobytes(), tuple(sorted(tried.full)),
         *(getattr(tried.policy, name) for name in _CONCLUDING),
-        tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in answer.found),
-        tuple(map(tuple, answer.equivalent)),
-        tuple((joint, tell(e)) for joint, e in sorted(answer.left.items())),
+        tuple((f.chosen.candidate, f.chosen.subset, tell(f.evidence)) for f in found.found),
+        tuple(map(tuple, found.equivalent)),
+        tuple((joint, tell(e)) for joint, e in sorted(found.left.items())),
     )  # fmt: skip
 
 

@@ -230,5 +230,5 @@ def remember() -> Iterator[Memory]:
     with ExitStack() as stack:
         for place, name, new in instead:
             stack.enter_context(patch.object(place, name, new))
-        stack.enter_context(patch("wearscope.closed_loop.diagnosis.GenericTerms", terms_once))
+        stack.enter_context(patch("wearscope.closed_loop.selection.answer.GenericTerms", terms_once))
         yield memory

@@ -6,14 +6,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.diagnosis import (
-    conclude,
-    diagnose,
-    find_names,
-    find_names_elsewhere,
-    find_terms,
-    pose_again,
-)
+from wearscope.closed_loop.diagnosis import conclude, diagnose
+from wearscope.closed_loop.selection.answer import find_names, find_names_elsewhere, find_terms, pose_again
 from wearscope.closed_loop.selection.bands import Agreed, Name, Named, agree, is_doubtful, keep_agreed
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
@@ -242,7 +236,7 @@ def test_what_is_sure_is_not_doubtful_nor_what_every_drive_has(loaded, pose):
 def test_the_verdict_notes_what_stands_in_one_band_alone(loaded, monkeypatch):
     """Where another band gives nothing at all, doubtful names go, and the verdict says so."""
     empty = Named([], [], {}, 9.0)
-    monkeypatch.setattr("wearscope.closed_loop.diagnosis.find_names_elsewhere", lambda *_: [empty])
+    monkeypatch.setattr("wearscope.closed_loop.selection.answer.find_names_elsewhere", lambda *_: [empty])
     verdict = diagnose(loaded, Policy(beyond_doubt=0.9999)).verdict
     assert [e["effect"] for e in verdict["verdict"]] == []
     assert sum("it does not count" in note for note in verdict["notes"]) == 2

@@ -96,6 +96,10 @@ class Problem:
                 other._made[name, joint] = made
         return other
 
+    def forget(self) -> None:
+        """Let go of candidates, which are made again when they are asked for."""
+        self._made.clear()
+
     def remake(self, chosen: Chosen) -> Chosen:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
         made = chosen.candidate

@@ -75,6 +75,12 @@ class Search:
         self._apart: dict[tuple, bool] = {}
         self.forms = Forms(problem, policy)
 
+    def forget(self) -> None:
+        """Let go of evidence and columns that are kept to save time."""
+        self._weighed, self._apart = {}, {}
+        self.problem.forget()
+        self.forms = Forms(self.problem, self.policy)
+
     def scale(self, found: Sequence[Found]) -> np.ndarray:
         """Residual scale (n,) of the model with the terms found."""
         problem = self.problem
