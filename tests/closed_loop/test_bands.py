@@ -85,7 +85,18 @@ def test_what_both_other_bands_name_takes_its_place():
 
 def test_where_each_band_names_another_thing_they_stand_beside_the_name():
     assert give([RIPPLE], [STRIBECK], [SPRING]) == ([("torque_ripple", "stribeck", "joint_spring")], [])
-    assert give([STRANGE], [STRIBECK], [SPRING]) == ([], [])
+
+
+def test_structure_without_a_name_gives_way_to_a_name_of_any_band():
+    assert give([STRANGE], [STRIBECK], [SPRING]) == ([], [("stribeck",)])
+    assert give([STRANGE], [], [STRIBECK]) == ([], [("stribeck",)])
+    assert give([STRANGE], [], [OFFSET]) == ([], [])
+    assert give([STRANGE], [STRANGE, STRIBECK], []) == ([("unknown",)], [])
+    # Two of them, an offset that both bands name and a law that one does.
+    lower = {"higher": (False, False)}
+    assert give([STRANGE, STRANGE], [OFFSET, STRIBECK], [OFFSET], **lower) == (
+        [], [("torque_offset",), ("stribeck",)],
+    )  # fmt: skip
 
 
 def test_of_another_joint_nothing_takes_a_place_and_of_the_whole_robot_it_does():

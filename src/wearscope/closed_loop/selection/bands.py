@@ -66,7 +66,7 @@ class Agreed:
     beside : list of list of str
         By kept name, what the other bands name in its place.
     added : list of (int, int)
-        Band, and number in it, of names that most other bands give and the own one does not.
+        Band, and number in it, of names that other bands give and the own one does not.
     beside_added : list of list of str
         By added name, names of the own band in whose place it stands.
     """
@@ -83,8 +83,9 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequenc
     A doubtful name of the own band stays where a higher one gives it, in which more of its form shows, or one
     that is in a confidence set with it; an offset or generic term, for which noise with a memory may stand,
     where a lower one does. Where there is no such band any other is asked. Else what most bands name there
-    takes its place; where every other one names something there, each another thing, it stays, and they stand
-    beside it; where one names nothing there, it goes.
+    takes its place, and the place of a generic term what one of them names; where each other one names
+    something else there, a name stays, and they stand beside it; where one names nothing there, it goes. What
+    most bands name and the own one does not is added.
 
     Parameters
     ----------
@@ -95,33 +96,41 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequenc
     higher : sequence of bool
         Whether the other band is the higher one.
     """
-    bands = 1 + len(others)
     meets = [_match(own, other) for other in others]
-    each = zip(others, meets, strict=True)
-    free = [[n for k, n in enumerate(other) if k not in met] for other, met in each]
-    added = []
-    for band, names in enumerate(free):
-        for name in names:
-            given = sum(any(name.is_same(n) for n in other) for other in free)
-            first = not any(name.is_same(n) for other in free[:band] for n in other)
-            if first and 2 * given > bands:
-                added.append((band, list(others[band]).index(name)))
+    free = [
+        [(band, k) for k in range(len(other)) if k not in met]
+        for band, (other, met) in enumerate(zip(others, meets, strict=True))
+    ]
+    added: list[tuple[int, int]] = []
+    for at in (one for band in free for one in band):
+        name = others[at[0]][at[1]]
+        given = sum(any(name.is_same(others[b][k]) for b, k in band) for band in free)
+        if 2 * given > 1 + len(others) and not any(name.is_same(others[b][k]) for b, k in added):
+            added.append(at)
     kept: list[int] = []
     beside: list[list[str]] = []
     beside_added: list[list[str]] = [[] for _ in added]
+    taking: set[tuple[int, int]] = set()
     for i, name in enumerate(own):
         asked = [met for met, above in zip(meets, higher, strict=True) if above != name.slow] or meets
         if not name.doubtful or not asked or any(i in met.values() for met in asked):
             kept.append(i)
             beside.append([])
             continue
-        near = [k for k, (b, n) in enumerate(added) if not beside_added[k] and others[b][n].is_near(name)]
-        instead = [[n for n in names if n.is_near(name)] for names in free]
+        instead = [[(b, k) for b, k in band if others[b][k].is_near(name)] for band in free]
+        near = [at for at in added if others[at[0]][at[1]].is_near(name) and at not in taking]
+        if name.generic and not near:
+            near = [
+                at for band in instead for at in band if not others[at[0]][at[1]].slow and at not in taking
+            ]
+            added += near[:1]
+            beside_added += [[] for _ in near[:1]]
         if near:
-            beside_added[near[0]] += _list_effects([name])
+            taking.add(near[0])
+            beside_added[added.index(near[0])] += _list_effects([name])
         elif all(instead) and not name.generic:
             kept.append(i)
-            beside.append(_list_effects([n for names in instead for n in names]))
+            beside.append(_list_effects([others[b][k] for band in instead for b, k in band]))
     return Agreed(kept, beside, added, beside_added)
 
 
@@ -177,7 +186,7 @@ class Named:
                 tuple(beside),
                 is_doubtful(f, policy),
                 f.effect.empirical,
-                f.effect.empirical or f.effect.standard,
+                f.effect.empirical or (f.effect.standard and not f.effect.is_in_every_drive),
             )
             for f, beside in zip(self.found, self.equivalent, strict=True)
         ]
