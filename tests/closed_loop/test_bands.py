@@ -8,7 +8,15 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import conclude, diagnose
 from wearscope.closed_loop.selection.answer import find_names, find_names_elsewhere, find_terms, pose_again
-from wearscope.closed_loop.selection.bands import Agreed, Name, Named, agree, is_doubtful, keep_agreed
+from wearscope.closed_loop.selection.bands import (
+    Agreed,
+    Name,
+    Named,
+    agree,
+    find_standing,
+    is_doubtful,
+    keep_agreed,
+)
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
@@ -25,12 +33,12 @@ OFFSET = Name("torque_offset", 0, doubtful=True, slow=True)
 PAYLOAD = Name("payload_error", None, doubtful=True)
 
 
-def give(own, *others, higher=(False, True)):
+def give(own, *others, higher=(False, True), standing=()):
     """What is left of the names, with those beside, and those that are added, with those beside.
 
     The first of the others is the lower band, the second the higher one.
     """
-    agreed = agree(own, others, higher[: len(others)])
+    agreed = agree(own, others, higher[: len(others)], standing)
     kept = [(own[i].effect, *beside) for i, beside in zip(agreed.kept, agreed.beside, strict=True)]
     both = zip(agreed.added, agreed.beside_added, strict=True)
     return kept, [(others[b][k].effect, *beside) for (b, k), beside in both]
@@ -41,6 +49,14 @@ def test_a_doubtful_name_must_stand_in_the_higher_band():
     assert give([RIPPLE], [], [RIPPLE]) == ([("torque_ripple",)], [])
     assert give([RIPPLE], [RIPPLE], []) == ([], [])
     assert give([RIPPLE], [], []) == ([], [])
+
+
+def test_a_name_may_stand_beside_what_the_higher_band_gives():
+    assert give([VISCOUS, RIPPLE], [], [STRIBECK], standing=[(), (1,)])[0] == [
+        ("viscous",),
+        ("torque_ripple",),
+    ]
+    assert give([VISCOUS, RIPPLE], [], [STRIBECK], standing=[(1,), (0,)])[0] == [("viscous",)]
 
 
 @pytest.mark.parametrize("slow", [STRANGE, OFFSET])
@@ -160,6 +176,22 @@ def test_a_name_that_another_band_does_not_give_goes_and_what_it_hid_comes_back(
     assert none == []
 
 
+def test_what_gains_beside_another_band_s_names_stands_there(loaded, pose):
+    """The band that lacks the spring for few blocks would hold it; one in which it is there stands anyway."""
+    search, own = searches(pose, loaded)
+    spring = next(k for k, f in enumerate(own.found) if f.effect.name == "joint_spring")
+    doubting = Search(search.problem, Policy(beyond_doubt=0.9999))
+    every = frozenset(range(len(own.found)))
+    assert find_standing(doubting, own, own.found) == every
+    assert find_standing(doubting, own, [f for k, f in enumerate(own.found) if k != spring]) == every
+    few = Search(search.problem, Policy(beyond_doubt=0.9999, fewest_blocks=1e9))
+    assert find_standing(few, own, own.found) == every
+    weak = Search(search.problem, Policy(beyond_doubt=0.9999, material_share=0.9999))
+    assert find_standing(weak, own, own.found) == frozenset()
+    sure = Search(search.problem, Policy(beyond_doubt=1e-6))
+    assert find_standing(sure, own, own.found) == frozenset()
+
+
 def test_a_name_that_the_other_bands_give_is_fitted_in_the_own_one(loaded, pose):
     search, own = searches(pose, loaded)
     spring = next(k for k, f in enumerate(own.found) if f.effect.name == "joint_spring")
@@ -169,7 +201,7 @@ def test_a_name_that_the_other_bands_give_is_fitted_in_the_own_one(loaded, pose)
         {},
         own.cutoff,
     )
-    elsewhere = find_names_elsewhere(search, search.problem, pose_again)
+    elsewhere = find_names_elsewhere(search, own, search.problem, pose_again)
     kept, notes = keep_agreed(search, less, elsewhere)
     assert [f.effect.name for f in kept.found] == ["load_dependent_friction", "joint_spring"]
     assert notes[0].startswith("joint_spring at b, not named at a common cut-off of")
@@ -222,7 +254,8 @@ def test_where_the_motion_is_not_known_further_up_a_lower_cut_off_is_asked(loade
     search = Search(pose(loaded), POLICY)
     chosen = search.problem.prepared.band
     assert pose_again(search.problem, 2**0.5).prepared.band.torque < 2**0.25 * chosen.torque
-    lower = find_names_elsewhere(search, search.problem, pose_again)
+    own = Named([], [], {}, chosen.torque)
+    lower = find_names_elsewhere(search, own, search.problem, pose_again)
     assert [named.cutoff / chosen.torque for named in lower] == pytest.approx([2**-0.5, 0.5])
 
 
@@ -233,7 +266,7 @@ def test_a_cut_off_that_the_runs_are_too_short_for_is_left_out(loaded, pose):
     def refuse(problem, widened):
         raise InputError("too short for a 2 Hz filter; record longer.")
 
-    assert find_names_elsewhere(search, search.problem, refuse) == []
+    assert find_names_elsewhere(search, Named([], [], {}, 4.0), search.problem, refuse) == []
     assert told[-1] == "too short for a 2 Hz filter; record longer."
 
 

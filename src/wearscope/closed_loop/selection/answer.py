@@ -1,12 +1,12 @@
 """From a problem to its names: the search, what has no name, sets of names, and the same in other bands."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wearscope.closed_loop.intake.thinning import prepare_thinned
-from wearscope.closed_loop.selection.bands import Named, is_doubtful, keep_agreed
+from wearscope.closed_loop.selection.bands import Named, find_standing, is_doubtful, keep_agreed
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
@@ -63,7 +63,7 @@ def find_terms(search: Search, pose: Callable[[Problem, float], Problem] = pose_
     own = find_names(search)
     found = own.found
     if search.policy.octaves and any(is_doubtful(f, search.policy) for f in found):
-        own, notes = keep_agreed(search, own, find_names_elsewhere(search, chosen, pose))
+        own, notes = keep_agreed(search, own, find_names_elsewhere(search, own, chosen, pose))
         found = search.settle_reversals(own.found) if notes else found
     moving = search.problem.prepared.moving
     asked = [j for j in range(search.problem.prepared.n) if moving[j] and j not in own.left]
@@ -80,7 +80,7 @@ def find_names(search: Search) -> Named:
 
 
 def find_names_elsewhere(
-    search: Search, chosen: Problem, pose: Callable[[Problem, float], Problem]
+    search: Search, own: Named, chosen: Problem, pose: Callable[[Problem, float], Problem]
 ) -> list[Named]:
     """Names at a lower and a higher common cut-off than the chosen one, each as if it were that.
 
@@ -91,16 +91,17 @@ def find_names_elsewhere(
     ----------
     search : Search
         Whose rule and progress they share.
+    own : Named
+        Which of its names stand there is asked too.
     chosen : Problem
     pose : callable
     """
-    own = chosen.prepared.band.torque
     others = []
     factor = 2.0**search.policy.octaves
     for widened in (1.0 / factor, factor):
         try:
             problem = pose(chosen, widened)
-            if widened > 1.0 and problem.prepared.band.torque < own * np.sqrt(factor):
+            if widened > 1.0 and problem.prepared.band.torque < own.cutoff * np.sqrt(factor):
                 problem = pose(chosen, factor**-2)
         except InputError as error:
             search.progress(str(error))
@@ -109,5 +110,7 @@ def find_names_elsewhere(
         def tell(line: str, hz: float = problem.prepared.band.torque) -> None:
             search.progress(f"at {hz:.3g} Hz: {line}")
 
-        others.append(find_names(Search(problem, search.policy, tell)))
+        elsewhere = Search(problem, search.policy, tell)
+        named = find_names(elsewhere)
+        others.append(replace(named, standing=find_standing(elsewhere, own, named.found)))
     return others

@@ -4,7 +4,7 @@ What noise, filters and reversals leave of a torque differs from band to band, a
 it; what a machine has does not (as in stability selection: Meinshausen and Buehlmann 2010, JRSS B 72(4)).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: What a term must not be in a band to which others bring it: the runs do not hold it there.
 _NOT_HELD = (Refusal.ABSORBED, Refusal.CANCELS, Refusal.BOUNDS, Refusal.SMALL)
+#: What may be said of a term in another band where it stands.
+_STANDS = (Refusal.NONE, Refusal.CHANCE, Refusal.LOCAL)
 
 
 @dataclass(frozen=True)
@@ -77,15 +79,20 @@ class Agreed:
     beside_added: list[list[str]]
 
 
-def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequence[bool]) -> Agreed:
+def agree(
+    own: Sequence[Name],
+    others: Sequence[Sequence[Name]],
+    higher: Sequence[bool],
+    standing: Sequence[Collection[int]] = (),
+) -> Agreed:
     """The names on which bands agree.
 
     A doubtful name of the own band stays where a higher one gives it, in which more of its form shows, or one
-    that is in a confidence set with it; an offset or generic term, for which noise with a memory may stand,
-    where a lower one does. Where there is no such band any other is asked. Else what most bands name there
-    takes its place, and the place of a generic term what one of them names; where each other one names
-    something else there, a name stays, and they stand beside it; where one names nothing there, it goes. What
-    most bands name and the own one does not is added.
+    that is in a confidence set with it, or where it stands there beside what that gives; an offset or generic
+    term, for which noise with a memory may stand, where a lower one does. Where there is no such band any
+    other is asked. Else what most bands name there takes its place, and the place of a generic term what one
+    of them names; where each other one names something else there, a name stays, and they stand beside it;
+    where one names nothing there, it goes. What most bands name and the own one does not is added.
 
     Parameters
     ----------
@@ -95,8 +102,11 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequenc
         Of each other band.
     higher : sequence of bool
         Whether the other band is the higher one.
+    standing : sequence of collection of int, optional
+        By other band, own names that stand beside its names.
     """
     meets = [_match(own, other) for other in others]
+    stood = standing or [()] * len(others)
     free = [
         [(band, k) for k in range(len(other)) if k not in met]
         for band, (other, met) in enumerate(zip(others, meets, strict=True))
@@ -112,8 +122,9 @@ def agree(own: Sequence[Name], others: Sequence[Sequence[Name]], higher: Sequenc
     beside_added: list[list[str]] = [[] for _ in added]
     taking: set[tuple[int, int]] = set()
     for i, name in enumerate(own):
-        asked = [met for met, above in zip(meets, higher, strict=True) if above != name.slow] or meets
-        if not name.doubtful or not asked or any(i in met.values() for met in asked):
+        asked = [band for band, above in enumerate(higher) if above != name.slow] or range(len(others))
+        stands = [i in meets[band].values() or i in stood[band] for band in asked]
+        if not name.doubtful or any(stands) or not stands:
             kept.append(i)
             beside.append([])
             continue
@@ -170,12 +181,15 @@ class Named:
         By joint, the best generic structure that was found and could not be added.
     cutoff : float
         The common one [Hz].
+    standing : collection of int
+        Of another band's terms, the numbers of those that stand in this one beside its own.
     """
 
     found: list[Found]
     equivalent: list[list[str]]
     left: dict[int, Evidence]
     cutoff: float
+    standing: Collection[int] = ()
 
     def names(self, policy: Policy) -> list[Name]:
         """Its names."""
@@ -213,7 +227,8 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
     """
     policy, joints = search.policy, search.problem.prepared.dataset.joints
     every = [other.names(policy) for other in others]
-    agreed = agree(own.names(policy), every, [other.cutoff > own.cutoff for other in others])
+    higher = [other.cutoff > own.cutoff for other in others]
+    agreed = agree(own.names(policy), every, higher, [other.standing for other in others])
     kept = [own.found[i] for i in agreed.kept]
     equivalent = [
         list(dict.fromkeys([*own.equivalent[i], *beside]))
@@ -251,6 +266,29 @@ def keep_agreed(search: "Search", own: Named, others: Sequence[Named]) -> tuple[
     kept += hidden
     equivalent += [[] for _ in hidden]
     return (Named(kept, equivalent, left, own.cutoff) if notes else own), notes
+
+
+def find_standing(search: "Search", own: Named, there: Sequence[Found]) -> frozenset[int]:
+    """Numbers of doubtful names of the own band that stand in another one beside what was found there.
+
+    They gain there as the rule asks, chance and the number of blocks apart, which the own band answered.
+
+    Parameters
+    ----------
+    search : Search
+        Of the other band.
+    own : Named
+    there : sequence of Found
+    """
+    standing = set()
+    for i, f in enumerate(own.found):
+        if f.effect.empirical or not is_doubtful(f, search.policy):
+            continue
+        others = [k for k in there if (k.effect.name, k.joint) != (f.effect.name, f.joint)]
+        e = _weigh_here(search, others, f)
+        if e is not None and search.judge(search.compare_whole(search.assemble(others), [e])[0]) in _STANDS:
+            standing.add(i)
+    return frozenset(standing)
 
 
 def _is_only_parent(f: Found, kept: Sequence[Found]) -> bool:
