@@ -115,6 +115,14 @@ def test_structure_without_a_name_gives_way_to_a_name_of_any_band():
     )  # fmt: skip
 
 
+def test_structure_without_a_name_in_the_higher_band_speaks_against_no_name_of_the_lower_one():
+    assert give([RIPPLE], [RIPPLE], [STRANGE]) == ([("torque_ripple",)], [])
+    assert give([RIPPLE, SPRING], [SPRING], [STRANGE]) == ([("joint_spring",)], [])
+    assert give([RIPPLE], [RIPPLE], [replace(STRANGE, joint=1)]) == ([], [])
+    assert give([RIPPLE], [RIPPLE], [STRIBECK]) == ([], [])
+    assert give([STRANGE], [], [STRANGE]) == ([], [])
+
+
 def test_of_another_joint_nothing_takes_a_place_and_of_the_whole_robot_it_does():
     there = replace(STRIBECK, joint=1)
     assert give([RIPPLE], [there], [there]) == ([], [("stribeck",)])

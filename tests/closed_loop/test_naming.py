@@ -128,9 +128,9 @@ def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
 class Scripted:
     """A search whose answers are given: which candidates are offered for a term, and the evidence on each."""
 
-    def __init__(self, own, offered, asks_whole_robot=True):
+    def __init__(self, own, offered, left_out=()):
         self.own, self.offered, self.policy = own, offered, POLICY
-        self.asks_whole_robot = asks_whole_robot
+        self.left_out = left_out
         self.problem = SimpleNamespace(prepared=SimpleNamespace(n=2))
 
     def assemble(self, terms):
@@ -187,7 +187,7 @@ def test_where_single_joints_are_preferred_the_whole_robot_s_stand_beside_them()
         evidence("payload_error", losses(-2.0, 1)),
     )
     assert named(own, whole) == ("payload_error", [])
-    assert named(own, whole, asks_whole_robot=False) == ("gravity_counterbalance", ["payload_error"])
+    assert named(own, whole, left_out={"payload_error"}) == ("gravity_counterbalance", ["payload_error"])
 
 
 def test_what_is_no_delay_is_no_name():

@@ -124,6 +124,25 @@ def test_what_held_out_runs_refuse_is_asked_by_fifths_if_it_explains_the_fit(cha
     assert rule.explains_fit(evidence(**({"fitted": 0.7} | changed)), POLICY) is explains
 
 
+@pytest.mark.parametrize(
+    ("name", "changed", "why"),
+    [
+        ("warm_up_drift", {}, Refusal.NONE),
+        ("warm_up_drift", {"blocks": 3.4}, Refusal.NONE),
+        ("warm_up_drift", {"share": 0.69}, Refusal.LOCAL),
+        ("warm_up_drift", {"fitted": 0.69}, Refusal.LOCAL),
+        ("temperature_dependent_friction", {}, Refusal.LOCAL),
+        ("quadratic_viscous", {}, Refusal.LOCAL),
+    ],
+)
+def test_a_warm_up_may_be_over_in_the_first_part(name, changed, why):
+    shape = tuple(p.default for p in load_effect(name).shape)
+    e = evidence(name, shape=shape, **({"informing": 1, "share": 0.7, "fitted": 0.7} | changed))
+    for by_run in (True, False):
+        assert rule.judge(e, POLICY, (1 + len(shape)) * FREE, 0.0, by_run=by_run) is why
+    assert rule.is_beyond_chance(e, POLICY, by_run=False) is (why is Refusal.NONE)
+
+
 def test_a_constant_torque_is_as_likely_a_drift_in_few_runs():
     for name, sure in (("torque_offset", False), ("coulomb_asymmetry", True)):
         e = evidence(name, informing=3, share=0.53, fitted=0.53)
@@ -328,6 +347,13 @@ def test_terms_are_told_apart_materially_and_outside_their_noise():
     assert not rule.separates(best, evidence(gain=30.0, noise=1.0), POLICY)
     assert rule.separates(best, evidence(gain=25.0, noise=1.0), POLICY)
     assert not rule.separates(evidence(gain=25.0, noise=0.0), best, POLICY)
+
+
+def test_forms_of_a_large_term_are_told_apart_by_a_part_of_it():
+    """A spring that hardens by some per cent is still a spring: of 1000 removed, ten do not count."""
+    best = evidence(gain=1000.0, noise=0.0)
+    for gain, apart in ((990.1, False), (989.9, True)):
+        assert rule.separates(best, evidence(gain=gain, noise=0.0), POLICY) is apart
 
 
 def test_few_blocks_tell_less():

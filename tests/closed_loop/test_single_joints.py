@@ -8,7 +8,11 @@ from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.single_joints import count_parameters, prefer_single_joints
+from wearscope.closed_loop.selection.single_joints import (
+    count_parameters,
+    predicts_as_well,
+    prefer_single_joints,
+)
 
 #: A balancer at one joint and a heavier rotor at the other.
 DRIVES = [
@@ -50,12 +54,36 @@ def test_what_two_drives_do_is_not_named_wrong_masses(search):
     assert not any(f.effect.per_robot for f in named)
 
 
-@pytest.mark.parametrize("name", ["payload_error", "inertial_error"])
 @pytest.mark.parametrize("load", LOADS, ids=["at its end", "at its joint"])
-def test_a_load_stays_one(search, load, name):
+def test_a_load_stays_one(search, load):
     """Nothing of what was asked in its place is left behind."""
-    made, found = search([(1, "payload_error", load)], name)
+    made, found = search([(1, "payload_error", load)], "payload_error")
     sigma, rows, problem = made.sigma.copy(), len(made.rows), made.problem
     assert prefer_single_joints(made, found) is found
-    assert made.problem is problem and len(made.rows) == rows and not made.full and made.asks_whole_robot
+    assert made.problem is problem and len(made.rows) == rows and not made.full and not made.left_out
     np.testing.assert_array_equal(made.sigma, sigma)
+
+
+@pytest.mark.parametrize("load", LOADS, ids=["at its end", "at its joint"])
+def test_a_load_is_not_named_wrong_masses_of_all_links(search, load):
+    made, found = search([(1, "payload_error", load)], "inertial_error")
+    assert [f.effect.name for f in prefer_single_joints(made, found)] == ["payload_error"]
+    assert made.left_out == {"inertial_error"}
+
+
+def test_a_load_and_a_drive_are_not_named_wrong_masses(search):
+    """All links' masses follow both; single joints alone do not follow the load."""
+    made, found = search(
+        [(1, "payload_error", LOADS[0]), (0, "rotor_inertia_error", {"inertia": 2.0})], "inertial_error"
+    )
+    fewer = prefer_single_joints(made, found)
+    assert sorted(f.effect.name for f in fewer) == ["payload_error", "rotor_inertia_error"]
+
+
+def test_what_predicts_worse_than_noise_is_refused(search):
+    """A model without one of two drives, against the one with both."""
+    made, found = search(DRIVES, "inertial_error")
+    single = prefer_single_joints(made, found)
+    assert predicts_as_well(made, single, made, single)
+    for one in single:
+        assert not predicts_as_well(made, single, made, [one])

@@ -89,10 +89,11 @@ def agree(
 
     A doubtful name of the own band stays where a higher one gives it, in which more of its form shows, or one
     that is in a confidence set with it, or where it stands there beside what that gives; an offset or generic
-    term, for which noise with a memory may stand, where a lower one does. Where there is no such band any
-    other is asked. Else what most bands name there takes its place, and the place of a generic term what one
-    of them names; where each other one names something else there, a name stays, and they stand beside it;
-    where one names nothing there, it goes. What most bands name and the own one does not is added.
+    term, for which noise with a memory may stand, where a lower one does. Where there is no such band, or it
+    has a generic term in the place of a name, any other is asked. Else what most bands name there takes its
+    place, and the place of a generic term what one of them names; where each other one names something else
+    there, a name stays, and they stand beside it; where one names nothing there, it goes. What most bands
+    name and the own one does not is added.
 
     Parameters
     ----------
@@ -122,26 +123,31 @@ def agree(
     beside_added: list[list[str]] = [[] for _ in added]
     taking: set[tuple[int, int]] = set()
     for i, name in enumerate(own):
-        asked = [band for band, above in enumerate(higher) if above != name.slow] or range(len(others))
-        stands = [i in meets[band].values() or i in stood[band] for band in asked]
+        gives = [i in met.values() or i in there for met, there in zip(meets, stood, strict=True)]
+        asked = [band for band, above in enumerate(higher) if above != name.slow]
+        # Structure without a name, in whose place another band has this one, does not speak against it.
+        instead = [[others[b][k] for b, k in free[band] if others[b][k].is_near(name)] for band in asked]
+        if not asked or (not name.generic and all(any(n.generic for n in near) for near in instead)):
+            asked = list(range(len(others)))
+        stands = [gives[band] for band in asked]
         if not name.doubtful or any(stands) or not stands:
             kept.append(i)
             beside.append([])
             continue
-        instead = [[(b, k) for b, k in band if others[b][k].is_near(name)] for band in free]
+        places = [[(b, k) for b, k in band if others[b][k].is_near(name)] for band in free]
         near = [at for at in added if others[at[0]][at[1]].is_near(name) and at not in taking]
         if name.generic and not near:
             near = [
-                at for band in instead for at in band if not others[at[0]][at[1]].slow and at not in taking
+                at for band in places for at in band if not others[at[0]][at[1]].slow and at not in taking
             ]
             added += near[:1]
             beside_added += [[] for _ in near[:1]]
         if near:
             taking.add(near[0])
             beside_added[added.index(near[0])] += _list_effects([name])
-        elif all(instead) and not name.generic:
+        elif all(places) and not name.generic:
             kept.append(i)
-            beside.append(_list_effects([others[b][k] for band in instead for b, k in band]))
+            beside.append(_list_effects([others[b][k] for band in places for b, k in band]))
     return Agreed(kept, beside, added, beside_added)
 
 

@@ -96,8 +96,8 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
 
 
 def _may_name(search: Search, e: Evidence) -> bool:
-    """Whether a term may give its name, and not only stand beside one, where single joints are preferred."""
-    return search.asks_whole_robot or not e.term.effect.per_robot
+    """Whether a term may give its name, and not only stand beside one: what was left out may not."""
+    return e.term.effect.name not in search.left_out
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:

@@ -50,7 +50,7 @@ def judge(
         return Refusal.ABSORBED
     if not (e.share >= share and (expected or e.whole >= whole)):
         return Refusal.IMMATERIAL
-    if e.informing < 2 or not (by_run or is_repeated(e, policy)):
+    if is_local(e, policy, by_run):
         return Refusal.LOCAL
     smooth = generic or e.chosen.candidate.penalty is not None
     if not smooth and cancels(e, policy):
@@ -117,7 +117,21 @@ def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """
     several = by_run and not e.by_fifths and e.informing >= 3 and not e.term.effect.drifts_alike
     least = policy.beyond_chance if several else policy.beyond_doubt
-    return min(e.share, e.fitted) >= least and e.agreement == 1.0 and e.informing >= 2
+    enough = e.informing >= 2 or wears_off(e, policy)
+    return min(e.share, e.fitted) >= least and e.agreement == 1.0 and enough
+
+
+def is_local(e: Evidence, policy: Policy, by_run: bool) -> bool:
+    """Whether all evidence lies in one run (part), or a single run's in few blocks: one event, perhaps.
+
+    What wears off in the first part its reversals repeat there.
+    """
+    return not wears_off(e, policy) and (e.informing < 2 or not (by_run or is_repeated(e, policy)))
+
+
+def wears_off(e: Evidence, policy: Policy) -> bool:
+    """Whether a term goes with time, as a warm-up that is soon over, and removes nearly all of the loss."""
+    return "t" in e.term.effect.depends_on and min(e.share, e.fitted) >= policy.beyond_doubt
 
 
 def is_repeated(e: Evidence, policy: Policy) -> bool:
@@ -180,10 +194,14 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 
 
 def separates(better: Evidence, worse: Evidence, policy: Policy) -> bool:
-    """Whether held-out losses tell two terms apart: materially, and outside their noise."""
+    """Whether held-out losses tell two terms apart: materially, and outside their noise.
+
+    Of a large term no machine follows either form exactly: what is less than that is not material.
+    """
     difference, error = summed(worse.change - better.change)
     critical = float(find_critical(policy.told_apart, min(better.blocks, worse.blocks)))
-    return difference > max(critical * error, policy.material_apart * better.left)
+    material = max(policy.material_apart * better.left, policy.material_whole * better.gain)
+    return difference > max(critical * error, material)
 
 
 def touches(a: Evidence, b: Evidence) -> bool:

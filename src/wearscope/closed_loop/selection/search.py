@@ -68,7 +68,7 @@ class Search:
         self.rows: list[dict] = []
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
-        self.asks_whole_robot = True
+        self.left_out: frozenset[str] = frozenset()
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
@@ -105,14 +105,14 @@ class Search:
     ) -> list[Candidate]:
         """What may be asked beside a model; a joint with the most terms is left out, and remembered.
 
-        Nothing of the whole robot where names of single joints are preferred, unless `every` name is asked.
+        Nothing that was left out for names with fewer parameters, unless `every` name is asked.
         """
         own = [f.joint for f in found if not f.effect.standard]
         asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
         made = list_candidates(self.problem, assembly, sorted(asked - full))
-        return [c for c in made if every or self.asks_whole_robot or not c.effect.per_robot]
+        return [c for c in made if every or c.effect.name not in self.left_out]
 
     def weigh_all(
         self,
@@ -246,7 +246,7 @@ class Search:
         """Go on with another search's problem, and with what it has asked."""
         self.problem, self.forms = other.problem, other.forms
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
-        self.asks_whole_robot = other.asks_whole_robot
+        self.left_out = other.left_out
         self._weighed, self._apart = {}, {}
 
     def is_believable(self, e: Evidence) -> bool:

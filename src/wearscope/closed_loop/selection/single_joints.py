@@ -1,8 +1,9 @@
-"""What the whole robot has once, such as wrong masses, against names of single joints in its place.
+"""What the whole robot has once, such as wrong masses, against names with fewer parameters in its place.
 
 Many inertial parameters together follow what several drives do at once, and gain most where they are asked
 first; nothing is then left by which the drives would be named. So what was named of the whole robot is left
-out once, and names of single joints are sought in its place.
+out once, and other names are sought in its place: what of the whole robot it contains (of all links a
+payload) and names of single joints, then these alone.
 """
 
 from copy import copy
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.found import Found
 
 if TYPE_CHECKING:
@@ -17,29 +19,39 @@ if TYPE_CHECKING:
 
 
 def prefer_single_joints(search: "Search", found: list[Found]) -> list[Found]:
-    """The terms found, or ones of single joints alone with fewer parameters that predict every joint as well.
+    """The terms found, or ones with fewer parameters, less of them of the whole robot, that predict as well.
 
     Parameters
     ----------
     search : Search
-        Which goes on with those that are preferred, and asks for nothing of the whole robot beside them.
+        Which goes on with those that are preferred, and does not ask beside them for what was left out.
     found : list of Found
     """
-    several = int(search.problem.prepared.moving.sum()) > 1
-    if not several or not any(f.effect.per_robot for f in found):
+    if int(search.problem.prepared.moving.sum()) < 2:
         return found
+    whole = frozenset(e.name for e in search.problem.effects if e.per_robot)
+    containing = frozenset(e.name for e in search.problem.effects if e.per_robot and whole & {*e.contains})
+    for left_out in (containing, whole):
+        if any(f.effect.name in left_out for f in found):
+            found = _prefer_without(search, found, left_out)
+    if search.left_out and not any(f.effect.per_robot for f in found):
+        search.left_out = whole
+    return found
+
+
+def _prefer_without(search: "Search", found: list[Found], left_out: frozenset[str]) -> list[Found]:
     tried = copy(search)
     tried.rows, tried.full, tried.no_delay = list(search.rows), set(search.full), set(search.no_delay)
-    tried.asks_whole_robot = False
+    tried.left_out = left_out
     most = count_parameters(found)
-    single = tried.extend([f for f in found if not f.effect.per_robot], most)
-    if count_parameters(single) < most:
-        single = tried.settle(single)
-    if count_parameters(single) >= most or not _predicts_as_well(search, found, tried, single):
+    fewer = tried.extend([f for f in found if f.effect.name not in left_out], most)
+    if count_parameters(fewer) < most:
+        fewer = tried.settle(fewer)
+    if count_parameters(fewer) >= most or not predicts_as_well(search, found, tried, fewer):
         return found
-    search.progress("names of single joints, fewer parameters, predict as well as one of the whole robot")
+    search.progress(f"without {', '.join(sorted(left_out))}, fewer parameters predict as well")
     search.adopt(tried)
-    return single
+    return fewer
 
 
 def count_parameters(found: list[Found]) -> int:
@@ -47,16 +59,31 @@ def count_parameters(found: list[Found]) -> int:
     return sum(f.evidence.complexity for f in found)
 
 
-def _predicts_as_well(search: "Search", found: list[Found], tried: "Search", single: list[Found]) -> bool:
-    """Whether every joint is predicted alike, but for what would not matter of a name.
+def predicts_as_well(search: "Search", found: list[Found], tried: "Search", fewer: list[Found]) -> bool:
+    """Whether every joint is predicted alike, but for what would not matter of a name or is within noise.
 
     Held out: of the rows that are fitted many parameters always explain a little more than few.
+
+    Parameters
+    ----------
+    search : Search
+        In whose weights both are asked.
+    found : list of Found
+        The one model's terms.
+    tried : Search
+        Of the other model.
+    fewer : list of Found
+        Its terms.
     """
     policy, moving = search.policy, search.problem.prepared.moving
     tried.sigma = search.sigma
-    now, then = (
-        np.nansum(one.joint_losses, axis=0)[moving] * search.sigma[moving] ** 2
-        for one in (search.assemble(found), tried.assemble(single))
-    )
-    matters = policy.material_whole * search.standard_losses[0, moving]
-    return bool(np.all((then - now <= matters) & (then <= policy.alike**2 * now)))
+    now, then = search.assemble(found).joint_losses, tried.assemble(fewer).joint_losses
+    for j in np.flatnonzero(moving):
+        scale = float(search.sigma[j]) ** 2
+        lost, error = rule.summed(scale * (then[:, j] - now[:, j]))
+        matters = policy.material_whole * search.standard_losses[0, j]
+        if lost > max(matters, policy.told_apart * error):
+            return False
+        if np.nansum(then[:, j]) > policy.alike**2 * np.nansum(now[:, j]):
+            return False
+    return True
