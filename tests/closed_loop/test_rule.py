@@ -76,7 +76,9 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         ({"p_value": 1.0, "share": 0.7, "fitted": 0.7, "informing": 2}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "informing": 3}, Refusal.NONE),
         ({"p_value": 1.0, "share": 0.5, "fitted": 0.5, "agreement": 0.99}, Refusal.CHANCE),
-        ({"agreement": 0.75}, Refusal.DISAGREES),
+        ({"agreement": 0.75}, Refusal.NONE),
+        ({"agreement": 0.75, "opposed": True}, Refusal.DISAGREES),
+        ({"agreement": 0.5}, Refusal.DISAGREES),
         ({"agreement": 0.8}, Refusal.NONE),
         ({"agreement": 0.8, "opposed": True}, Refusal.NONE),
         ({"blocks": 1.0}, Refusal.NONE),
@@ -227,18 +229,23 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 
 
-def test_one_run_in_four_may_lose_by_plain_friction_within_its_noise():
-    """A weak one loses in some run by chance; what no joint must have is asked of nearly all runs."""
-    for name in ("coulomb", "viscous"):
-        e = evidence(name, agreement=0.75)
+def test_one_run_in_three_may_lose_within_its_noise():
+    """A weak one loses in some run by chance; not what a drift resembles, of which few runs are few parts."""
+    for name, shape in (("coulomb", ()), ("viscous", ()), ("rotor_inertia", ()), ("stribeck", (1.0, 1.0))):
+        e = evidence(name, shape=shape, informing=3, agreement=0.66)
+        bounds = (1 + len(shape)) * FREE
         assert rule.is_needed(e, POLICY, by_run=True), name
-        assert rule.judge(e, POLICY, FREE, 0.0, by_run=True) is Refusal.NONE, name
+        assert rule.judge(e, POLICY, bounds, 0.0, by_run=True) is Refusal.NONE, name
         for changed, by_run in (
             ({"agreement": 0.5}, True), ({"opposed": True}, True), ({}, False), ({"by_fifths": True}, True),
         ):  # fmt: skip
             other = replace(e, **changed)
-            assert rule.judge(other, POLICY, FREE, 0.0, by_run) is Refusal.DISAGREES, (name, changed, by_run)
-    for name in ("rotor_inertia", "torque_offset", "stribeck"):
+            assert rule.judge(other, POLICY, bounds, 0.0, by_run) is Refusal.DISAGREES, (
+                name,
+                changed,
+                by_run,
+            )
+    for name in ("torque_offset", "warm_up_drift", "temperature_dependent_friction", "unknown"):
         assert not rule.agrees(evidence(name, shape=(1.0,) * 2, agreement=0.75), POLICY, by_run=True), name
 
 
@@ -277,7 +284,7 @@ def test_friction_that_explains_much_is_kept_where_it_gains_in_most_runs():
         for gain, kept in ((3.03 * error, True), (2.97 * error, False)):
             e = evidence(name, gain=gain, noise=1.0, share=0.1, fitted=0.1)
             assert rule.is_needed(e, POLICY, by_run=True) is kept, (name, gain)
-            assert not rule.is_needed(replace(e, agreement=0.7), POLICY, by_run=True), name
+            assert not rule.is_needed(replace(e, agreement=0.6), POLICY, by_run=True), name
 
 
 def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():

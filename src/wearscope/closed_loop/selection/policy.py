@@ -44,7 +44,8 @@ class Policy(BaseModel):
     agreeing: float = Field(0.8, ge=0, le=1)
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
     predicts better when they are held out: of up to four, all. Parts of a single run must not lose more than
-    their noise besides. Where no run does, plain friction, which every joint has, need only gain in most."""
+    their noise besides. Where no run does, one of three or four may lose, and plain friction, which every
+    joint has, need only gain in most."""
 
     informing: float = Field(0.05, gt=0, lt=0.5)
     """Share of the information on a term from which a run (part) is asked whether it agrees: with less it

@@ -95,10 +95,13 @@ def relieves(e: Evidence, policy: Policy) -> bool:
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether most runs are predicted better, of parts of one run, which resemble each other more, all.
 
-    But for noise: a part that loses no more than its blocks' noise does not speak against a term. Of plain
-    friction, which every joint has, little is asked beside that, of which one run in four may lose by chance.
+    But for noise: a part that loses no more than its blocks' noise does not speak against a term. Nor does
+    one run of three or four, or of plain friction, which every joint has, fewer than half; but it does where
+    a torque that drifts resembles the term.
     """
-    if e.term.effect.is_plain_friction and by_run and e.agreement > 0.5 and not e.opposed:
+    effect = e.term.effect
+    one = (1.0 - e.agreement) * e.informing < 1.5 and not (effect.empirical or effect.drifts_alike)
+    if by_run and (one or effect.is_plain_friction) and e.agreement > 0.5 and not e.opposed:
         return True
     return e.agreement >= policy.agreeing and (by_run or not e.opposed)
 
