@@ -356,11 +356,20 @@ def test_terms_are_told_apart_materially_and_outside_their_noise():
     assert not rule.separates(evidence(gain=25.0, noise=0.0), best, POLICY)
 
 
-def test_forms_of_a_large_term_are_told_apart_by_a_part_of_it():
+def test_a_simpler_name_of_a_large_term_is_told_apart_by_a_part_of_it():
     """A spring that hardens by some per cent is still a spring: of 1000 removed, ten do not count."""
-    best = evidence(gain=1000.0, noise=0.0)
+    richer = evidence("gravity_counterbalance", subset=(0, 1, 2), gain=1000.0, noise=0.0)
     for gain, apart in ((990.1, False), (989.9, True)):
-        assert rule.separates(best, evidence(gain=gain, noise=0.0), POLICY) is apart
+        simpler = evidence("joint_spring", subset=(0, 1), gain=gain, noise=0.0)
+        assert rule.separates(richer, simpler, POLICY)
+        assert rule.separates_names(richer, simpler, POLICY) is apart
+    # One as rich is none the less another form, and what is not told apart at all is none the more.
+    simple = evidence("joint_spring", subset=(0, 1), gain=1000.0, noise=0.0)
+    assert rule.separates_names(
+        simple, evidence("torque_ripple", subset=(0, 1), gain=995.0, noise=0.0), POLICY
+    )
+    noisy = evidence(gain=30.0, noise=1.0)
+    assert not rule.separates_names(evidence(gain=40.0, noise=0.0), noisy, POLICY)
 
 
 def test_few_blocks_tell_less():

@@ -87,7 +87,8 @@ def _suit(search: "Search", found: list[Found], joint: int, f: Found | None) -> 
             continue
         law = max(able, key=lambda law: law.evidence.gain)
         other = _Suited(tried, [*rest, law], tried.assemble([*rest, law]))
-        if other.suits_better(best, joint) and not tried.drifts(beside, law.evidence):
+        same = f is not None and effect is f.effect and best.search is search
+        if other.suits_better(best, joint, same) and not tried.drifts(beside, law.evidence):
             best = other
     if best.search is not search:
         label = best.found[-1].evidence.term.label
@@ -104,12 +105,15 @@ class _Suited:
     found: list[Found]
     model: Assembly
 
-    def suits_better(self, other: "_Suited", joint: int) -> bool:
-        """Whether clearly less is left at a joint, or with a reversal that is one, not clearly more."""
+    def suits_better(self, other: "_Suited", joint: int, same: bool) -> bool:
+        """Whether clearly less is left at a joint, or with a reversal that is one, not clearly more.
+
+        Of the same law less is enough: that is its best fit.
+        """
         policy = self.search.policy
         mine, its = self.model.fitted_losses[:, joint], other.model.fitted_losses[:, joint]
         gain, error = rule.summed(its - mine)
         clear = max(policy.told_apart * error, policy.material_apart * float(mine.sum()))
         wide = [is_wide(one.search.problem.prepared, joint) for one in (self, other)]
         likelier = wide == [False, True] and len(self.found) == len(other.found)
-        return gain > (-clear if likelier else clear)
+        return gain > (-clear if likelier else 0.0 if same else clear)

@@ -46,10 +46,12 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
         )  # fmt: skip
         test.compute()
         inside = {apart[k] for k in map(int, np.asarray(test.included))}
-    # With few blocks the bootstrap is too sure: what the losses' standard error does not separate stays.
+    # With few blocks the bootstrap is too sure, and of large terms it refuses a simpler one for its form.
     best = max(evidence, key=lambda e: e.gain)
     return [
-        e for e, i in zip(evidence, like, strict=True) if i in inside or not rule.separates(best, e, policy)
+        e
+        for e, i in zip(evidence, like, strict=True)
+        if i in inside or not rule.separates_names(best, e, policy)
     ]
 
 

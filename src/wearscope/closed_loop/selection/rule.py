@@ -197,14 +197,20 @@ def summed(values: np.ndarray) -> tuple[float, float]:
 
 
 def separates(better: Evidence, worse: Evidence, policy: Policy) -> bool:
-    """Whether held-out losses tell two terms apart: materially, and outside their noise.
-
-    Of a large term no machine follows either form exactly: what is less than that is not material.
-    """
+    """Whether held-out losses tell two terms apart: materially, and outside their noise."""
     difference, error = summed(worse.change - better.change)
     critical = float(find_critical(policy.told_apart, min(better.blocks, worse.blocks)))
-    material = max(policy.material_apart * better.left, policy.material_whole * better.gain)
-    return difference > max(critical * error, material)
+    return difference > max(critical * error, policy.material_apart * better.left)
+
+
+def separates_names(better: Evidence, worse: Evidence, policy: Policy) -> bool:
+    """Whether two terms are told apart, and a simpler one by more than a machine may differ from its form.
+
+    No machine follows the form of a large term exactly: a spring that hardens by some per cent is a spring.
+    """
+    lost = summed(worse.change - better.change)[0]
+    holds = worse.complexity < better.complexity and lost <= policy.material_whole * better.gain
+    return separates(better, worse, policy) and not holds
 
 
 def touches(a: Evidence, b: Evidence) -> bool:
