@@ -108,12 +108,13 @@ class _Suited:
     def suits_better(self, other: "_Suited", joint: int, same: bool) -> bool:
         """Whether clearly less is left at a joint, or with a reversal that is one, not clearly more.
 
-        Of the same law less is enough: that is its best fit.
+        Of the same law it need not be outside noise: that is its best fit.
         """
         policy = self.search.policy
         mine, its = self.model.fitted_losses[:, joint], other.model.fitted_losses[:, joint]
         gain, error = rule.summed(its - mine)
-        clear = max(policy.told_apart * error, policy.material_apart * float(mine.sum()))
+        material = policy.material_apart * float(mine.sum())
+        clear = material if same else max(policy.told_apart * error, material)
         wide = [is_wide(one.search.problem.prepared, joint) for one in (self, other)]
         likelier = wide == [False, True] and len(self.found) == len(other.found)
-        return gain > (-clear if likelier else 0.0 if same else clear)
+        return gain > (-clear if likelier else clear)
