@@ -285,6 +285,8 @@ def test_friction_that_explains_much_is_kept_where_it_gains_in_most_runs():
             e = evidence(name, gain=gain, noise=1.0, share=0.1, fitted=0.1)
             assert rule.is_needed(e, POLICY, by_run=True) is kept, (name, gain)
             assert not rule.is_needed(replace(e, agreement=0.6), POLICY, by_run=True), name
+        # An offset, which a drift resembles, is asked of nearly all runs.
+        assert rule.is_needed(evidence(name, agreement=0.7), POLICY, by_run=True) is (name != "torque_offset")
 
 
 def test_what_a_joint_may_have_is_asked_for_more_than_the_friction_it_has():

@@ -124,30 +124,29 @@ def agree(
     taking: set[tuple[int, int]] = set()
     for i, name in enumerate(own):
         gives = [i in met.values() or i in there for met, there in zip(meets, stood, strict=True)]
+        instead = [[(b, k) for b, k in band if others[b][k].is_near(name)] for band in free]
+        nameless = [any(others[b][k].generic for b, k in band) for band in instead]
         asked = [band for band, above in enumerate(higher) if above != name.slow]
         # Structure without a name, in whose place another band has this one, does not speak against it.
-        instead = [[others[b][k] for b, k in free[band] if others[b][k].is_near(name)] for band in asked]
-        if not asked or (not name.generic and all(any(n.generic for n in near) for near in instead)):
+        if not asked or (not name.generic and all(nameless[band] for band in asked)):
             asked = list(range(len(others)))
-        stands = [gives[band] for band in asked]
-        if not name.doubtful or any(stands) or not stands:
+        if not name.doubtful or not asked or any(gives[band] for band in asked):
             kept.append(i)
             beside.append([])
             continue
-        places = [[(b, k) for b, k in band if others[b][k].is_near(name)] for band in free]
         near = [at for at in added if others[at[0]][at[1]].is_near(name) and at not in taking]
         if name.generic and not near:
             near = [
-                at for band in places for at in band if not others[at[0]][at[1]].slow and at not in taking
+                at for band in instead for at in band if not others[at[0]][at[1]].slow and at not in taking
             ]
             added += near[:1]
             beside_added += [[] for _ in near[:1]]
         if near:
             taking.add(near[0])
             beside_added[added.index(near[0])] += _list_effects([name])
-        elif all(places) and not name.generic:
+        elif all(instead) and not name.generic:
             kept.append(i)
-            beside.append(_list_effects([others[b][k] for band in places for b, k in band]))
+            beside.append(_list_effects([others[b][k] for band in instead for b, k in band]))
     return Agreed(kept, beside, added, beside_added)
 
 
