@@ -295,6 +295,17 @@ def test_a_recording_of_nothing_is_refused(tmp_path, text, told):
         convert(path)
 
 
+def test_a_recording_of_one_whole_row_is_refused(tmp_path):
+    """One row has no step of time, from which a rate would be taken."""
+    path = tmp_path / "monday.csv"
+    path.write_text("t,q1,tau1\n0,0.1,abc\n0.01,0.2,1\n")
+    told = (
+        r"monday\.csv: one row alone is whole, of 2 \(column 'tau1' has no number in 1\), .*; record it again"
+    )
+    with pytest.raises(InputError, match=told):
+        convert_recordings([path], URDF, Mapped(joints=JOINTS[:1]))
+
+
 def test_radians_stated_as_degrees_are_noted(tmp_path, truth):
     t, q, _, tau = truth
     columns = {"t": t} | {f"q_{j}": q[:, k] for k, j in enumerate(JOINTS)}

@@ -170,10 +170,16 @@ def _convert(
     table = frame.iloc[rows].reset_index(drop=True)
     numbers = table[used].apply(pd.to_numeric, errors="coerce")
     whole = numbers.notna().all(axis=1).to_numpy()
+    worst = str(numbers.isna().sum().idxmax())
     if not whole.any():
-        worst = str(numbers.isna().sum().idxmax())
         raise InputError(
             f"{file}: column '{worst}' has no number in any row that is whole; name another column."
+        )
+    if whole.sum() < 2:
+        raise InputError(
+            f"{file}: one row alone is whole, of {len(whole)} (column '{worst}' has no number in "
+            f"{int(numbers[worst].isna().sum())}), and a recording has many; record it again, or name "
+            "another column."
         )
     if not whole.all():
         notes.append(
