@@ -65,7 +65,8 @@ def _extra_unknown(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any
 
 
 def _required(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return entries.loc[_column(entries, "required").astype(bool), "found"]
+    chosen = entries[_column(entries, "required").astype(bool)] if len(entries) else entries
+    return _column(chosen, "found")
 
 
 def _friction(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
