@@ -10,7 +10,7 @@ from wearscope.attribution_board.regimes import list_cases
 
 
 def make_board(folder, seed):
-    """The first three cases of a seed: two planted ones, the first of them exact, and a null that is silent."""
+    """Two planted cases of a seed, the first of them exact, and a null that is silent."""
     cases = list_cases("development", 12, seed)
     planted = [case for case in cases if case.planted and not case.axes["plants"] == "outside"][:2]
     silent = next(case for case in cases if not case.planted)

@@ -1,4 +1,4 @@
-"""Pools boards of several seeds into one table: ``python -m wearscope.attribution_board.pool DIR DIR --out DIR``."""
+"""Pools boards of several seeds: ``python -m wearscope.attribution_board.pool DIR DIR --out DIR``."""
 
 import argparse
 import json
@@ -49,7 +49,7 @@ def read_results(folders: Iterable[Path]) -> list[dict[str, Any]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line of ``python -m wearscope.attribution_board.pool``."""
-    parser = argparse.ArgumentParser(description="Pool finished boards and write their tables as one board's.")
+    parser = argparse.ArgumentParser(description="Pool boards into the tables of one.")
     parser.add_argument("boards", nargs="+", type=Path, metavar="DIR", help="--out of a board")
     parser.add_argument("--out", type=Path, required=True, help="where the tables go")
     given = parser.parse_args(arguments)
