@@ -229,6 +229,16 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 
 
+def test_an_offset_beside_what_was_found_must_matter_beside_that():
+    """Every drive has friction, however small; a hundredth of a ripple's size is the ripple's own form."""
+    e = evidence("torque_offset", share=0.11, whole=0.999 * POLICY.material_whole)
+    assert not rule.is_needed(e, POLICY, by_run=True)
+    assert not rule.is_needed(replace(e, whole=np.nan), POLICY, by_run=True)
+    assert rule.is_needed(replace(e, whole=POLICY.material_whole), POLICY, by_run=True)
+    for name in ("coulomb", "viscous", "rotor_inertia"):
+        assert rule.is_needed(evidence(name, share=0.11, whole=0.0), POLICY, by_run=True), name
+
+
 def test_one_run_in_three_may_lose_within_its_noise():
     """A weak one loses in some run by chance; not what a drift resembles, of which few runs are few parts."""
     for name, shape in (("coulomb", ()), ("viscous", ()), ("rotor_inertia", ()), ("stribeck", (1.0, 1.0))):

@@ -259,6 +259,8 @@ class Search:
 
         Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
         """
+        if not e.term.effect.is_in_every_drive:
+            (e,) = self.compare_whole(beside, [e])
         return (
             self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
