@@ -60,7 +60,7 @@ def _asks_for_law(search: "Search", model: Assembly, joint: int) -> bool:
     """Whether a joint's reversal is too wide for one, or a law would remove much of what is left."""
     candidates = [search.problem.candidate(e, joint) for e in search.problem.effects if is_law(e)]
     gains = [float(model.add(model.sum_products(c)).gain.max()) for c in candidates if c is not None]
-    much = search.policy.large_share * float(model.sample_losses[joint])
+    much = search.policy.material_apart * float(model.sample_losses[joint])
     return is_wide(search.problem.prepared, joint) or max(gains, default=0.0) >= much
 
 
