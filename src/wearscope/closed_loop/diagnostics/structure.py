@@ -16,7 +16,6 @@ from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
-from wearscope.effects.unknown import name_signals
 
 if TYPE_CHECKING:
     from wearscope.closed_loop.diagnosis import Attribution
@@ -84,7 +83,7 @@ def judge_joints(
         The corrected model.
     named : sequence of Attribution
     left : mapping of int to Evidence
-        Generic structure by joint that could not be added.
+        By joint, generic structure that could not be added, or a name whose parameters are unbelievable.
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
@@ -108,7 +107,7 @@ def judge_joints(
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
         inside = [
-            *_from_generic(prepared, left, j),
+            *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
@@ -140,12 +139,29 @@ def _features(run: PreparedRun) -> np.ndarray:
     return np.concatenate([x for x in thin.values()], axis=1)
 
 
-def _from_generic(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[_Seen]:
+def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[_Seen]:
     if joint not in left:
         return []
     e = left[joint]
-    depends = name_signals(e.term.shape, prepared.dataset.joints, joint)
-    return [_Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+    effect, joints = e.term.effect, prepared.dataset.joints
+    depends = list(dict.fromkeys(effect.name_signals(e.term.shape, joints, joint)))
+    if effect.empirical:
+        return [_Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+    beyond = _list_beyond(e, prepared, joint) or [e.refusal.value]
+    return [_Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
+
+
+def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
+    """Its parameters that no such machine has, in words."""
+    effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
+    parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
+    told = []
+    for parameter, value in zip(parameters, (*e.beta.tolist(), *e.term.shape), strict=True):
+        low, high = parameter.bounds(unit)
+        if not low <= value <= high:
+            of = parameter.unit_at(unit, prepared.dataset.torque_unit[joint])
+            told.append(f"{parameter.name} {value:.3g} {of}, not believed beyond {low:g} to {high:g}")
+    return told
 
 
 def _from_dependence(dependence: "Mapping[int, Dependence]", joint: int) -> list[_Seen]:

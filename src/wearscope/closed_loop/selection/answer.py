@@ -14,6 +14,7 @@ from wearscope.closed_loop.selection.motion_dependence import Dependence, find_d
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.unbelievable import find_unbelievable
 from wearscope.errors import InputError
 
 
@@ -27,7 +28,8 @@ class Answer:
     equivalent : list of list of str
         Names beside each.
     left : dict of int to Evidence
-        By joint, the best generic structure that was found and could not be added.
+        By joint, the best generic structure that was found and could not be added, or a name that would
+        explain what is left and has parameters that no such machine has.
     dependence : dict of int to Dependence
         By other joints, what of the residual depends on the motion.
     notes : list of str
@@ -67,7 +69,8 @@ def find_terms(search: Search, pose: Callable[[Problem, float], Problem] = pose_
         found = search.settle_reversals(own.found) if notes else found
     moving = search.problem.prepared.moving
     asked = [j for j in range(search.problem.prepared.n) if moving[j] and j not in own.left]
-    return Answer(found, own.equivalent, own.left, find_dependence(search, found, asked), notes)
+    left = own.left | find_unbelievable(search, found, asked)
+    return Answer(found, own.equivalent, left, find_dependence(search, found, asked), notes)
 
 
 def find_names(search: Search) -> Named:

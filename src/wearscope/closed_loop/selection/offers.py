@@ -9,10 +9,19 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 
 def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int]) -> list[Candidate]:
-    """What may be asked beside a model: not there, not contained, with its parents, where it applies."""
-    present: list[list[Effect]] = [list(problem.given) for _ in range(problem.prepared.n)]
+    """What may be asked beside a model: not there, not contained, with its parents, where it applies.
+
+    In a single run temperature is a function of time, so that beside one term that goes with either another
+    would be its form.
+    """
+    n, declared = problem.prepared.n, {id(c.candidate) for c in problem.base}
+    present: list[list[Effect]] = [list(problem.given) for _ in range(n)]
+    thermal = [False] * n
     for chosen in assembly.chosen:
-        present[chosen.candidate.joint].append(chosen.candidate.effect)
+        joint, own = chosen.candidate.joint, chosen.candidate.effect
+        present[joint].append(own)
+        alone = not problem.layout.folds.by_run and id(chosen.candidate) not in declared
+        thermal[joint] |= alone and own.is_thermal
     made = []
     residual = assembly.residual
     for joint in joints:
@@ -20,7 +29,7 @@ def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int])
             there = present[joint]
             if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                 continue
-            if not effect.has_parent(there):
+            if not effect.has_parent(there) or (thermal[joint] and effect.is_thermal):
                 continue
             if isinstance(effect, MeasurementEffect):
                 if problem.prepared.moving[joint]:
