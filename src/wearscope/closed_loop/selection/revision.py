@@ -26,7 +26,7 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
     form.
     """
     changed: set[int] = set()
-    for f in sorted(found, key=lambda f: f.evidence.gain):
+    for f in sorted(found, key=lambda f: (not _stands_for_weight(f, found), f.evidence.gain)):
         if not any(k is f for k in found):
             continue
         others = absorb(search, f, [k for k in found if k is not f])
@@ -51,6 +51,15 @@ def revise(search: "Search", found: list[Found]) -> list[Found]:
                 search.progress(f"{f.evidence.term.label} is replaced by {again.evidence.term.label}")
             found = [again if k is f else k for k in found]
     return found
+
+
+def _stands_for_weight(f: Found, found: Sequence[Found]) -> bool:
+    """Whether a term is an offset, as a weight on a slide is before a body of the whole robot is named.
+
+    It is asked before that body: beside it another one, with more parameters, would do as well.
+    """
+    optional = f.effect.standard and not f.effect.is_in_every_drive
+    return optional and any(k.effect.per_robot for k in found)
 
 
 def is_accepted(search: "Search", f: Found, others: Sequence[Found]) -> bool:
