@@ -255,6 +255,26 @@ def test_faults_of_an_arm_are_told_in_all_runs_and_in_one(arm, tmp_path, fault, 
     refuse(folder, pattern)
 
 
+@pytest.mark.parametrize("share", [0.03, 0.1])
+def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
+    """A last link of which the URDF knows a small share: its joint needs many times that, the others more."""
+    folder = shutil.copytree(arm, tmp_path / "d")
+    text = (folder / "robot.urdf").read_text()
+    start = text.rindex("<inertial>")
+    own = re.sub(
+        r'((?:value|i[xyz][xyz])=")([^"]*)"', lambda m: f'{m[1]}{share * float(m[2]):.9g}"', text[start:]
+    )
+    (folder / "robot.urdf").write_text(text[:start] + own)
+    check(folder)
+
+
+@pytest.mark.parametrize("factor", [8.0, 20.0, 1000.0])
+def test_another_unit_is_no_load(arm, tmp_path, factor):
+    folder = shutil.copytree(arm, tmp_path / "d")
+    change_runs(folder, scale("tau_elbow", factor))
+    refuse(folder, "'tau_elbow' is .* times what the rigid body needs")
+
+
 def test_faults_of_a_test_run_are_told(arm, tmp_path):
     folder = shutil.copytree(arm, tmp_path / "d")
     change_runs(folder, exchange("tau"), use="test")

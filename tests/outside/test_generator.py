@@ -18,6 +18,7 @@ from benchmarks.outside.machine import bend, inverse_dynamics, slide
 from benchmarks.outside.motions import KINDS, Motion
 from benchmarks.outside.planted import Case, Plant, Truth
 from benchmarks.outside.scoring import score_verdict
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.urdf import normalise_urdf
 
@@ -176,3 +177,24 @@ def test_score(verdict, exact, counts):
 def test_an_outsider_is_answered_by_unknown_or_unexplained(verdict, answered):
     score = score_verdict(verdict, Truth(outside={0}), ["joint_1", "joint_2"])
     assert (not score.silent) is answered
+
+
+def test_a_load_on_a_light_wrist_that_nobody_declared_is_named(tmp_path):
+    """The wrist's joint needs 16 times what its own links do, as a torque in another unit would."""
+    diagnosis = diagnose_case(draw_case(777), tmp_path / "case")
+    (entry,) = diagnosis.verdict["verdict"]
+    assert (entry["effect"], entry["status"]) == ("payload_error", "confirmed")
+    assert entry["parameters"]["mass"]["value"] == pytest.approx(2.8, rel=0.02)
+
+
+@pytest.mark.parametrize("number", [775, 781])
+def test_time_is_not_named_beside_temperature_in_a_single_run(tmp_path, number):
+    """There one is a function of the other, and the examiner's friction is no straight line in either."""
+    diagnosis = diagnose_case(draw_case(number), tmp_path / "case")
+    named = {entry["effect"] for entry in diagnosis.verdict["verdict"]}
+    assert "temperature_dependent_friction" in named and "warm_up_drift" not in named
+
+
+def diagnose_case(case, folder):
+    make_case(case, folder)
+    return diagnose(folder)

@@ -213,6 +213,38 @@ def scale_factors(sample: Sample, doubtful: np.ndarray) -> tuple[np.ndarray, np.
     return factors, left
 
 
+def misfits_with_load(sample: Sample) -> np.ndarray:
+    """Misfit (n,) of every joint beside one load at the last link that nobody declared, of any inertia.
+
+    On a light wrist it is many times the rigid body, as a torque in another unit would be; but the same load
+    is felt at the joints before.
+    """
+    known, load = sample.known(), sample.body.payload_regressor(sample.q, sample.v, sample.a)
+    heard = [j for j in range(sample.n) if sample.heard[j] and sample.counts[:, j].sum() >= LEAST_ROWS]
+    size, shared = load.shape[-1], []
+    for j in heard:
+        at = sample.counts[:, j]
+        own = columns_for(sample, known, j)[:, 1:]
+        both = np.column_stack([load[at, j], sample.tau[at, j] - known[at, j]])
+        # What the drive's own columns take is no part of the load's.
+        both -= own @ np.linalg.lstsq(own, both, rcond=None)[0]
+        shared.append(both / max(float(sample.tau[at, j].std()), 1e-300))
+    left = misfits(sample)
+    if not shared:
+        return left
+    rows_of_all = np.vstack(shared)
+    theta = np.linalg.lstsq(rows_of_all[:, :size], rows_of_all[:, size], rcond=None)[0]
+    # No robot carries more than it weighs.
+    if not 0.0 < theta[0] < sample.body.inertial_parameters.reshape(-1, size)[:, 0].sum():
+        return left
+    carried = replace(sample, tau=sample.tau - load @ theta)
+    beside = misfits(carried)
+    for j in heard:
+        at = sample.counts[:, j]
+        left[j] = beside[j] * float(carried.tau[at, j].var() / max(sample.tau[at, j].var(), 1e-300))
+    return left
+
+
 def _exchange(sample: Sample, names: tuple[str, ...], i: int, j: int) -> Sample:
     order = np.arange(sample.n)
     order[[i, j]] = [j, i]

@@ -19,6 +19,7 @@ from wearscope.closed_loop.intake.channel_hypotheses import (
     fit_joint,
     list_readings,
     misfits,
+    misfits_with_load,
     scale_factors,
     take_sample,
     total_misfit,
@@ -239,6 +240,9 @@ def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tu
         off = (np.abs(factors) < _SMALL) | (np.abs(factors) > _LARGE)
     if not off.any():
         return np.inf, None
+    total = total_misfit(left, sample.heard)
+    if np.nanmin(np.abs(factors[off])) > _LARGE and _is_load(sample, off, total):
+        return np.inf, None
     ratio = dataset.fields.robot.gear_ratio
     factor = float(np.median(factors[off]))
     hint = (
@@ -253,7 +257,13 @@ def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tu
     verb = "is" if off.sum() == 1 else "are"
     told = f"{columns} {verb} {factor:.3g} times what the rigid body needs; {hint}."
     codes = [f"gain tau_{name}" for name in names]
-    return total_misfit(left, sample.heard), (told, codes, np.flatnonzero(off).tolist())
+    return total, (told, codes, np.flatnonzero(off).tolist())
+
+
+def _is_load(sample: Sample, off: np.ndarray, total: float) -> bool:
+    """Whether a load that nobody declared leaves no more than a scale of the joints `off` does in all."""
+    left = misfits_with_load(sample)
+    return bool((left[off] < _GOOD).all()) and total_misfit(left, sample.heard) < total + _ALIKE
 
 
 def _check_inertia(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
