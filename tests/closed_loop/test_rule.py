@@ -229,6 +229,17 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 
 
+@pytest.mark.parametrize("name", ["torque_offset", "coulomb_asymmetry", "warm_up_drift"])
+def test_what_few_runs_of_a_drift_resemble_must_be_beyond_doubt(name):
+    """Asymmetric friction is an offset while the joint moves."""
+    e = evidence(name, shape=(10.0,) if name == "warm_up_drift" else (), informing=4)
+    least = {"share": 1.01 * POLICY.beyond_chance, "fitted": 1.01 * POLICY.beyond_chance}
+    assert not rule.is_beyond_chance(replace(e, **least), POLICY, by_run=True)
+    most = {"share": POLICY.beyond_doubt, "fitted": POLICY.beyond_doubt}
+    assert rule.is_beyond_chance(replace(e, **most), POLICY, by_run=True)
+    assert rule.is_beyond_chance(evidence("stribeck", shape=(1.0, 1.0), **least), POLICY, by_run=True)
+
+
 def test_an_offset_beside_what_was_found_must_matter_beside_that():
     """Every drive has friction, however small; a hundredth of a ripple's size is the ripple's own form."""
     e = evidence("torque_offset", share=0.11, whole=0.999 * POLICY.material_whole)

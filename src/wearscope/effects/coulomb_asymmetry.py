@@ -17,6 +17,7 @@ EFFECT = Effect(
     depends_on=("sign_qd_{joint}",),
     row=_row,
     parents=("coulomb",),
+    constant_in_motion=True,
     excitation=REVERSALS,
     separated_by={"torque_offset": "hold still now and then: they differ only at rest"},
 )

@@ -95,6 +95,8 @@ class Effect:
     resembles_any : callable or None
         ``resembles_any(signals, joint, shape)``: whether with that shape it may stand for any function of its
         signals, so that more is asked of it; never where None.
+    constant_in_motion : bool
+        Whether its torque changes at rest alone, so that in motion a drift of few runs resembles it.
     opposes_gravity : bool
         Whether it is built to take gravity's load off its joint, and is believed first where it does.
     excitation : str
@@ -156,6 +158,7 @@ class Effect:
     least: Callable[[Signals], float] | None = None
     periodic: bool = False
     resembles_any: Callable[[Signals, int, Sequence[float]], bool] | None = None
+    constant_in_motion: bool = False
     opposes_gravity: bool = False
     excitation: str = motions.OTHERS
     excitation_alone: str = ""
@@ -202,8 +205,8 @@ class Effect:
 
     @property
     def drifts_alike(self) -> bool:
-        """Whether its torque changes with time or temperature, or not at all, as a drift's in few runs."""
-        return self.is_thermal or set(self.depends_on) == {"constant"}
+        """Whether its torque changes with time or temperature, or not in motion, as a drift's in few runs."""
+        return self.is_thermal or self.constant_in_motion or set(self.depends_on) == {"constant"}
 
     @property
     def needs_wear(self) -> bool:
