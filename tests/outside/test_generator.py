@@ -195,6 +195,21 @@ def test_time_is_not_named_beside_temperature_in_a_single_run(tmp_path, number):
     assert "temperature_dependent_friction" in named and "warm_up_drift" not in named
 
 
+def test_a_name_whose_parameter_no_machine_has_leaves_its_joint_unexplained(tmp_path):
+    """A gear of 104 N m/rad: the compliance is not named, and neither is nothing said."""
+    diagnosis = diagnose_case(draw_case(774), tmp_path / "case")
+    assert [(e["joint"], e["effect"]) for e in diagnosis.verdict["verdict"]] == [
+        ("joint_1", "concave_viscous")
+    ]
+    joint = diagnosis.verdict["joints"]["joint_2"]
+    assert joint["state"] == "unexplained" and joint["unexplained_depends_on"] == [
+        "load_joint_2",
+        "qdd_joint_2",
+    ]
+    assert joint["unexplained_reason"].startswith("joint_elasticity would explain it: compliance 0.0096")
+    assert joint["unexplained_rms"] > 0.8 * joint["rms_after"]
+
+
 def diagnose_case(case, folder):
     make_case(case, folder)
     return diagnose(folder)
