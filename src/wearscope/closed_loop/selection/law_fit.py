@@ -114,5 +114,7 @@ def _leave_bounded(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
     """What columns leave whose coefficients are not below bounds."""
     scale = np.sqrt(np.maximum((x**2).sum(axis=0), 1e-300))
     r = np.asarray(np.linalg.qr(np.column_stack([x / scale, y]), mode="r"))
-    theta = optimize.lsq_linear(r[:, :-1], r[:, -1], (low * scale, np.inf)).x / scale
+    # A step towards a bound that is at infinity is nothing times infinity there, and is not taken.
+    with np.errstate(invalid="ignore"):
+        theta = optimize.lsq_linear(r[:, :-1], r[:, -1], (low * scale, np.inf)).x / scale
     return np.asarray(y - x @ theta)
