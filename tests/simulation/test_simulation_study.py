@@ -252,7 +252,7 @@ def test_recording_file(medium, move, tmp_path):
     assert tables.read_units(path) == {"t": "s", "q": "rad", "qd": "rad/s", "tau": "N m"}
     table = pq.read_table(path)
     assert table.column_names == ["t", "joint", "q", "qd", "tau"]
-    assert table.num_rows == recording.q.size
+    assert table.num_rows == recording.q.size and pq.ParquetFile(path).num_row_groups == 1
     back = read_recording(path, medium.joints)
     np.testing.assert_array_equal(back.t, recording.t)
     np.testing.assert_array_equal(back.q, recording.q)
