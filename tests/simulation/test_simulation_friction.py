@@ -126,6 +126,18 @@ def test_a_driven_joint_with_drag_comes_to_its_terminal_speed(arms, drag):
     assert trace.v[-1, 3] == pytest.approx(final, rel=1e-4)
 
 
+def test_a_step_takes_effects_at_the_time_of_its_balance(arms):
+    """What fades with time slows the first half step by what it is at its middle, a quarter of a step on."""
+    fading = {"coulomb_drift": 100.0, "viscous_drift": 0.0, "time_constant": 1e-3}
+    models = arms.make_arm([("side", "warm_up_drift", fading)]), arms.make_arm()
+    (body, slowed), (_, free) = (coast(m, np.zeros(4), np.ones(4), 5, gravity=False) for m in models)
+    mass = body.mass_matrix(np.zeros(4))
+    # PyBullet gets the change of the links' momentum over a whole step.
+    change = 1e-3 * np.linalg.solve(mass, slowed.applied[0] - free.applied[0])
+    momentum = (mass + np.diag(models[0].rotor_inertia)) @ change
+    np.testing.assert_allclose(momentum / 0.5e-3, [0.0, 0.0, 0.0, -100.0 * np.exp(-0.25)], atol=1e-3)
+
+
 def test_torque_limit_holds_and_is_reached(arms):
     limit = [200.0, 260.0, 200.0, 200.0]
     reference = arms.swing(1.0)
