@@ -3,14 +3,18 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import ndtr
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
+from wearscope.evaluation.detection import weighted_threshold
 from wearscope.evaluation.direct import direct_design, direct_table
 from wearscope.evaluation.sampled_scope import (
+    SPREAD,
+    interpolation,
     sampled_scope_table,
     table_nodes,
     tabulated_kde,
@@ -207,3 +211,35 @@ def test_the_direct_design_wears_the_axis_that_is_tested():
         design.loc[design["hypothesis"] == "H0", ["f", "w1", "w3"]],
         design.loc[design["hypothesis"] == "H1", ["f", "w1", "w3"]],
     )
+
+
+def test_responses_between_their_nodes_are_on_the_lines_that_numpy_draws():
+    nodes = np.array([-2.0, -0.5, 0.0, 1.0, 2.0])
+    y = np.array([3.0, -1.0, 4.0, 1.0, 5.0])
+    at = np.array([-3.0, -2.0, -1.1, -0.5, -0.1, 0.0, 0.7, 1.0, 1.9, 2.0, 7.0])
+    left, share = interpolation(nodes, at)
+    np.testing.assert_allclose(y[left] + share * (y[left + 1] - y[left]), np.interp(at, nodes, y))
+
+
+@pytest.mark.parametrize("centre", [0.0, -1.0])
+def test_nodes_reach_both_ends_and_are_the_denser_the_nearer_to_the_mean(centre):
+    """A quarter of the nodes of a side reach an eighth of its way: 1/4 to the power of 3/2."""
+    nodes = table_nodes(centre)
+    assert len(nodes) == 33 and (np.diff(nodes) > 0.0).all()
+    assert (nodes[0], nodes[16], nodes[-1]) == (-2.0, centre, 2.0)
+    assert nodes[20] == pytest.approx(centre + (2.0 - centre) / 8.0)
+    assert nodes[12] == pytest.approx(centre - (2.0 + centre) / 8.0)
+
+
+def test_one_grid_s_thresholds_are_those_of_single_ones():
+    """Where two tables of the same thing are cut: at the sample that an alarm's share ends in."""
+    nodes, sigmas = table_nodes(0.0), np.array([0.2, 0.7])
+    values = np.stack([np.sin(nodes), np.sin(nodes) + 0.3 * nodes**2 + 0.5, np.minimum(nodes, 0.1)])
+    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
+    weights = np.diff(ndtr(edges))
+    for null in (values, values[[2, 0, 1]], values[[0, 0, 0]] * 0.0 + 1.0):
+        found = tabulated_scope(null, nodes, sigmas, 0.03)
+        for s, sigma in enumerate(sigmas):
+            healthy, *worn = (np.interp(sigma * SPREAD, nodes, row) for row in null)
+            h = weighted_threshold(healthy, weights, 0.03)
+            assert found[s] == pytest.approx([weights[y >= h].sum() for y in worn])

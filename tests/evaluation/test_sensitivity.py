@@ -33,6 +33,10 @@ def test_box_statistics_of_known_values():
         "n": 5, "n_nan": 1, "median": 3.0, "q1": 2.0, "q3": 4.0, "whisker_low": 1.0, "whisker_high": 4.0,
         "n_outliers": 1,
     }  # fmt: skip
+    # Quartiles 10 and 14: whiskers reach from 4 to 20, both included.
+    stats = box_statistics([20.1, 20.0, 14.0, 13.0, 12.0, 11.0, 10.0, 4.0, 3.9])
+    assert (stats["q1"], stats["median"], stats["q3"]) == (10.0, 12.0, 14.0)
+    assert (stats["whisker_low"], stats["whisker_high"], stats["n_outliers"]) == (4.0, 20.0, 2)
     empty = box_statistics([np.nan])
     assert empty["n"] == 0 and np.isnan(empty["median"])
 
