@@ -96,3 +96,30 @@ def test_blocks_are_of_the_recording_s_time_and_start_at_the_first_row_in_motion
     begun = [max(start - length // 2, 0) for start in range(0, rows // 2, length)]
     assert list(made.starts) == begun
     assert len(made.columns) == rows // 2 - length // 2
+
+
+def test_the_nominal_friction_s_errors_are_those_of_its_blocks():
+    """Least squares of the rows; their scatter by whole blocks, and how much more that is than by rows."""
+    nominal = [simulate(plain, noise=0.3, seed=k) for k in range(2)]
+    detector = load_detector("friction_change")
+    detector.fit(nominal, 0, MODEL)
+    noise = detector.noise
+    detector.noise = 1.0
+    made = [detector.make_rows(batch) for batch in nominal]
+    x, y = np.vstack([one.base for one in made]), np.concatenate([one.target for one in made])
+    mean = np.linalg.lstsq(x, y)[0]
+    np.testing.assert_allclose(detector.belief.mean, mean, rtol=1e-8)
+    blocks, single = np.zeros((4, 4)), np.zeros(4)
+    for one in made:
+        left = one.target - one.base @ mean
+        for start, end in zip(one.starts, [*one.starts[1:], len(left)], strict=True):
+            total = one.base[start:end].T @ left[start:end]
+            blocks += np.outer(total, total)
+        single += left**2 @ one.base**2
+    inverse = np.linalg.inv(x.T @ x)
+    np.testing.assert_allclose(detector.belief.covariance, inverse @ blocks @ inverse, rtol=1e-6)
+    memory = max(np.max(np.diag(blocks) / single), 1.0)
+    assert noise == pytest.approx(np.sqrt(np.mean((y - x @ mean) ** 2) * memory))
+    # Mean magnitudes of direction and speed along the motion.
+    columns = np.vstack([one.columns for one in made])
+    np.testing.assert_allclose(detector.mean_columns, np.abs(columns).mean(axis=0))

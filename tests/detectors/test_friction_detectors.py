@@ -7,7 +7,17 @@ from scipy.signal import savgol_filter
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.motion import compute_payload_torque, differentiate_locally, estimate_acceleration
-from wearscope.detectors.wear_search import MAX_CONDITION, MIN_SHARE, _told_apart, normal_equations
+from wearscope.detectors.wear_search import (
+    FOUND,
+    MAX_CONDITION,
+    MIN_SHARE,
+    NOT_FOUND,
+    Law,
+    _told_apart,
+    evaluate_curves,
+    normal_equations,
+    search_wear,
+)
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,
     FIRST_WEARS,
@@ -16,7 +26,8 @@ from wearscope.detectors.wear_temperature_fit import (
     evaluate_form,
     make_form,
 )
-from wearscope.effects.base import Signals, load_effect
+from wearscope.effects.base import Signals, compile_row, load_effect
+from wearscope.effects.rows import hold_rows
 from wearscope.robots.model import load_model, make_model
 from wearscope.simulation.study import Conditions, simulate_point
 
@@ -345,3 +356,35 @@ def test_traded_speeds_are_each_other_s(wear, temperature):
     assert LAW["eta3"] + LAW["eta4"] * there[1] == pytest.approx(worn_speed, rel=1e-12)
     assert LAW["eta8"] * there[0] == pytest.approx(speed, rel=1e-12)
     assert detector._trade_speeds(there) == pytest.approx([wear, temperature], rel=1e-12)
+
+
+@compile_row
+def _linear(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
+    out[0] = wear[0] * sign[0]
+    out[1] = temperature[0] * v[0]
+
+
+def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_squares():
+    """Damped by a thousandth, then each time by a tenth of that: the fourth step moves less than 1e-4."""
+    one = np.ones(1, dtype=np.int64)
+    law = Law(hold_rows([_linear]), 2 * one, 0 * one, 0 * one, np.array([[3.0, 0.5]]), np.zeros((1, 1)))
+    nodes = np.linspace(-2.0, 2.0, 9)
+    curves = evaluate_curves(law, nodes, np.array([[7.0, 40.0], [-7.0, 40.0]]))
+    np.testing.assert_allclose(curves, [s * 21.0 * np.sign(nodes) + 20.0 * nodes for s in (1.0, -1.0)])
+    rng = np.random.default_rng(1)
+    speed = rng.choice(nodes[nodes != 0.0], 200)
+    columns = np.column_stack([3.0 * np.sign(speed), 0.5 * speed])
+    residual = columns @ [30.0, 60.0] + 4.0 + rng.normal(size=200)
+    form = make_form(speed, nodes, residual, np.full((200, 1), 200**-0.5))
+    start = np.array([20.0, 50.0])
+    wanted, (cost,) = np.linalg.lstsq(np.column_stack([columns, np.ones(200)]), residual)[:2]
+    found = search_wear(law, nodes, form, start, 0.0, 100.0, 4)
+    assert found == pytest.approx((FOUND, *wanted[:2], cost), rel=1e-5)
+    assert search_wear(law, nodes, form, start, 0.0, 100.0, 3)[0] == NOT_FOUND
+    # At the end of the range the wear alone is left to find.
+    for lowest, highest, end in ((0.0, 55.0, 55.0), (65.0, 100.0, 65.0)):
+        rest = residual - 0.5 * end * speed
+        wear, (cost,) = np.linalg.lstsq(np.column_stack([columns[:, 0], np.ones(200)]), rest)[:2]
+        for first in (50.0, end):
+            found = search_wear(law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
+            assert found == pytest.approx((FOUND, wear[0], end, cost), rel=1e-5)
