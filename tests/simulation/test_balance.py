@@ -5,16 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wearscope.simulation import balance, step
+from wearscope.effects.base import Plant
+from wearscope.simulation import balance, step, terms
 from wearscope.simulation.arrays import Gears, Law, make_motion, make_state, make_work
 from wearscope.simulation.gear import deflection
-from wearscope.simulation.terms import Terms
+from wearscope.simulation.plant import build_gears, build_plant
+from wearscope.simulation.terms import Terms, order_terms, pack_terms
 
 
 @pytest.fixture(autouse=True)
 def _as_python(monkeypatch):
     """Functions that compiled code alone can call, as Python that a test can."""
-    for module in (balance, step):
+    for module in (balance, step, terms):
         for name, function in list(vars(module).items()):
             if hasattr(function, "py_func"):
                 monkeypatch.setattr(module, name, function.py_func)
@@ -310,3 +312,69 @@ def test_a_part_is_finished_by_going_on_evenly():
     assert (turned.y[0], turned.mode[0]) == (0.0, 0)
     assert finish(-0.25, 0.5, 0.25, mode=0)[0].y[0] == 0.0
     assert finish(-0.25, 0.5, 0.25, flexible=False)[0].v[0] == 3.0
+
+
+def test_gears_are_soft_where_they_give_or_have_play():
+    """Play alone is given a thousandth of its half at the largest torque, so that its law has an inverse."""
+    plant = Plant(3)
+    plant.compliance[:], plant.lost_motion[:], plant.armature[:] = (0.0, 1e-5, 0.0), (0.0, 0.0, 4e-3), 2.0
+    gears = build_gears(plant, np.array([100.0, 200.0, 50.0]))
+    assert gears.flexible.tolist() == [False, True, True]
+    np.testing.assert_allclose(gears.compliance, [0.0, 1e-5, 4e-8])
+    np.testing.assert_allclose(gears.tolerance, [1e-5, 2e-5, 5e-6])
+    np.testing.assert_allclose(gears.lost_motion, plant.lost_motion)
+
+
+def pack(arms, effects):
+    """Rows, in a list of Python's, and numbers of the effects of the small robot."""
+    plant = build_plant(arms.make_arm(effects))
+    return [term.row for term in order_terms(plant)], pack_terms(plant)[1]
+
+
+def evaluate(arms, effects, mode, slope):
+    """Torques of effects on both sides, slopes and what they couple, at speeds of 0.5 after 0.3 in 0.1 s."""
+    rows, packed = pack(arms, effects)
+    motion, n = make_motion(4), 4
+    motion.speed[:], motion.acceleration[:], motion.sign[:] = 0.5, 2.0, mode
+    low, high, jacobian, slope = np.zeros(n), np.zeros(n), np.full((n, n), 99.0), np.full(n, slope)
+    terms.evaluate_terms(
+        rows, packed, np.array(mode), np.full(n, 0.3), slope, jacobian, motion, low, high, 0.0, 0.1,
+        np.full(n, 50.0), np.zeros(n),
+    )  # fmt: skip
+    return low, high, slope, jacobian, motion
+
+
+def test_torques_and_slopes_of_effects_are_those_of_their_laws(arms):
+    """12 N m and 3 v^2 at "turn", 9 v, 4 v_other and 2 a_other at "slide", 12 and 5 N m at rest at "side"."""
+    effects = [
+        ("turn", "coulomb", {"level": 12.0}),
+        ("turn", "quadratic_viscous", {"curvature": 3.0}),
+        ("slide", "viscous", {"slope": 9.0}),
+        ("slide", "cross_coupling", {"viscous": 4.0, "coulomb": 0.0, "inertia": 2.0, "other": 0.0}),
+        ("side", "coulomb", {"level": 12.0}),
+        ("side", "torque_offset", {"offset": 5.0}),
+    ]
+    for direction in (1, -1):
+        low, high, slope, jacobian, motion = evaluate(arms, effects, [direction, 1, 1, 0], np.nan)
+        np.testing.assert_allclose(high, [12.0 * direction + 0.75, 0.0, 4.5 + 2.0 + 4.0, 17.0])
+        np.testing.assert_allclose(low, [12.0 * direction + 0.75, 0.0, 10.5, -7.0])
+        np.testing.assert_allclose(slope[:3], [3.0, 0.0, 9.0], atol=1e-5)
+        # An acceleration is the change of speed over the step.
+        np.testing.assert_allclose(jacobian[2], [4.0 + 2.0 / 0.1, 0.0, 9.0, 0.0], atol=1e-5)
+        assert motion.sign.tolist() == [direction, 1, 1, 0] and (motion.speed == 0.5).all()
+        np.testing.assert_allclose(motion.acceleration[:3], 2.0)
+    # A slope that is known is left, but for one of a joint that others drive.
+    slope = evaluate(arms, effects, [1, 1, 1, 1], 7.0)[2]
+    np.testing.assert_allclose(slope, [7.0, 7.0, 9.0, 7.0], atol=1e-5)
+
+
+def test_effects_share_what_holds_a_motor_at_rest(arms):
+    """From -8 to 16 N m of two effects 8 are two thirds of the way, where the level of 12 gives 4."""
+    two = [("coulomb", {"level": 12.0}), ("coulomb_asymmetry", {"half_difference": 4.0})]
+    effects = [(joint, name, values) for joint in ("turn", "side") for name, values in two]
+    rows, packed = pack(arms, [*effects, ("lift", "torque_offset", {"offset": 5.0})])
+    shares, need = np.full(5, 100.0), np.array([8.0, 5.0, 0.0, 0.0])
+    motion, mode = make_motion(4), np.array([0, 0, 0, -1])
+    terms.share_out(rows, packed, mode, motion, need, shares, 0.5, 0.0, 0.1, np.zeros(4), np.zeros(4))
+    np.testing.assert_allclose(shares, 100.0 + 0.5 * np.array([4.0, 4.0, 5.0, -12.0, 4.0]))
+    assert motion.sign[:3].tolist() == [0.0, 0.0, 0.0]

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from wearscope.cycles.base import Reference
+from wearscope.errors import InputError
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
 from wearscope.simulation.errors import SimulationError
@@ -226,6 +227,35 @@ def test_gains_go_with_the_inertia_and_the_stated_bandwidth(arms):
     np.testing.assert_allclose(law.stiffness, omega**2 * inertia)
     np.testing.assert_allclose(law.damping, 1.4 * omega * inertia)
     assert find_step(reference.t) == 1e-3
+
+
+def test_the_controller_s_inertia_is_the_mean_along_the_motion_and_its_speeds_are_means_over_two_steps(arms):
+    model, reference = arms.make_arm(), arms.swing(0.5)
+    body, plant = model.rigid_body(), build_plant(model)
+    law = make_law(model, reference, np.zeros_like(reference.q), body, plant.armature, model.torque_limit)
+    some = [int(k * (len(reference.q) - 1) / 24) for k in range(25)]
+    inertia = sum(np.diag(body.mass_matrix(reference.q[k])) for k in some) / 25.0 + model.rotor_inertia
+    # 5 Hz, damped critically, where the model says nothing.
+    np.testing.assert_allclose(law.stiffness, (10.0 * np.pi) ** 2 * inertia)
+    np.testing.assert_allclose(law.damping, 20.0 * np.pi * inertia)
+    for k in (1, 250, 498):
+        np.testing.assert_allclose(law.speed[k], (reference.q[k + 1] - reference.q[k - 1]) / 2e-3)
+    np.testing.assert_allclose(law.speed[[0, -1]], reference.v[[0, -1]])
+
+
+def test_a_clock_is_even_within_a_thousandth_of_a_step():
+    steps = np.full(10, 2e-3)
+    for jitter, even in ((0.9e-6, True), (1.1e-6, True), (2.2e-6, False)):
+        t = np.cumsum(steps + jitter * np.array([0.0, 1.0] * 5))
+        if even:
+            assert find_step(t) == pytest.approx((t[-1] - t[0]) / 9.0)
+            continue
+        with pytest.raises(InputError, match="does not grow in equal steps"):
+            find_step(t)
+    assert find_step([0.0, 0.5, 1.0]) == 0.5
+    for t in ([0.0, 1.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0]):
+        with pytest.raises(InputError, match="does not grow"):
+            find_step(t)
 
 
 @pytest.mark.parametrize("rotor", [0.0, 5.0])
