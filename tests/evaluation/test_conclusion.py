@@ -102,6 +102,14 @@ def test_robots_are_concluded_side_by_side():
     assert sorted(rankings["robot"].unique()) == ["", "r", "s"]
 
 
+def test_a_robot_alone_is_concluded_once():
+    scope = make_scope(lambda *_: 0.25)
+    snr = scope.drop_duplicates(["robot", "cycle", "axis", "fda"])[["robot", "cycle", "axis", "fda"]]
+    snr = snr.assign(snr_exact=np.where(snr["fda"] == "A", 5.0, 2.0))
+    conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
+    assert [one.robot for one in conclusions] == [""] and set(rankings["robot"]) == {""}
+
+
 def test_tolerance_ends_where_a_grid_cell_fails():
     passes = np.array([[True, True, False, True], [False, True, True, True], [True] * 4])
     assert tolerated(passes, SIGMAS).tolist() == [0.5, 0.0, 1.0]

@@ -378,3 +378,44 @@ def test_effects_share_what_holds_a_motor_at_rest(arms):
     terms.share_out(rows, packed, mode, motion, need, shares, 0.5, 0.0, 0.1, np.zeros(4), np.zeros(4))
     np.testing.assert_allclose(shares, 100.0 + 0.5 * np.array([4.0, 4.0, 5.0, -12.0, 4.0]))
     assert motion.sign[:3].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("trusts", "pace", "evaluations"),
+    [
+        # Iterates that close in so fast that one correction leaves far less than the tolerance.
+        (True, (1e-12, 0.0), 1),
+        # Terms that remember, or are coupled; a rate that may not be enough; one that is too old.
+        (False, (1e-12, 0.0), 2),
+        (True, (1e-3, 0.0), 2),
+        (True, (1e-12, 49.0), 1),
+        (True, (1e-12, 50.0), 2),
+    ],
+)
+def test_a_part_is_balanced_in_one_correction_and_looked_at_again_unless_that_is_sure(
+    monkeypatch, trusts, pace, evaluations
+):
+    """An inertia of 3 with a drag of 5 v under 70 N m from a speed of 2: v = 2 + h (70 - 5 v)/3."""
+    asked = []
+
+    def evaluate(rows, terms, mode, before, slope, jacobian, motion, low, high, *_):
+        asked.append(float(motion.speed[0]))
+        low[:] = high[:] = 5.0 * motion.speed
+
+    monkeypatch.setattr(balance, "evaluate_terms", evaluate)
+    state, work, motion = make_state(1), make_work(1), make_motion(1)
+    state.mode[:], state.slope[:], state.pace[:] = 1, 5.0, pace
+    state.v[:], state.y[:], h = 2.0, 2.0, 0.1
+    law = make_law(1, 1, feedforward=np.full((1, 1), 70.0))
+    gears = make_gears(1, armature=np.ones(1))
+    scratch = SimpleNamespace(mass_matrix=np.full((1, 1), 2.0), bias=np.zeros(1))
+    share = balance.balance_part(
+        None, coupled_terms(0), law, gears, state, work, motion, scratch, 0, 0.0, h, 0.0, 0.2, 0, 0, trusts,
+        False,
+    )  # fmt: skip
+    assert share == balance.WHOLE
+    wanted = (2.0 + h * 70.0 / 3.0) / (1.0 + h * 5.0 / 3.0)
+    assert motion.speed[0] == pytest.approx(wanted, rel=1e-12)
+    np.testing.assert_allclose(asked, [2.0, wanted][:evaluations])
+    # How often a rate was trusted since it was last looked at.
+    assert state.pace[1] == (pace[1] + 1.0 if evaluations == 1 else 0.0)

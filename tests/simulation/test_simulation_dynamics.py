@@ -11,7 +11,7 @@ from wearscope.effects.base import Plant
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
-from wearscope.simulation import step
+from wearscope.simulation import step, world
 from wearscope.simulation.arrays import Law, make_state
 from wearscope.simulation.chain import build_chain, list_inertias, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
@@ -62,6 +62,17 @@ def test_forward_dynamics_in_pybullet_is_inverse_dynamics(arms):
     with World() as world:
         for body in bodies(arms):
             assert prove_world(world, body, 1e-3) < 1e-9
+
+
+def test_self_test_refuses_what_exceeds_its_tolerance(arms, monkeypatch):
+    body = arms.make_arm().rigid_body()
+    with World() as proven:
+        worst = prove_world(proven, body, 1e-3)
+        monkeypatch.setattr(world, "SELF_TEST_TOLERANCE", worst)
+        assert prove_world(proven, body, 1e-3) == worst > 0.0
+        monkeypatch.setattr(world, "SELF_TEST_TOLERANCE", 0.999 * worst)
+        with pytest.raises(SimulationError, match="differs from inverse dynamics"):
+            prove_world(proven, body, 1e-3)
 
 
 def test_self_test_finds_what_pybullet_hides(arms, monkeypatch):
