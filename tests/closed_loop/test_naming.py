@@ -239,6 +239,17 @@ def test_a_term_of_another_joint_is_no_name():
     assert named(own, there) == ("quadratic_viscous", [])
 
 
+def test_what_is_felt_at_several_joints_is_compared_with_what_is_at_any_of_them():
+    wide, there = evidence("payload_error", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
+    there = replace(
+        there, chosen=replace(there.chosen, candidate=replace(there.chosen.candidate, joint=1, joints=(1,)))
+    )
+    felt = replace(wide, chosen=replace(wide.chosen, candidate=replace(wide.chosen.candidate, joints=(0, 1))))
+    given, beside = named(felt, there)
+    assert {given, *beside} == {"payload_error", "joint_spring"}
+    assert named(wide, there) == ("payload_error", [])
+
+
 def test_of_many_names_the_best_are_compared():
     names = (
         "viscous_asymmetry joint_spring torque_offset stribeck coulomb_asymmetry concave_viscous backlash "

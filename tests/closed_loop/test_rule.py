@@ -138,6 +138,9 @@ def test_what_is_asked_for_more_than_a_number_is_not_given_by_the_number():
     relieving = replace(relieving, relief=10.0 * relieving.relief)
     assert rule.relieves(relieving, POLICY)
     assert not rule.relieves(replace(relieving, fitted=POLICY.material_whole), POLICY)
+    just = evidence("rotor_inertia", relief=10.0 * POLICY.unexpected**2, fitted=0.0, beta=np.array([0.05]))
+    for least, why in ((0.05, Refusal.NONE), (0.051, Refusal.SMALL)):
+        assert rule.judge(just, POLICY, [(0.0, 2.0)], least, by_run=True) is why
     # Ten of the loss, a quarter of what the better one leaves; and a hundredth of what a large one gains.
     apart = Policy(material_apart=0.25)
     better, worse = (evidence(gain=gain, noise=0.0, left=40.0) for gain in (40.0, 30.0))
