@@ -12,10 +12,10 @@ from wearscope.detectors.wear_search import (
     MAX_CONDITION,
     MIN_SHARE,
     NOT_FOUND,
-    Law,
     _told_apart,
     evaluate_curves,
     normal_equations,
+    pack_law,
     search_wear,
 )
 from wearscope.detectors.wear_temperature_fit import (
@@ -26,8 +26,7 @@ from wearscope.detectors.wear_temperature_fit import (
     evaluate_form,
     make_form,
 )
-from wearscope.effects.base import Signals, compile_row, load_effect
-from wearscope.effects.rows import hold_rows
+from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import load_model, make_model
 from wearscope.simulation.study import Conditions, simulate_point
 
@@ -358,22 +357,17 @@ def test_traded_speeds_are_each_other_s(wear, temperature):
     assert detector._trade_speeds(there) == pytest.approx([wear, temperature], rel=1e-12)
 
 
-@compile_row
-def _linear(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    out[0] = wear[0] * sign[0]
-    out[1] = temperature[0] * v[0]
-
-
 def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_squares():
     """Damped by a thousandth, then each time by a tenth of that: the fourth step moves less than 1e-4."""
-    one = np.ones(1, dtype=np.int64)
-    law = Law(hold_rows([_linear]), 2 * one, 0 * one, 0 * one, np.array([[3.0, 0.5]]), np.zeros((1, 1)))
+    worn = {"eta7": 0.0, "eta8": 1.0, "eta9": 0.5, "alpha": 1.0}
+    warm = {"coulomb_slope": 3.0, "viscous_slope": 0.0, "reference": 0.0}
+    law = pack_law([(load_effect("wear"), worn), (load_effect("temperature_dependent_friction"), warm)])
     nodes = np.linspace(-2.0, 2.0, 9)
     curves = evaluate_curves(law, nodes, np.array([[7.0, 40.0], [-7.0, 40.0]]))
-    np.testing.assert_allclose(curves, [s * 21.0 * np.sign(nodes) + 20.0 * nodes for s in (1.0, -1.0)])
+    np.testing.assert_allclose(curves, [s * 3.5 * nodes + 120.0 * np.sign(nodes) for s in (1.0, -1.0)])
     rng = np.random.default_rng(1)
     speed = rng.choice(nodes[nodes != 0.0], 200)
-    columns = np.column_stack([3.0 * np.sign(speed), 0.5 * speed])
+    columns = np.column_stack([0.5 * speed, 3.0 * np.sign(speed)])
     residual = columns @ [30.0, 60.0] + 4.0 + rng.normal(size=200)
     form = make_form(speed, nodes, residual, np.full((200, 1), 200**-0.5))
     start = np.array([20.0, 50.0])
@@ -383,7 +377,7 @@ def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_sq
     assert search_wear(law, nodes, form, start, 0.0, 100.0, 3)[0] == NOT_FOUND
     # At the end of the range the wear alone is left to find.
     for lowest, highest, end in ((0.0, 55.0, 55.0), (65.0, 100.0, 65.0)):
-        rest = residual - 0.5 * end * speed
+        rest = residual - 3.0 * end * np.sign(speed)
         wear, (cost,) = np.linalg.lstsq(np.column_stack([columns[:, 0], np.ones(200)]), rest)[:2]
         for first in (50.0, end):
             found = search_wear(law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
