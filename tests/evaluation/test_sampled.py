@@ -9,6 +9,7 @@ from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
+from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
 from wearscope.evaluation.detection import weighted_threshold
 from wearscope.evaluation.direct import direct_design, direct_table
@@ -201,6 +202,26 @@ def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(proce
         direct_table(table.assign(set="audit"), design, {KEY: process})
     with pytest.raises(InputError, match="cell r/c/1/A has no chosen surrogate"):
         direct_table(table, design, {})
+
+
+def test_intervals_that_touch_agree(process, monkeypatch):
+    design = direct_design(PAPER_FACTORS, 60, 1, seed=1)
+    table = direct_values(design).assign(set="direct")
+
+    def compare(said=None):
+        if said is not None:
+            monkeypatch.setattr(direct, "draw_snr", lambda *_, **__: np.full(9, said))
+        return direct_table(table, design, {KEY: process}, draws=200).iloc[0]
+
+    row = compare()
+    low, high = row["direct_low"], row["direct_high"]
+    values = table.sort_values("point")["y"].to_numpy().reshape(2, 60)
+    assert row["snr_direct"] == pytest.approx((values[1] - values[0]).mean() / values[1].std(ddof=1))
+    assert low < row["snr_direct"] < high
+    for said, agrees in (
+        (low, True), (high, True), (np.nextafter(low, -np.inf), False), (np.nextafter(high, np.inf), False),
+    ):  # fmt: skip
+        assert compare(said)["agrees"] == agrees
 
 
 def test_the_direct_design_wears_the_axis_that_is_tested():
