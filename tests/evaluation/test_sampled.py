@@ -204,6 +204,30 @@ def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(proce
         direct_table(table, design, {})
 
 
+def test_runs_drawn_along_a_line_are_those_drawn_along_its_table():
+    """y = 0.5 + 0.4 w less or more of a change, w about 0.3: between nodes the table is the line itself."""
+    sigmas, levels = np.array([0.1, 0.3]), np.array([0.5, 0.9, 1.4])
+    nodes = table_nodes(0.3)
+    found = tabulated_kde(levels[:, None] + 0.4 * nodes, nodes, sigmas, 0.05, 2000, 7, centre=0.3)
+    line = np.zeros((2, 3, 3))
+    line[..., 0], line[..., 1] = levels + 0.4 * 0.3, 0.4 * sigmas[:, None]
+    wanted = kde_scope(line[:, 0], line[:, 1:], 0.05, 2000, 7)
+    assert 0.1 < wanted.min() < 0.99
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("sign", "status"), [(1.0, "decreasing"), (-1.0, "ok")])
+def test_a_quantity_falls_if_it_does_at_the_largest_change(sign, status):
+    """-f (f + 2) is 0 without a change, 1 after one of 1 and -8 after one of 4."""
+    y = -sign * Z[:, 0] * (Z[:, 0] + 2.0) + 1e-3 * np.random.default_rng(0).standard_normal(len(Z))
+    chosen = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic"])[0]
+    for deltas in ([1.0, 4.0], [4.0, 1.0]):
+        table = sampled_scope_table(
+            [(KEY, chosen)], NOMINAL, ["w3"], deltas, [0.1], methods=["exact"], draws=0
+        )
+        assert set(table["status"]) == {status}
+
+
 def test_intervals_that_touch_agree(process, monkeypatch):
     design = direct_design(PAPER_FACTORS, 60, 1, seed=1)
     table = direct_values(design).assign(set="direct")
