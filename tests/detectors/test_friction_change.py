@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wearscope.detectors.base import load_detector
+from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
 
 _SPEC = importlib.util.spec_from_file_location(
     "friction_detectors", Path(__file__).with_name("test_friction_detectors.py")
@@ -123,3 +124,23 @@ def test_the_nominal_friction_s_errors_are_those_of_its_blocks():
     # Mean magnitudes of direction and speed along the motion.
     columns = np.vstack([one.columns for one in made])
     np.testing.assert_allclose(detector.mean_columns, np.abs(columns).mean(axis=0))
+
+
+@pytest.mark.parametrize("share", [0.2, -0.05])
+def test_rows_of_a_steady_motion_have_its_direction_bump_speed_and_load(fitted, share):
+    """A bump that dies out over a tenth of the top speed is exp(-2) at a fifth, exp(-1/2) at a twentieth."""
+    speed = share * fitted.top_speed
+    batch = simulate(plain, noise=0.3, seed=1)
+    batch = replace(batch, qd=np.full_like(batch.qd, speed), derived={})
+    made = fitted.make_rows(batch)
+    side = np.sign(share)
+    base = [side, side * np.exp(-abs(share) / 0.1), speed, 1.0]
+    np.testing.assert_allclose(fitted.noise * made.base, np.tile(base, (len(made.target), 1)), rtol=1e-9)
+    np.testing.assert_allclose(fitted.noise * made.columns, np.tile([side, speed], (len(made.target), 1)))
+    # Means over a row of what the payload's error, 10 % of it, and the residual are.
+    step = round(fitted.row * batch.sample_rate)
+    rows = len(batch.t) // step
+    load = compute_payload_torque(batch, MODEL, fitted.window)[: rows * step, 0].reshape(rows, step)
+    np.testing.assert_allclose(fitted.noise * made.unrecorded[:, 0], 0.1 * load.mean(axis=1), rtol=1e-9)
+    left = compute_joint_residual(batch, MODEL, 0, fitted.window)[: rows * step].reshape(rows, step)
+    np.testing.assert_allclose(fitted.noise * made.target, left.mean(axis=1), rtol=1e-9)
