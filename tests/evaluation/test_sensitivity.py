@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
@@ -61,6 +62,18 @@ def test_a_dominant_nuisance_is_found_and_stated_with_its_interval(quantities):
     row = found.iloc[0]
     assert (row["n"], row["n_relevant"], row["share_relevant"]) == (12, 12, 1.0)
     assert row["share_low"] == pytest.approx(0.7575, abs=5e-4)
+
+
+def test_a_term_is_relevant_in_more_than_half_of_the_cells_and_certain_where_its_interval_says_so():
+    table = pd.DataFrame(
+        {
+            "term": ["w1", "w2", "w3", "w4", "f"],
+            "share_relevant": [0.5, 0.6, 0.7, np.nan, 1.0],
+            "share_low": [0.3, 0.5, 0.51, np.nan, 0.9],
+        }
+    )
+    found = relevant_terms(table)
+    assert found["term"].tolist() == ["w2", "w3"] and found["certain"].tolist() == [False, True]
 
 
 def test_a_cell_without_direct_effect_is_nan_not_zero(odd):
