@@ -6,7 +6,12 @@ from scipy.signal import savgol_filter
 
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.motion import compute_payload_torque, differentiate_locally, estimate_acceleration
+from wearscope.detectors.motion import (
+    compute_payload_torque,
+    differentiate_locally,
+    estimate_acceleration,
+    find_top_speed,
+)
 from wearscope.detectors.wear_search import (
     FOUND,
     MAX_CONDITION,
@@ -382,3 +387,30 @@ def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_sq
         for first in (50.0, end):
             found = search_wear(law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
             assert found == pytest.approx((FOUND, wear[0], end, cost), rel=1e-5)
+
+
+def test_the_top_speed_is_that_below_which_99_of_a_hundred_samples_lie():
+    speed = np.linspace(-100.0, 100.0, 201)[:, None]
+    batches = [Batch(0.01 * np.arange(len(v)), v, v, v) for v in (speed[:101], speed[100:])]
+    assert find_top_speed(batches, 0) == pytest.approx(99.0)
+    still = [Batch(one.t, one.q, 0.0 * one.qd, one.tau) for one in batches]
+    with pytest.raises(ValueError, match="does not move"):
+        find_top_speed(still, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"), [("friction_fit", 1), ("wear_temperature_fit", 1), ("friction_change", 5)]
+)
+def test_twenty_samples_or_rows_in_motion_are_enough(name, rows):
+    """Spread over the recording, at its own speeds; a row of 20 ms is five samples."""
+    detector, batch = fitted(name, simulate(noise=0.1)), simulate(noise=0.1, seed=1)
+    fast = np.abs(batch.qd[:, 0].reshape(-1, rows)).min(axis=1) > 0.05
+    places = np.flatnonzero(fast)[:: fast.sum() // 20][:20]
+    for count, words in ((19, "moves (in|for) .* only"), (20, None)):
+        kept = np.isin(np.arange(len(batch.t)) // rows, places[:count])
+        few = Batch(batch.t, batch.q, np.where(kept[:, None], batch.qd, 0.0), batch.tau)
+        if words is None:
+            assert np.isfinite(detector.test_quantity(few))
+            continue
+        with pytest.raises(ValueError, match=words):
+            detector.test_quantity(few)
