@@ -13,6 +13,7 @@ from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
 from wearscope.simulation import step, world
 from wearscope.simulation.arrays import Law, make_state
+from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.chain import build_chain, list_inertias, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
@@ -62,6 +63,14 @@ def test_forward_dynamics_in_pybullet_is_inverse_dynamics(arms):
     with World() as world:
         for body in bodies(arms):
             assert prove_world(world, body, 1e-3) < 1e-9
+
+
+def test_a_world_holds_one_robot_at_a_time(arms):
+    body = arms.make_arm().rigid_body()
+    with World() as world:
+        for _ in range(3):
+            world.load(write_plant_urdf(body), body.names, body.gravity, 1e-3)
+            assert pybullet.getNumBodies(physicsClientId=world.client) == 1
 
 
 def test_self_test_refuses_what_exceeds_its_tolerance(arms, monkeypatch):
