@@ -1,10 +1,12 @@
 """Detectors of the torque signature and of the torque distribution: known answers and invariances."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import gaussian_kde, norm
 
-from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.base import Batch, load_detector, name_unit
 from wearscope.detectors.distribution_distance import _silverman
 from wearscope.errors import InputError
 
@@ -290,3 +292,13 @@ def test_options_reach_to_their_bounds_and_no_further(name, option, taken, refus
     for value in refused:
         with pytest.raises(InputError, match=option):
             load_detector(name, {option: value} | more)
+
+
+def test_a_test_quantity_s_unit_is_its_own_or_that_of_the_torque_of_what_wears():
+    """Joints named first and second, of which one turns and one slides."""
+    turning = SimpleNamespace(joints=["a", "b"], torque_units=["N m", "N"], wear_joints=["a"])
+    sliding = SimpleNamespace(joints=["a", "b"], torque_units=["N m", "N"], wear_joints=["b"])
+    for models, unit in (([turning], "N m"), ([sliding], "N"), ([sliding, turning], "N m or N")):
+        assert name_unit(load_detector("friction_fit"), models) == unit
+    assert name_unit(load_detector("distribution_distance"), [turning]) == "nat"
+    assert name_unit(object(), [turning]) == ""
