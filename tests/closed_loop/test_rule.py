@@ -112,6 +112,55 @@ def test_more_is_asked_of_parts_of_a_single_run(changed, why):
 
 
 @pytest.mark.parametrize(
+    "changed",
+    [
+        {"share": POLICY.material_share},
+        {"whole": POLICY.material_whole},
+        {"torque": POLICY.material_torque, "sine": 1.0},
+        {"cancellation": POLICY.cancels, "torque": POLICY.cancels},
+        {"torque": 1.01, "sine": 1.0 / POLICY.cancels},
+        {"torque": 1.0, "sine": 0.05},
+        {"beta": np.array([0.05])},
+        {"p_value": POLICY.family_level},
+        {"p_value": 1.0, "share": POLICY.beyond_chance, "fitted": POLICY.beyond_chance},
+        {"p_value": 1.0, "share": POLICY.beyond_doubt, "fitted": POLICY.beyond_doubt, "informing": 2},
+        {"agreement": POLICY.agreeing, "opposed": True},
+        {"blocks": POLICY.fewest_blocks, "by_fifths": True},
+    ],
+)
+def test_what_is_just_enough_is_enough(changed):
+    assert rule.judge(evidence(**changed), POLICY, [(0.0, 2.0)], 0.05, by_run=True) is Refusal.NONE
+
+
+def test_what_is_asked_for_more_than_a_number_is_not_given_by_the_number():
+    relieving = evidence("rotor_inertia", relief=POLICY.unexpected**2, fitted=0.0)
+    assert not rule.relieves(relieving, POLICY)
+    relieving = replace(relieving, relief=10.0 * relieving.relief)
+    assert rule.relieves(relieving, POLICY)
+    assert not rule.relieves(replace(relieving, fitted=POLICY.material_whole), POLICY)
+    just = evidence("rotor_inertia", relief=10.0 * POLICY.unexpected**2, fitted=0.0, beta=np.array([0.05]))
+    for least, why in ((0.05, Refusal.NONE), (0.051, Refusal.SMALL)):
+        assert rule.judge(just, POLICY, [(0.0, 2.0)], least, by_run=True) is why
+    # Ten of the loss, a quarter of what the better one leaves; and a hundredth of what a large one gains.
+    apart = Policy(material_apart=0.25)
+    better, worse = (evidence(gain=gain, noise=0.0, left=40.0) for gain in (40.0, 30.0))
+    assert not rule.separates(better, worse, apart)
+    assert rule.separates(better, worse, Policy(material_apart=0.249))
+    rich = evidence("gravity_counterbalance", subset=(0, 1, 2), gain=1000.0, noise=0.0)
+    assert not rule.separates_names(rich, evidence("joint_spring", gain=990.0, noise=0.0), POLICY)
+
+
+def test_alike_is_up_to_its_factor():
+    assert rule.is_alike(POLICY.alike, 1.0, POLICY) and rule.is_alike(1.0, POLICY.alike**2, POLICY)
+    # Errors (RMS) within 1.5: what is left, 0.25 of it, within 2.25 of that.
+    best, like, unlike = (evidence(fitted=fitted) for fitted in (0.75, 0.4375, 0.4374))
+    assert rule.fit_alike([like, unlike, best], POLICY) == [like, best]
+    # A fifth of the rows are away from reversals, beyond a fifth of the largest speed.
+    speed, kept = np.array([-1.0, 0.2, -0.2, 0.1, 0.0]), np.ones(5, dtype=bool)
+    assert rule.find_fast(speed, kept, POLICY).tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize(
     ("changed", "explains"),
     [
         ({"refusal": Refusal.IMMATERIAL, "share": -13.0}, True),
@@ -325,7 +374,7 @@ def test_more_of_the_whole_is_asked_where_a_single_run_was_recorded():
 
 
 def test_a_generic_term_that_gains_by_other_joints_is_none():
-    for share, why in ((0.99, Refusal.NONE), (1.01, Refusal.DISAGREES)):
+    for share, why in ((0.99, Refusal.NONE), (1.0, Refusal.NONE), (1.01, Refusal.DISAGREES)):
         e = evidence("unknown", shape=(0.0,) * 10, share=share)
         assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
     assert rule.judge(evidence(share=1.01), POLICY, FREE, 0.0, by_run=True) is Refusal.NONE
@@ -479,6 +528,9 @@ def test_only_what_gains_where_a_term_does_may_stand_in_its_place():
     # Where it gains nothing itself, nobody needs to.
     worse = replace(lost, gains={0: 30.0, 1: -100.0, 2: 0.0})
     assert rule.gains_there(evidence("torque_offset", gains={0: 16.0}), worse)
+    assert rule.gains_there(evidence("torque_offset", gains={0: 16.0, 1: -200.0, 2: -5.0}), worse)
+    # Most is more than half.
+    assert not rule.gains_there(evidence("torque_offset", gains={0: 15.0}), worse)
 
 
 def test_a_part_that_loses_within_its_noise_opposes_nothing():

@@ -149,3 +149,55 @@ def test_the_observed_signs_count_among_the_random_ones():
     """Few groups give the observed signs again, but for rounding: that is no evidence."""
     chance = np.where(np.arange(999) % 8 == 0, 2.0 - 1e-12, -1.0)
     assert 0.12 < adjust([2.0], [chance], [1.0])[0] < 0.13
+
+
+def test_a_score_is_wilson_and_hilferty_s_by_hand():
+    """Of mean 3 and variance 1 a ninth of the squared variation is 1/81, the score 9 (cbrt(x/3) - 80/81)."""
+    chance = np.array([2.0, 4.0])
+    scores = score_chance(np.array([3.0, 24.0, 0.0, -5.0]), chance)
+    np.testing.assert_allclose(scores, [1.0 / 9.0, 9.0 + 1.0 / 9.0, -80.0 / 9.0, -80.0 / 9.0])
+
+
+def test_what_was_tried_beyond_chance_is_paid_for_and_the_observed_signs_count():
+    """Of 1 in 40 two tries make 1 in 20, a score of 1.645; the highest of the family's under each sign."""
+    one, other = np.array([0.0, 1.64, 1.65, 3.0]), np.array([1.0, -2.0, 0.0, 1.0])
+    z = stats.norm.isf(1.0 / 40.0)
+    assert adjust([z, z], [one, other], [2.0, 1.0]).tolist() == [3.0 / 5.0, 2.0 / 5.0]
+    # The highest of each pattern: 1, 1.64, 1.65, 3.
+    assert adjust([1.1, 0.9, 3.1], [one, other], [1.0, 1.0, 1.0]).tolist() == [
+        4.0 / 5.0,
+        5.0 / 5.0,
+        1.0 / 5.0,
+    ]
+    # More tries than a probability can hold leave none.
+    assert adjust([z], [one], [1e6]).tolist() == [1.0]
+    assert len(adjust([], [], [])) == 0
+
+
+@pytest.mark.parametrize(
+    ("counts", "width", "length"),
+    [
+        # Signs that turn after three blocks resemble the next one by a third and the one after by less than
+        # nothing: three blocks, where six times as many are a run; else whole runs, the longest.
+        ((18, 30), 3, 3),
+        ((17, 30), 3, 30),
+        # Five turns in 60 blocks leave (60 - 11 l)/(60 - l) at lag l, less than a fifth from five on: nine.
+        ((60, 60), 10, 9),
+        ((40, 60), 10, 60),
+        # After two, or each on its own: nothing.
+        ((24, 24), 2, 1),
+        ((1, 1, 1), 1, 1),
+        ((2, 2), 1, 1),
+    ],
+)
+def test_the_memory_of_signs_that_turn_every_so_often_is_known(counts, width, length):
+    run = np.repeat(np.arange(len(counts)), counts)
+    left = np.concatenate([(-1.0) ** (np.arange(count) // width) for count in counts])
+    for scale in (1.0, 1e-3, 1e3):
+        assert find_memory(scale * left, run, 0.21) == length
+
+
+def test_groups_are_counted_from_the_start_of_each_run():
+    run = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    assert join_blocks(run, 2).tolist() == [0, 0, 2, 2, 4, 5, 5, 7]
+    assert join_blocks(run, 3).tolist() == [0, 0, 0, 3, 3, 5, 5, 5]

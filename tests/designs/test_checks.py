@@ -4,6 +4,7 @@ import pytest
 
 from wearscope.designs.bases import interaction_terms, linear_names, model_matrix, model_terms
 from wearscope.designs.checks import (
+    _name_some,
     alias_table,
     check_design,
     check_estimable,
@@ -108,6 +109,18 @@ def test_an_unestimable_design_is_refused_and_the_aliases_are_named():
     few = make_design("latin_hypercube", PAPER_FACTORS, {"points": 20})
     with pytest.raises(InputError, match="20 points cannot carry 28 terms"):
         check_design(few, PAPER_FACTORS)
+
+
+def test_four_aliases_are_named_and_the_rest_counted():
+    level = np.array([1.0, -1.0] * 4)
+    for count, rest in ((4, ""), (5, " and 1 more")):
+        names = list("fabcde")[: count + 1]
+        design = pd.DataFrame(dict.fromkeys(names, level))
+        named = "; ".join(f"{name} with f" for name in "abcd")
+        with pytest.raises(InputError, match=rf"only 2 can be .*: {named}{rest}; vary every factor"):
+            check_estimable(design, "main", names)
+        assert _name_some(names[: count - 1]) == "f and a and b" + rest
+    assert _name_some([]).startswith("nothing")
 
 
 def test_dependencies_state_the_combination():

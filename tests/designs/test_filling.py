@@ -95,3 +95,11 @@ def test_local_points_stay_about_the_centre_and_some_come_twice():
         assert np.sort(np.floor((z[:12, k] + 0.75) / 0.125)).tolist() == list(range(12))
     with pytest.raises(InputError, match="13 replicates of 12 points"):
         local_design(PAPER_FACTORS, 12, 13, 0.75)
+
+
+def test_each_point_may_be_made_once_more():
+    for design in (
+        filling_design(PAPER_FACTORS, points=5, question_points=0, replicates=5),
+        local_design(PAPER_FACTORS, 5, 5, 1.0),
+    ):
+        np.testing.assert_array_equal(levels(design)[5:], levels(design)[:5])

@@ -110,6 +110,16 @@ def test_latin_hypercube_fills_each_stratum_once_and_follows_its_seed():
     assert not np.allclose(fresh[NAMES].to_numpy(), shrunk)
 
 
+def test_a_centred_hypercube_has_the_middles_of_its_strata():
+    middles, drawn = (
+        make_design("latin_hypercube", PAPER_FACTORS, {"points": 5, "centred": centred})[NAMES].to_numpy()
+        for centred in (True, False)
+    )
+    for column in middles.T:
+        np.testing.assert_allclose(sorted(column), [-1.6, -0.8, 0.0, 0.8, 1.6])
+    assert np.abs(np.sort(drawn, axis=0) - np.sort(middles, axis=0)).min(axis=0).max() > 1e-3
+
+
 def test_validation_design_is_the_same_matrix_with_other_natural_values():
     design = make_design("central_composite", PAPER_FACTORS, PAPER)
     validation = validation_design("central_composite", PAPER_FACTORS, PAPER)

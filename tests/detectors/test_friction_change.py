@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wearscope.detectors.base import load_detector
+from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
 
 _SPEC = importlib.util.spec_from_file_location(
     "friction_detectors", Path(__file__).with_name("test_friction_detectors.py")
@@ -96,3 +97,50 @@ def test_blocks_are_of_the_recording_s_time_and_start_at_the_first_row_in_motion
     begun = [max(start - length // 2, 0) for start in range(0, rows // 2, length)]
     assert list(made.starts) == begun
     assert len(made.columns) == rows // 2 - length // 2
+
+
+def test_the_nominal_friction_s_errors_are_those_of_its_blocks():
+    """Least squares of the rows; their scatter by whole blocks, and how much more that is than by rows."""
+    nominal = [simulate(plain, noise=0.3, seed=k) for k in range(2)]
+    detector = load_detector("friction_change")
+    detector.fit(nominal, 0, MODEL)
+    noise = detector.noise
+    detector.noise = 1.0
+    made = [detector.make_rows(batch) for batch in nominal]
+    x, y = np.vstack([one.base for one in made]), np.concatenate([one.target for one in made])
+    mean = np.linalg.lstsq(x, y)[0]
+    np.testing.assert_allclose(detector.belief.mean, mean, rtol=1e-8)
+    blocks, single = np.zeros((4, 4)), np.zeros(4)
+    for one in made:
+        left = one.target - one.base @ mean
+        for start, end in zip(one.starts, [*one.starts[1:], len(left)], strict=True):
+            total = one.base[start:end].T @ left[start:end]
+            blocks += np.outer(total, total)
+        single += left**2 @ one.base**2
+    inverse = np.linalg.inv(x.T @ x)
+    np.testing.assert_allclose(detector.belief.covariance, inverse @ blocks @ inverse, rtol=1e-6)
+    memory = max(np.max(np.diag(blocks) / single), 1.0)
+    assert noise == pytest.approx(np.sqrt(np.mean((y - x @ mean) ** 2) * memory))
+    # Mean magnitudes of direction and speed along the motion.
+    columns = np.vstack([one.columns for one in made])
+    np.testing.assert_allclose(detector.mean_columns, np.abs(columns).mean(axis=0))
+
+
+@pytest.mark.parametrize("share", [0.2, -0.05])
+def test_rows_of_a_steady_motion_have_its_direction_bump_speed_and_load(fitted, share):
+    """A bump that dies out over a tenth of the top speed is exp(-2) at a fifth, exp(-1/2) at a twentieth."""
+    speed = share * fitted.top_speed
+    batch = simulate(plain, noise=0.3, seed=1)
+    batch = replace(batch, qd=np.full_like(batch.qd, speed), derived={})
+    made = fitted.make_rows(batch)
+    side = np.sign(share)
+    base = [side, side * np.exp(-abs(share) / 0.1), speed, 1.0]
+    np.testing.assert_allclose(fitted.noise * made.base, np.tile(base, (len(made.target), 1)), rtol=1e-9)
+    np.testing.assert_allclose(fitted.noise * made.columns, np.tile([side, speed], (len(made.target), 1)))
+    # Means over a row of what the payload's error, 10 % of it, and the residual are.
+    step = round(fitted.row * batch.sample_rate)
+    rows = len(batch.t) // step
+    load = compute_payload_torque(batch, MODEL, fitted.window)[: rows * step, 0].reshape(rows, step)
+    np.testing.assert_allclose(fitted.noise * made.unrecorded[:, 0], 0.1 * load.mean(axis=1), rtol=1e-9)
+    left = compute_joint_residual(batch, MODEL, 0, fitted.window)[: rows * step].reshape(rows, step)
+    np.testing.assert_allclose(fitted.noise * made.target, left.mean(axis=1), rtol=1e-9)

@@ -6,8 +6,23 @@ from scipy.signal import savgol_filter
 
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.motion import compute_payload_torque, differentiate_locally, estimate_acceleration
-from wearscope.detectors.wear_search import MAX_CONDITION, MIN_SHARE, _told_apart, normal_equations
+from wearscope.detectors.motion import (
+    compute_payload_torque,
+    differentiate_locally,
+    estimate_acceleration,
+    find_top_speed,
+)
+from wearscope.detectors.wear_search import (
+    FOUND,
+    MAX_CONDITION,
+    MIN_SHARE,
+    NOT_FOUND,
+    _told_apart,
+    evaluate_curves,
+    normal_equations,
+    pack_law,
+    search_wear,
+)
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,
     FIRST_WEARS,
@@ -345,3 +360,57 @@ def test_traded_speeds_are_each_other_s(wear, temperature):
     assert LAW["eta3"] + LAW["eta4"] * there[1] == pytest.approx(worn_speed, rel=1e-12)
     assert LAW["eta8"] * there[0] == pytest.approx(speed, rel=1e-12)
     assert detector._trade_speeds(there) == pytest.approx([wear, temperature], rel=1e-12)
+
+
+def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_squares():
+    """Damped by a thousandth, then each time by a tenth of that: the fourth step moves less than 1e-4."""
+    worn = {"eta7": 0.0, "eta8": 1.0, "eta9": 0.5, "alpha": 1.0}
+    warm = {"coulomb_slope": 3.0, "viscous_slope": 0.0, "reference": 0.0}
+    law = pack_law([(load_effect("wear"), worn), (load_effect("temperature_dependent_friction"), warm)])
+    nodes = np.linspace(-2.0, 2.0, 9)
+    curves = evaluate_curves(law, nodes, np.array([[7.0, 40.0], [-7.0, 40.0]]))
+    np.testing.assert_allclose(curves, [s * 3.5 * nodes + 120.0 * np.sign(nodes) for s in (1.0, -1.0)])
+    rng = np.random.default_rng(1)
+    speed = rng.choice(nodes[nodes != 0.0], 200)
+    columns = np.column_stack([0.5 * speed, 3.0 * np.sign(speed)])
+    residual = columns @ [30.0, 60.0] + 4.0 + rng.normal(size=200)
+    form = make_form(speed, nodes, residual, np.full((200, 1), 200**-0.5))
+    start = np.array([20.0, 50.0])
+    wanted, (cost,) = np.linalg.lstsq(np.column_stack([columns, np.ones(200)]), residual)[:2]
+    found = search_wear(law, nodes, form, start, 0.0, 100.0, 4)
+    assert found == pytest.approx((FOUND, *wanted[:2], cost), rel=1e-5)
+    assert search_wear(law, nodes, form, start, 0.0, 100.0, 3)[0] == NOT_FOUND
+    # At the end of the range the wear alone is left to find.
+    for lowest, highest, end in ((0.0, 55.0, 55.0), (65.0, 100.0, 65.0)):
+        rest = residual - 3.0 * end * np.sign(speed)
+        wear, (cost,) = np.linalg.lstsq(np.column_stack([columns[:, 0], np.ones(200)]), rest)[:2]
+        for first in (50.0, end):
+            found = search_wear(law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
+            assert found == pytest.approx((FOUND, wear[0], end, cost), rel=1e-5)
+
+
+def test_the_top_speed_is_that_below_which_99_of_a_hundred_samples_lie():
+    speed = np.linspace(-100.0, 100.0, 201)[:, None]
+    batches = [Batch(0.01 * np.arange(len(v)), v, v, v) for v in (speed[:101], speed[100:])]
+    assert find_top_speed(batches, 0) == pytest.approx(99.0)
+    still = [Batch(one.t, one.q, 0.0 * one.qd, one.tau) for one in batches]
+    with pytest.raises(ValueError, match="does not move"):
+        find_top_speed(still, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"), [("friction_fit", 1), ("wear_temperature_fit", 1), ("friction_change", 5)]
+)
+def test_twenty_samples_or_rows_in_motion_are_enough(name, rows):
+    """Spread over the recording, at its own speeds; a row of 20 ms is five samples."""
+    detector, batch = fitted(name, simulate(noise=0.1)), simulate(noise=0.1, seed=1)
+    fast = np.abs(batch.qd[:, 0].reshape(-1, rows)).min(axis=1) > 0.05
+    places = np.flatnonzero(fast)[:: fast.sum() // 20][:20]
+    for count, words in ((19, "moves (in|for) .* only"), (20, None)):
+        kept = np.isin(np.arange(len(batch.t)) // rows, places[:count])
+        few = Batch(batch.t, batch.q, np.where(kept[:, None], batch.qd, 0.0), batch.tau)
+        if words is None:
+            assert np.isfinite(detector.test_quantity(few))
+            continue
+        with pytest.raises(ValueError, match=words):
+            detector.test_quantity(few)

@@ -1,11 +1,14 @@
 """Detectors of the torque signature and of the torque distribution: known answers and invariances."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import gaussian_kde, norm
 
-from wearscope.detectors.base import Batch, load_detector
+from wearscope.detectors.base import Batch, load_detector, name_unit
 from wearscope.detectors.distribution_distance import _silverman
+from wearscope.errors import InputError
 
 THREE = ["residual_energy", "distribution_distance", "wasserstein"]
 
@@ -214,7 +217,15 @@ def test_batch_refuses_shapes_that_do_not_fit():
     t = np.arange(5) / 10
     with pytest.raises(ValueError, match="tau has shape"):
         Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 3)))
+    for time in (t[:1], np.zeros((5, 1)), np.zeros((1, 5))):
+        with pytest.raises(ValueError, match=r"at least 2 samples of t"):
+            Batch(time, *3 * [np.zeros((len(time), 2))])
+    for shape in ((5,), (4, 2), (6, 2), (5, 2, 1)):
+        with pytest.raises(ValueError, match="q has shape"):
+            Batch(t, *3 * [np.zeros(shape)])
     assert Batch(t, np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2))).sample_rate == pytest.approx(10)
+    assert Batch(t[:2], *3 * [np.zeros((2, 2))]).sample_rate == pytest.approx(10)
+    assert Batch(t, *3 * [np.zeros((5, 2))], sample_rate=7.0).sample_rate == 7.0
 
 
 def test_the_path_of_a_steady_motion_is_at_the_middle_of_each_sample():
@@ -255,3 +266,39 @@ def test_a_batch_at_half_the_rate_is_read_up_to_the_signature_s_end(n):
     late = make_batch(torque, rate=125.0)
     expected = 100.0 / np.sum(nominal.tau[::2, 1][: last + 1] ** 2)
     assert fitted("residual_energy", nominal).test_quantity(late) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "taken", "refused"),
+    [
+        ("distribution_distance", "bandwidth", (1e-3,), (0.0,)),
+        ("distribution_distance", "grid_size", (16,), (15,)),
+        ("distribution_distance", "margin", (0.0,), (-1e-9, np.nan)),
+        ("distribution_distance", "floor", (1e-9, 0.999), (0.0, 1.0, np.nan)),
+        ("residual_energy", "min_overlap", (1e-9, 1.0), (0.0, 1.001, np.nan)),
+        ("residual_energy", "rest_share", (1e-9, 0.999), (0.0, 1.0, np.nan)),
+        ("residual_energy", "align", ("start", "path"), ("end",)),
+        ("friction_fit", "weights", ((1.0, 0.0, 2.0),), ((1.0, 2.0), (1.0, 2.0, 3.0, 4.0))),
+        ("friction_fit", "low_speed_share", (1e-9,), (0.0, np.nan)),
+        ("friction_change", "row", (1e-9,), (0.0, -1.0)),
+        ("wear_temperature_fit", "max_iterations", (1,), (0,)),
+        ("wear_temperature_fit", "temperature_limit", (50.001,), (50.0, np.nan)),
+    ],
+)
+def test_options_reach_to_their_bounds_and_no_further(name, option, taken, refused):
+    more = {"start_temperature": 50.0} if option == "temperature_limit" else {}
+    for value in taken:
+        assert getattr(load_detector(name, {option: value} | more), option) == value
+    for value in refused:
+        with pytest.raises(InputError, match=option):
+            load_detector(name, {option: value} | more)
+
+
+def test_a_test_quantity_s_unit_is_its_own_or_that_of_the_torque_of_what_wears():
+    """Joints named first and second, of which one turns and one slides."""
+    turning = SimpleNamespace(joints=["a", "b"], torque_units=["N m", "N"], wear_joints=["a"])
+    sliding = SimpleNamespace(joints=["a", "b"], torque_units=["N m", "N"], wear_joints=["b"])
+    for models, unit in (([turning], "N m"), ([sliding], "N"), ([sliding, turning], "N m or N")):
+        assert name_unit(load_detector("friction_fit"), models) == unit
+    assert name_unit(load_detector("distribution_distance"), [turning]) == "nat"
+    assert name_unit(object(), [turning]) == ""

@@ -49,6 +49,10 @@ def test_only_the_joint_s_own_position_and_speed_and_time_are_tried_finely():
     assert {(int(s[0]), int(s[2])) for s in fine} == {(0, 0), (0, 1), (1, 0), (1, 1), (5, 0), (5, 1)}
     pairs = shapes[shapes[:, 5] >= 0]
     assert set(pairs[:, 9]) == {PRODUCT}
+    # What is tried may be: as many heights as there are coefficients.
+    parameters = load_effect("unknown").shape
+    assert (shapes >= [p.lower for p in parameters]).all() and (shapes <= [p.upper for p in parameters]).all()
+    assert parameters[-1].upper == len(load_effect("unknown").coefficients) == fine[:, 9].max() == 33
     # A signal that does not vary is no signal: the load and the temperature are constant here.
     assert not {3, 4} & {int(code) for code in shapes[:, [0, 5]].ravel()}
 

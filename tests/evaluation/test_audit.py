@@ -6,6 +6,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation.audit import (
+    audit_answers,
     audit_summary,
     audit_table,
     audit_verdicts,
@@ -147,3 +148,68 @@ def test_missing_runs_get_one_sentence(surrogates, quantities, points):
     direct = directly(surrogates, points, 0.0)
     with pytest.raises(InputError, match="cell medium/a/1/A has no surrogate"):
         audit_table(direct, surrogates[surrogates["robot"] == "large"])
+
+
+def make_audit(**columns):
+    """Audited values of one detector and model, all alike but for what is given."""
+    given = {"fda": "A", "model": "full", "extrapolated": False, "failed": False, "y_surrogate": 10.0}
+    return pd.DataFrame(given | columns)
+
+
+def test_errors_are_in_half_widths_of_their_intervals():
+    """Half widths 2, 1, 4 and none, errors 1, 3, 4 and 5: a half, three, one; what failed is left out."""
+    audit = make_audit(
+        low=[8.0, 9.0, 6.0, 10.0, 0.0], high=[12.0, 11.0, 14.0, 10.0, 20.0],
+        y_direct=[11.0, 7.0, 14.0, 15.0, np.nan], inside=[True, False, True, False, False],
+        failed=[False, False, False, False, True],
+    )  # fmt: skip
+    (row,) = audit_summary(audit).to_dict("records")
+    assert (row["n"], row["n_failed"], row["n_inside"], row["share_inside"]) == (4, 1, 2, 0.5)
+    assert row["median_error"] == 1.0
+    # Wilson's interval of one half of four: 1/2 -+ 1.96 sqrt(1/16 + 1.96^2/64) / (1 + 1.96^2/4).
+    assert (row["share_low"], row["share_high"]) == pytest.approx((0.15004, 0.84996), abs=1e-5)
+
+
+def test_answers_are_withheld_from_where_their_direct_values_tell():
+    """Wilson's intervals of 99 and of 98 in 108 end at 0.9555 and at 0.9489, about the 95 % asked."""
+    for inside, answer in ((99, "given"), (98, "withheld")):
+        (row,) = audit_answers(make_audit(inside=np.arange(108) < inside)).to_dict("records")
+        assert (row["answer"], row["n"], row["n_inside"]) == (answer, 108, inside)
+        assert row["share_inside"] == pytest.approx(inside / 108)
+    failed = make_audit(inside=[False, False], failed=True)
+    assert audit_answers(failed)["answer"].item() == "not audited"
+
+
+def test_a_value_at_the_end_of_its_interval_is_inside_but_for_rounding(points):
+    """The slack is 1e-9 of the larger of both values, whichever side it is on."""
+
+    class Flat:
+        names, sigma = NAMES, np.nan
+
+        def predict(self, z):
+            return np.full(len(z), 2.0)
+
+        def prediction_interval(self, z, level):
+            return np.full(len(z), 1.0), np.full(len(z), 4.0)
+
+    few = view_for_axis(points, 1)[["point", *NAMES]].iloc[:6]
+    y = [1.0 - 1e-9, 1.0 - 3e-9, 4.0 + 2e-9, 4.0 + 6e-9, 3.0, np.nan]
+    rows = few.assign(robot="r", cycle="c", axis=1, fda="A", set="audit", y=y)
+    audit = audit_table(rows, pd.DataFrame(), chosen={("r", "c", 1, "A"): Flat()})
+    assert audit["inside"].tolist() == [True, False, True, False, True, False]
+    assert audit["failed"].tolist() == [False] * 5 + [True]
+    assert audit["leverage"].isna().all() and not audit["extrapolated"].any()
+
+
+def test_the_boundary_is_in_the_middle_of_those_there_are():
+    """Of two cells one passes from a change of 3, 2, 1 on at three sigmas, at the fourth none does."""
+    rows = [
+        {"factor": "w3", "method": method, "sigma": sigma, "delta": delta, "passes": passes}
+        for sigma, first in ((0.1, 3.0), (0.2, 2.0), (0.3, 1.0), (0.4, 9.0)) for delta in (1.0, 2.0, 3.0, 4.0)
+        for method, passes in (("exact", delta >= first), ("exact", False), ("kde", True), ("kde", True))
+    ]  # fmt: skip
+    scope = pd.DataFrame(rows)
+    assert scope_boundary(scope, "w3") == (2.0, 0.2)
+    assert scope_boundary(scope[scope["sigma"] < 0.3], "w3") == (2.0, 0.2)
+    assert scope_boundary(scope, "w3", share=0.51) == (4.0, 0.1)
+    assert scope_boundary(scope[scope["method"] == "kde"], "w3") == (1.0, 0.3)

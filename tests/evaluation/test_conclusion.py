@@ -8,6 +8,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.evaluation.conclusion import (
     Conclusion,
     conclude_study,
+    count_sure,
     draw_conclusion,
     read_conclusion,
     tolerated,
@@ -74,6 +75,28 @@ def test_of_detectors_not_told_apart_the_one_with_the_larger_sure_scope_is_used(
     assert conclude(scope, make_ranking("A")).detector == "A"
 
 
+def test_of_equally_sure_ones_the_better_ranked_is_used():
+    scope = make_scope(lambda *_: 0.25)
+    for first, other in ("AB", "BA"):
+        assert conclude(scope, make_ranking(first, tied=other)).detector == first
+
+
+def test_a_cell_is_sure_where_each_factor_is_up_to_its_own_bound():
+    """At a change of 2 one axis bears 0.25 of w3 and 0.75 of w5, the other less of w5."""
+    bears = {("w3", 1): 0.25, ("w5", 1): 0.75, ("w3", 2): 0.25, ("w5", 2): 0.5}
+    scope = make_scope(lambda fda, factor, axis, _: bears[factor, axis])
+    own = scope[scope["fda"] == "A"]
+    for borne, sure in (
+        ({"w3": 0.25, "w5": 0.75}, 1), ({"w3": 0.25, "w5": 0.5}, 2), ({"w3": 0.5, "w5": 0.5}, 0), ({}, 2),
+    ):  # fmt: skip
+        assert count_sure(own, 2.0, borne, shown_sure=True) == (2, sure), borne
+    assert count_sure(own, np.nan, {}, shown_sure=True) == (2, 0)
+    doubted = own.assign(confidence=0.94)
+    assert count_sure(doubted, 2.0, {"w3": 0.25}, shown_sure=True) == (2, 0)
+    assert count_sure(doubted, 2.0, {"w3": 0.25}, shown_sure=False) == (2, 2)
+    assert count_sure(own.assign(confidence=0.95), 2.0, {"w3": 1.0}, shown_sure=True) == (2, 2)
+
+
 def test_withheld_and_blind_detectors_are_not_recommended():
     scope = make_scope(lambda *_: 0.5)
     assert conclude(scope, make_ranking(), withheld=["A"]).detector == "B"
@@ -100,6 +123,14 @@ def test_robots_are_concluded_side_by_side():
     assert conclusions[1].wear < conclusions[2].wear
     assert conclusions[0].wear == conclusions[2].wear
     assert sorted(rankings["robot"].unique()) == ["", "r", "s"]
+
+
+def test_a_robot_alone_is_concluded_once():
+    scope = make_scope(lambda *_: 0.25)
+    snr = scope.drop_duplicates(["robot", "cycle", "axis", "fda"])[["robot", "cycle", "axis", "fda"]]
+    snr = snr.assign(snr_exact=np.where(snr["fda"] == "A", 5.0, 2.0))
+    conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
+    assert [one.robot for one in conclusions] == [""] and set(rankings["robot"]) == {""}
 
 
 def test_tolerance_ends_where_a_grid_cell_fails():

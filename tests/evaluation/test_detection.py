@@ -57,6 +57,17 @@ def test_the_threshold_of_a_normal_is_its_quantile():
         assert weights[values >= weighted_threshold(values, weights, alarm)].sum() <= alarm + 1e-12
 
 
+def test_a_threshold_lies_within_the_value_at_which_the_share_is_passed():
+    """Of 3, 2 and 1 with weights of 0.2, 0.3 and 0.5: three tenths are a third of the way from 3 to 2."""
+    values, weights = np.array([2.0, 3.0, 1.0]), np.array([0.3, 0.2, 0.5])
+    for alarm, wanted in ((0.3, 3.0 - 1.0 / 3.0), (0.2, 3.0), (0.75, 1.5), (1.0, 1.0)):
+        assert weighted_threshold(values, weights, alarm) == pytest.approx(wanted)
+    assert 3.0 < weighted_threshold(values, weights, 0.1) < 3.0 + 1e-12
+    # Equal values are passed together.
+    assert 3.0 < weighted_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.4) < 3.0 + 1e-12
+    assert weighted_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.6) == pytest.approx(3.0 - 2.0 * 0.2)
+
+
 def test_nothing_lies_above_the_threshold_of_a_quantity_that_does_not_vary():
     assert weighted_threshold(np.full(5, 2.0), np.full(5, 0.2), 0.3) > 2.0
 

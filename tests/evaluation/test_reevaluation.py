@@ -8,8 +8,21 @@ from scipy.special import ndtri
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
-from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
-from wearscope.evaluation.sides import Answers, Questions, answer_side, extend_to_drawn, share_surrogates
+from wearscope.evaluation.reevaluation import (
+    _probabilities,
+    _probability,
+    compare_ranking,
+    compare_sides,
+    withheld_cells,
+)
+from wearscope.evaluation.sides import (
+    Answers,
+    Questions,
+    _rank,
+    answer_side,
+    extend_to_drawn,
+    share_surrogates,
+)
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.reporting.reevaluation import (
     Reevaluation,
@@ -231,3 +244,45 @@ def test_largest_passing_sigma():
     sigmas = np.array([0.1, 0.2, 0.3])
     passes = np.array([[1, 1, 1], [1, 0, 1], [0, 1, 1], [1, 1, 0]], dtype=bool)
     assert largest_passing(passes, sigmas).tolist() == [0.3, 0.1, 0.0, 0.2]
+
+
+def test_probabilities_are_shares_of_draws():
+    """Of 1, 2, 3 against 1, 1, 4: a tie, which counts half, a larger and a smaller one."""
+    first, second = np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 4.0])
+    assert _probability(first, second) == 0.5
+    assert _probability(first[:2], second) == 0.75
+    assert _probability(second, np.array([0.0, np.nan, 4.0])) == 0.75
+    assert np.isnan([_probability(first, None), _probability(first, np.full(3, np.nan))]).all()
+    # Half as many again up as down are half sure; 1, 4, 2 are off a truth of 3 by 2, 1, 1, after by 1, 1, 2.
+    before, after, truth = np.array([1.0, 4.0, 2.0, 0.0]), np.array([2.0, 4.0, 5.0, 1.0]), np.full(3, 3.0)
+    changed, nearer = _probabilities(before, after, truth)
+    assert changed == pytest.approx(2.0 * 3.5 / 4.0 - 1.0) and nearer == pytest.approx(0.5)
+    changed, nearer = _probabilities(after, before, truth + 9.0)
+    assert changed == pytest.approx(0.75) and nearer == pytest.approx(0.5 / 3.0)
+    assert np.isnan(_probabilities(before, after, None)[1])
+
+
+def test_an_answer_is_told_in_natural_units_with_its_95_percent(sides):
+    """Draws of 0 to 40, of which 1 and 39 are the ends: times 12.5 % of wear or 10 K a coded unit."""
+    places = [("c", 1, "A", "scope", "w3", 2.0), ("c", 1, "A", "coefficient", "w3", 0.0)]
+    one = Answers(dict.fromkeys(places, 7.0), {place: np.arange(41.0) for place in places})
+    other = Answers(dict.fromkeys(places, 9.0), {place: np.arange(41.0) + 50.0 for place in places})
+    table = compare_sides({"before": one, "after": other}, "r", PAPER_FACTORS)
+    scope, coefficient = (rows(table, what, "A", "w3").iloc[0] for what in ("scope", "coefficient"))
+    assert (scope["delta"], scope["unit"], scope["before"], scope["after"]) == (25.0, "degC", 70.0, 90.0)
+    assert (scope["before_low"], scope["before_high"]) == pytest.approx((10.0, 390.0))
+    assert np.isnan(coefficient["delta"]) and coefficient["before"] == 7.0 and coefficient["unit"] == "1"
+    assert (table["p_changed"] == 1.0).all()
+
+
+def test_a_cell_is_withheld_where_chance_over_all_cells_leaves_it_out():
+    """Six or less of ten within their 95 % come once in 972 by chance: within 5 % over 48 cells, not 49."""
+    cells = pd.DataFrame({"cycle": "c", "axis": 1, "fda": "A", "n_checking": 10, "inside": 1.0}, range(60))
+    cells.loc[0, ["fda", "inside"]] = "B", 0.6
+    cells.loc[1, "inside"] = np.nan
+    assert withheld_cells(cells[:48]) == {("c", 1, "B")} and withheld_cells(cells[:49]) == set()
+
+
+def test_equals_share_the_better_rank_and_none_is_none():
+    snr = np.array([[3.0, 1.0], [1.0, np.nan], [3.0, 2.0], [2.0, 3.0]])
+    np.testing.assert_array_equal(_rank(snr), [[1.0, 3.0], [4.0, np.nan], [1.0, 2.0], [3.0, 1.0]])

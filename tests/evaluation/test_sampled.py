@@ -3,14 +3,19 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import ndtr
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
+from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
+from wearscope.evaluation.detection import weighted_threshold
 from wearscope.evaluation.direct import direct_design, direct_table
 from wearscope.evaluation.sampled_scope import (
+    SPREAD,
+    interpolation,
     sampled_scope_table,
     table_nodes,
     tabulated_kde,
@@ -199,6 +204,50 @@ def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(proce
         direct_table(table, design, {})
 
 
+def test_runs_drawn_along_a_line_are_those_drawn_along_its_table():
+    """y = 0.5 + 0.4 w less or more of a change, w about 0.3: between nodes the table is the line itself."""
+    sigmas, levels = np.array([0.1, 0.3]), np.array([0.5, 0.9, 1.4])
+    nodes = table_nodes(0.3)
+    found = tabulated_kde(levels[:, None] + 0.4 * nodes, nodes, sigmas, 0.05, 2000, 7, centre=0.3)
+    line = np.zeros((2, 3, 3))
+    line[..., 0], line[..., 1] = levels + 0.4 * 0.3, 0.4 * sigmas[:, None]
+    wanted = kde_scope(line[:, 0], line[:, 1:], 0.05, 2000, 7)
+    assert 0.1 < wanted.min() < 0.99
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("sign", "status"), [(1.0, "decreasing"), (-1.0, "ok")])
+def test_a_quantity_falls_if_it_does_at_the_largest_change(sign, status):
+    """-f (f + 2) is 0 without a change, 1 after one of 1 and -8 after one of 4."""
+    y = -sign * Z[:, 0] * (Z[:, 0] + 2.0) + 1e-3 * np.random.default_rng(0).standard_normal(len(Z))
+    chosen = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic"])[0]
+    for deltas in ([1.0, 4.0], [4.0, 1.0]):
+        table = sampled_scope_table(
+            [(KEY, chosen)], NOMINAL, ["w3"], deltas, [0.1], methods=["exact"], draws=0
+        )
+        assert set(table["status"]) == {status}
+
+
+def test_intervals_that_touch_agree(process, monkeypatch):
+    design = direct_design(PAPER_FACTORS, 60, 1, seed=1)
+    table = direct_values(design).assign(set="direct")
+
+    def compare(said=None):
+        if said is not None:
+            monkeypatch.setattr(direct, "draw_snr", lambda *_, **__: np.full(9, said))
+        return direct_table(table, design, {KEY: process}, draws=200).iloc[0]
+
+    row = compare()
+    low, high = row["direct_low"], row["direct_high"]
+    values = table.sort_values("point")["y"].to_numpy().reshape(2, 60)
+    assert row["snr_direct"] == pytest.approx((values[1] - values[0]).mean() / values[1].std(ddof=1))
+    assert low < row["snr_direct"] < high
+    for said, agrees in (
+        (low, True), (high, True), (np.nextafter(low, -np.inf), False), (np.nextafter(high, np.inf), False),
+    ):  # fmt: skip
+        assert compare(said)["agrees"] == agrees
+
+
 def test_the_direct_design_wears_the_axis_that_is_tested():
     design = direct_design(PAPER_FACTORS, 20, 3, seed=1)
     view = view_for_axis(design, 3)
@@ -207,3 +256,35 @@ def test_the_direct_design_wears_the_axis_that_is_tested():
         design.loc[design["hypothesis"] == "H0", ["f", "w1", "w3"]],
         design.loc[design["hypothesis"] == "H1", ["f", "w1", "w3"]],
     )
+
+
+def test_responses_between_their_nodes_are_on_the_lines_that_numpy_draws():
+    nodes = np.array([-2.0, -0.5, 0.0, 1.0, 2.0])
+    y = np.array([3.0, -1.0, 4.0, 1.0, 5.0])
+    at = np.array([-3.0, -2.0, -1.1, -0.5, -0.1, 0.0, 0.7, 1.0, 1.9, 2.0, 7.0])
+    left, share = interpolation(nodes, at)
+    np.testing.assert_allclose(y[left] + share * (y[left + 1] - y[left]), np.interp(at, nodes, y))
+
+
+@pytest.mark.parametrize("centre", [0.0, -1.0])
+def test_nodes_reach_both_ends_and_are_the_denser_the_nearer_to_the_mean(centre):
+    """A quarter of the nodes of a side reach an eighth of its way: 1/4 to the power of 3/2."""
+    nodes = table_nodes(centre)
+    assert len(nodes) == 33 and (np.diff(nodes) > 0.0).all()
+    assert (nodes[0], nodes[16], nodes[-1]) == (-2.0, centre, 2.0)
+    assert nodes[20] == pytest.approx(centre + (2.0 - centre) / 8.0)
+    assert nodes[12] == pytest.approx(centre - (2.0 + centre) / 8.0)
+
+
+def test_one_grid_s_thresholds_are_those_of_single_ones():
+    """Where two tables of the same thing are cut: at the sample that an alarm's share ends in."""
+    nodes, sigmas = table_nodes(0.0), np.array([0.2, 0.7])
+    values = np.stack([np.sin(nodes), np.sin(nodes) + 0.3 * nodes**2 + 0.5, np.minimum(nodes, 0.1)])
+    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
+    weights = np.diff(ndtr(edges))
+    for null in (values, values[[2, 0, 1]], values[[0, 0, 0]] * 0.0 + 1.0):
+        found = tabulated_scope(null, nodes, sigmas, 0.03)
+        for s, sigma in enumerate(sigmas):
+            healthy, *worn = (np.interp(sigma * SPREAD, nodes, row) for row in null)
+            h = weighted_threshold(healthy, weights, 0.03)
+            assert found[s] == pytest.approx([weights[y >= h].sum() for y in worn])

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
@@ -33,6 +34,10 @@ def test_box_statistics_of_known_values():
         "n": 5, "n_nan": 1, "median": 3.0, "q1": 2.0, "q3": 4.0, "whisker_low": 1.0, "whisker_high": 4.0,
         "n_outliers": 1,
     }  # fmt: skip
+    # Quartiles 10 and 14: whiskers reach from 4 to 20, both included.
+    stats = box_statistics([20.1, 20.0, 14.0, 13.0, 12.0, 11.0, 10.0, 4.0, 3.9])
+    assert (stats["q1"], stats["median"], stats["q3"]) == (10.0, 12.0, 14.0)
+    assert (stats["whisker_low"], stats["whisker_high"], stats["n_outliers"]) == (4.0, 20.0, 2)
     empty = box_statistics([np.nan])
     assert empty["n"] == 0 and np.isnan(empty["median"])
 
@@ -57,6 +62,18 @@ def test_a_dominant_nuisance_is_found_and_stated_with_its_interval(quantities):
     row = found.iloc[0]
     assert (row["n"], row["n_relevant"], row["share_relevant"]) == (12, 12, 1.0)
     assert row["share_low"] == pytest.approx(0.7575, abs=5e-4)
+
+
+def test_a_term_is_relevant_in_more_than_half_of_the_cells_and_certain_where_its_interval_says_so():
+    table = pd.DataFrame(
+        {
+            "term": ["w1", "w2", "w3", "w4", "f"],
+            "share_relevant": [0.5, 0.6, 0.7, np.nan, 1.0],
+            "share_low": [0.3, 0.5, 0.51, np.nan, 0.9],
+        }
+    )
+    found = relevant_terms(table)
+    assert found["term"].tolist() == ["w2", "w3"] and found["certain"].tolist() == [False, True]
 
 
 def test_a_cell_without_direct_effect_is_nan_not_zero(odd):

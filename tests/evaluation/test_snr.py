@@ -7,6 +7,7 @@ from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.snr import (
     exact_snr,
+    monte_carlo_error,
     monte_carlo_snr,
     parametric_interval,
     quadratic_moments,
@@ -65,6 +66,34 @@ def test_the_error_holds_for_a_skewed_output_too():
     values, errors = np.array(runs).T
     assert np.mean(values) == pytest.approx(float(exact), abs=0.02)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.15)
+
+
+def test_the_error_is_that_of_the_first_order_of_each_run():
+    """How far a run moves the ratio: by its change of the mean, and of the spread that the mean is over."""
+    rng = np.random.default_rng(2)
+    for shift, shape, turned, runs in ((3.0, 2.0, 1.0, 400), (0.0, 0.7, -1.0, 90)):
+        y0, y1 = rng.gamma(0.5, size=runs), shift + turned * rng.gamma(shape, size=runs)
+        snr, error = monte_carlo_error(y0, y1)
+        spread = y1.std(ddof=1)
+        assert snr == pytest.approx((y1.mean() - y0.mean()) / spread)
+        off = (y1 - y1.mean()) / y1.std()
+        moved = off - 0.5 * snr * (off**2 - 1.0)
+        wanted = np.sqrt((np.mean(moved**2) + y0.var() / spread**2) / len(y1))
+        assert error == pytest.approx(wanted, rel=0.01)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_a_spread_of_rounding_is_none_whatever_the_size(size):
+    turns = np.array([1.0, -1.0] * 10)
+    first, second = size * np.ones(20), 2.0 * size * np.ones(20)
+    assert monte_carlo_error(first, second + 1e-13 * size * turns) == (np.inf, 0.0)
+    assert monte_carlo_error(second, first + 1e-13 * size * turns) == (-np.inf, 0.0)
+    assert np.isnan(monte_carlo_error(first, first + 1e-13 * size * turns)[0])
+    # A thousandth of a millionth is none; more of a change than of a spread is asked for.
+    snr, error = monte_carlo_error(first, second + 1e-9 * size * turns)
+    assert snr == pytest.approx(1e9 * np.sqrt(19.0 / 20.0), rel=1e-4) and np.isfinite(error)
+    # A mean that is nil says nothing of the size: the change does.
+    assert monte_carlo_error(-second, 1e-13 * size * turns)[0] == np.inf
 
 
 def test_exact_snr_by_hand():

@@ -14,7 +14,7 @@ from wearscope import tables
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation import chunk, study
+from wearscope.simulation import chunk, feasibility, study
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
 from wearscope.simulation.recording import read_fingerprint, read_recording
 from wearscope.simulation.traces import point_path, read_points
@@ -199,6 +199,7 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
             r"factors.w3: medium: temperature 10 deg C is outside the friction law",
         ),
         ({"f": ("wear", -1.0, 50.0)}, r"factors.f: a wear of -1"),
+        ({"f": ("wear", -1e-9, 50.0)}, r"factors.f: a wear of -1e-09"),
         ({"w4": ("dwell", -5.0, 50.0)}, r"factors.w4: a delay of -5 ms"),
         ({"w5": ("payload_mass_error", -100.0, 0.0)}, r"factors.w5: -100 % leaves no mass"),
         (
@@ -210,6 +211,25 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
 def test_level_out_of_range_is_told(model, ranges, words):
     with pytest.raises(InputError, match=words):
         check_robot(model, ranges, 0.001)
+
+
+def test_the_heaviest_payload_and_the_longest_dwell_are_those_of_the_ranges_ends(model, cycle, monkeypatch):
+    """Of a declared mass 10 % below the true one, this is 1/0.9 of it; 10 % above, 1/1.1."""
+    check_robot(model, {"f": ("wear", 0.0, 1.0), "w4": ("dwell", 0.0, 1.0)}, 0.001)
+    check_robot(model, {"w5": ("payload_mass_error", -99.9, 0.0)}, 0.001)
+    asked = []
+    monkeypatch.setattr(feasibility, "check_reference", lambda *given: asked.append(given))
+    for ranges, temperatures, wear, error in (
+        ({"w5": ("payload_mass_error", -10.0, 10.0)}, (50.0,), 0.0, 1.0 / 9.0),
+        ({"w5": ("payload_mass_error", 5.0, 25.0)}, (50.0,), 0.0, 0.2),
+        ({"f": ("wear", 5.0, 40.0), "w3": ("temperature", 30.0, 70.0)}, (30.0, 70.0), 40.0, 0.0),
+    ):
+        check_cycle(model, cycle, "c", ranges, 0.001)
+        assert asked[-1][3] == temperatures and asked[-1][4] == wear
+        assert asked[-1][5] == pytest.approx(error)
+    longest = check_cycle(model, cycle, "c", {"w4": ("dwell", 75.0, 25.0)}, 0.001)
+    assert longest == pytest.approx(cycle.build(model, 0.075, 0.001).t[-1])
+    assert asked[-1][0].t[-1] == longest and len(asked) == 5
 
 
 def test_paper_ranges_are_feasible(model, cycle):

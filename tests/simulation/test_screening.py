@@ -7,7 +7,9 @@ import pytest
 from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
+from wearscope.simulation import screening
 from wearscope.simulation.idle import drop_idle
+from wearscope.simulation.recording import Recording
 from wearscope.simulation.screening import STRIDE, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_point
 
@@ -60,6 +62,49 @@ def test_a_payload_s_error_moves_the_torque_by_the_mass_that_is_wrong(medium):
     row = screen_factors(model, CYCLES, {"w5": RANGES["w5"]}, STEP).iloc[0]
     assert row["change"] == pytest.approx(by_joint.max(), rel=1e-9)
     assert row["joint"] == model.joints[by_joint.argmax()]
+
+
+def test_a_number_moves_what_is_recorded_by_the_largest_share_of_any_signal(medium, monkeypatch):
+    """One speed of four by one and one torque of ten by eight; another length is another recording."""
+    q, qd, tau = np.ones((2, 2)), np.array([[1.0, 2.0], [-4.0, 2.0]]), np.array([[10.0, 8.0], [5.0, -10.0]])
+    low = Recording(np.arange(2.0), q, qd, tau)
+    slower, weaker = np.array([[1.0, 2.0], [-3.0, 2.0]]), np.array([[10.0, 8.0], [5.0, -2.0]])
+    for high, change, joint in (
+        (Recording(low.t, q, slower, weaker), 0.8, "axis_2"),
+        (Recording(low.t, q, slower, tau), 0.25, "axis_1"),
+        (Recording(low.t, q, qd, np.array([[10.0, 16.0], [5.0, -10.0]])), 0.5, "axis_2"),
+        (Recording(low.t, q, qd, tau), 0.0, ""),
+        (Recording(np.arange(3.0), *3 * [np.ones((3, 2))]), 1.0, "axis_1"),
+    ):
+        made = iter([low, high])
+        monkeypatch.setattr(screening, "simulate_point", lambda *_, made=made, **__: next(made))
+        ranges = {"w9": ("sensors.torque_noise %", -10.0, 10.0)}
+        (row,) = screen_factors(medium, CYCLES, ranges, STEP).to_dict("records")
+        assert (row["change"], row["joint"], row["moves"]) == (pytest.approx(change), joint, change > 0.0)
+
+
+def test_wear_and_temperature_move_a_joint_s_torque_by_its_law(medium):
+    """0.1 v a unit of wear at the second joint that wears, and 0.5 N m a kelvin about 50 degC at the last."""
+    law = dict.fromkeys((f"eta{k}" for k in range(9)), 0.0) | {"eta3": 1.0, "eta8": 1.0, "eta9": 0.1}
+    warm = {"coulomb_slope": 0.5, "viscous_slope": 0.0, "reference": 50.0}
+    worn, last = medium.wear_joints[1], medium.joints[-1]
+    effects = [(worn, "friction_wear_temperature", law), (last, "temperature_dependent_friction", warm)]
+    model = medium.replace(
+        effects=[{"joint": j, "effect": name, "parameters": values} for j, name, values in effects]
+    )
+    whole = CYCLES["point_to_point"].build(model, 0.05, STEP)
+    q, v, a = (one[::STRIDE] for one in (whole.q, whole.v, whole.a))
+    rigid = model.rigid_body(model.declared_payload).inverse_dynamics(q, v, a) + model.rotor_inertia * a
+    table = screen_factors(model, CYCLES, RANGES, STEP).set_index("factor")
+    assert not table.loc["f", "moves"]
+    k, drag = model.joints.index(worn), 5.0 * v[:, model.joints.index(worn)]
+    largest = max(np.abs(rigid[:, k]).max(), np.abs(rigid[:, k] + drag).max())
+    assert table.loc["w1", "joint"] == worn
+    assert table.loc["w1", "change"] == pytest.approx(np.abs(drag).max() / largest, rel=1e-9)
+    level = 10.0 * np.sign(v[:, -1])
+    largest = max(np.abs(rigid[:, -1] + side * level).max() for side in (1.0, -1.0))
+    assert table.loc["w3", "joint"] == last
+    assert table.loc["w3", "change"] == pytest.approx(20.0 / largest, rel=1e-9)
 
 
 def test_the_factor_without_an_effect_is_found(medium):

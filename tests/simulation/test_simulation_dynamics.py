@@ -8,14 +8,16 @@ import pinocchio as pin
 import pytest
 
 from wearscope.effects.base import Plant
+from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
-from wearscope.simulation import step
-from wearscope.simulation.arrays import Law
-from wearscope.simulation.chain import build_chain, write_plant_urdf
+from wearscope.simulation import step, world
+from wearscope.simulation.arrays import Law, make_state
+from wearscope.simulation.bullet import pybullet
+from wearscope.simulation.chain import build_chain, list_inertias, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
-from wearscope.simulation.run import run_motion
+from wearscope.simulation.run import _check_tracking, _compare, run_motion
 from wearscope.simulation.world import World, prove_world
 from wearscope.sources import find_sources
 
@@ -63,6 +65,25 @@ def test_forward_dynamics_in_pybullet_is_inverse_dynamics(arms):
             assert prove_world(world, body, 1e-3) < 1e-9
 
 
+def test_a_world_holds_one_robot_at_a_time(arms):
+    body = arms.make_arm().rigid_body()
+    with World() as world:
+        for _ in range(3):
+            world.load(write_plant_urdf(body), body.names, body.gravity, 1e-3)
+            assert pybullet.getNumBodies(physicsClientId=world.client) == 1
+
+
+def test_self_test_refuses_what_exceeds_its_tolerance(arms, monkeypatch):
+    body = arms.make_arm().rigid_body()
+    with World() as proven:
+        worst = prove_world(proven, body, 1e-3)
+        monkeypatch.setattr(world, "SELF_TEST_TOLERANCE", worst)
+        assert prove_world(proven, body, 1e-3) == worst > 0.0
+        monkeypatch.setattr(world, "SELF_TEST_TOLERANCE", 0.999 * worst)
+        with pytest.raises(SimulationError, match="differs from inverse dynamics"):
+            prove_world(proven, body, 1e-3)
+
+
 def test_self_test_finds_what_pybullet_hides(arms, monkeypatch):
     body = arms.make_arm().rigid_body()
     real = World.load
@@ -84,6 +105,46 @@ def test_run_is_refused_where_pybullet_arrives_elsewhere(arms, monkeypatch):
     monkeypatch.setattr(World, "advance", lambda self, torques: real(self, torques * 1.001))
     with pytest.raises(SimulationError, match="PyBullet arrives at"):
         simulate_open_loop(model, reference.q[0], np.zeros((50, 4)), 1e-3)
+
+
+def test_pybullet_may_differ_by_a_ten_millionth_of_one_and_what_there_is(arms):
+    state = make_state(2)
+    state.q[:], state.v[:] = (-9.0, 0.0), (0.0, 4.0)
+    q, v = state.q.copy(), state.v.copy()
+    for place, joint, most in ((q, 0, 1e-6), (q, 1, 1e-7), (v, 0, 1e-7), (v, 1, 5e-7)):
+        there = place[joint]
+        for off in (0.99 * most, -0.99 * most):
+            place[joint] = there + off
+            _compare(q, v, state, ["a", "b"], 0.0)
+        for off in (1.01 * most, -1.01 * most, np.nan):
+            place[joint] = there + off
+            with pytest.raises(SimulationError, match=f"of joint '{'ab'[joint]}'"):
+                _compare(q, v, state, ["a", "b"], 0.0)
+        place[joint] = there
+
+
+def test_a_motor_has_lost_its_reference_half_a_radian_off_if_it_has_one():
+    row = np.zeros((2, 2))
+    law = Law(row, np.array([[9.0, 9.0], [1.0, 0.0]]), row, np.array([3.0, 0.0]), np.zeros(2), np.zeros(2))
+    for q in (0.51, 1.49):
+        _check_tracking(np.array([q, 7.0]), law, 1, ["a", "b"], 0.0)
+    for q in (0.5, 1.5, np.nan):
+        with pytest.raises(SimulationError, match=r"joint 'a' is .* off its reference"):
+            _check_tracking(np.array([q, 0.0]), law, 1, ["a", "b"], 0.0)
+    with pytest.raises(SimulationError, match="joint 'b'"):
+        _check_tracking(np.array([1.0, np.nan]), law, 1, ["a", "b"], 0.0)
+
+
+def test_a_link_without_mass_is_told(arms):
+    body = arms.make_arm().rigid_body()
+    extra = np.zeros((4, 10))
+    for mass, fits in ((-7.99, True), (-8.0, False), (-9.0, False)):
+        extra[2, 0] = mass
+        if fits:
+            assert list_inertias(body, extra)["slide"].mass == pytest.approx(8.0 + mass)
+            continue
+        with pytest.raises(InputError, match="joint 'slide': its link would weigh"):
+            list_inertias(body, extra)
 
 
 def simulate_open_loop(model, q, torques, dt, plant=None):

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from wearscope.cycles.base import Reference
+from wearscope.errors import InputError
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
 from wearscope.simulation.errors import SimulationError
@@ -126,6 +127,18 @@ def test_a_driven_joint_with_drag_comes_to_its_terminal_speed(arms, drag):
     assert trace.v[-1, 3] == pytest.approx(final, rel=1e-4)
 
 
+def test_a_step_takes_effects_at_the_time_of_its_balance(arms):
+    """What fades with time slows the first half step by what it is at its middle, a quarter of a step on."""
+    fading = {"coulomb_drift": 100.0, "viscous_drift": 0.0, "time_constant": 1e-3}
+    models = arms.make_arm([("side", "warm_up_drift", fading)]), arms.make_arm()
+    (body, slowed), (_, free) = (coast(m, np.zeros(4), np.ones(4), 5, gravity=False) for m in models)
+    mass = body.mass_matrix(np.zeros(4))
+    # PyBullet gets the change of the links' momentum over a whole step.
+    change = 1e-3 * np.linalg.solve(mass, slowed.applied[0] - free.applied[0])
+    momentum = (mass + np.diag(models[0].rotor_inertia)) @ change
+    np.testing.assert_allclose(momentum / 0.5e-3, [0.0, 0.0, 0.0, -100.0 * np.exp(-0.25)], atol=1e-3)
+
+
 def test_torque_limit_holds_and_is_reached(arms):
     limit = [200.0, 260.0, 200.0, 200.0]
     reference = arms.swing(1.0)
@@ -214,6 +227,35 @@ def test_gains_go_with_the_inertia_and_the_stated_bandwidth(arms):
     np.testing.assert_allclose(law.stiffness, omega**2 * inertia)
     np.testing.assert_allclose(law.damping, 1.4 * omega * inertia)
     assert find_step(reference.t) == 1e-3
+
+
+def test_the_controller_s_inertia_is_the_mean_along_the_motion_and_its_speeds_are_means_over_two_steps(arms):
+    model, reference = arms.make_arm(), arms.swing(0.5)
+    body, plant = model.rigid_body(), build_plant(model)
+    law = make_law(model, reference, np.zeros_like(reference.q), body, plant.armature, model.torque_limit)
+    some = [int(k * (len(reference.q) - 1) / 24) for k in range(25)]
+    inertia = sum(np.diag(body.mass_matrix(reference.q[k])) for k in some) / 25.0 + model.rotor_inertia
+    # 5 Hz, damped critically, where the model says nothing.
+    np.testing.assert_allclose(law.stiffness, (10.0 * np.pi) ** 2 * inertia)
+    np.testing.assert_allclose(law.damping, 20.0 * np.pi * inertia)
+    for k in (1, 250, 498):
+        np.testing.assert_allclose(law.speed[k], (reference.q[k + 1] - reference.q[k - 1]) / 2e-3)
+    np.testing.assert_allclose(law.speed[[0, -1]], reference.v[[0, -1]])
+
+
+def test_a_clock_is_even_within_a_thousandth_of_a_step():
+    steps = np.full(10, 2e-3)
+    for jitter, even in ((0.9e-6, True), (1.1e-6, True), (2.2e-6, False)):
+        t = np.cumsum(steps + jitter * np.array([0.0, 1.0] * 5))
+        if even:
+            assert find_step(t) == pytest.approx((t[-1] - t[0]) / 9.0)
+            continue
+        with pytest.raises(InputError, match="does not grow in equal steps"):
+            find_step(t)
+    assert find_step([0.0, 0.5, 1.0]) == 0.5
+    for t in ([0.0, 1.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0]):
+        with pytest.raises(InputError, match="does not grow"):
+            find_step(t)
 
 
 @pytest.mark.parametrize("rotor", [0.0, 5.0])

@@ -17,7 +17,7 @@ from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import refine_reference, simulate_forward
 from wearscope.simulation.recording import Recording, read_recording, write_recording
 from wearscope.simulation.run import Trace
-from wearscope.simulation.sensors import find_stride, lag_torque, record, seed_of
+from wearscope.simulation.sensors import check_rate, find_stride, lag_torque, record, seed_of
 from wearscope.simulation.study import (
     Conditions,
     Simulator,
@@ -243,6 +243,28 @@ def test_sample_rate_must_be_whole_steps():
     assert find_stride(1e-3, 250.0) == 4
     with pytest.raises(InputError, match="no whole number of steps"):
         find_stride(1e-3, 300.0)
+    # Within a millionth of it; and as often as there are steps, but no more.
+    assert find_stride(1e-3 * (1.0 + 0.9e-6), 250.0) == 4 and find_stride(1e-3, 1000.0) == 1
+    for dt, rate in ((1e-3 * (1.0 + 1.1e-6), 250.0), (1e-3 * (1.0 - 1.1e-6), 250.0), (1e-3, 2000.0)):
+        with pytest.raises(InputError, match="no whole number of steps"):
+            find_stride(dt, rate)
+    check_rate(1e-3, 1000.0 * (1.0 + 0.9e-6))
+    with pytest.raises(InputError, match="above the 1000 steps a second"):
+        check_rate(1e-3, 1000.0 * (1.0 + 1.1e-6))
+
+
+def test_what_lies_between_steps_is_on_lines_and_a_position_on_a_cubic():
+    """Of a position t^3 the cubic through positions and speeds is exact; 150 a second are 6.67 ms apart."""
+    t = np.arange(101) * 1e-3
+    trace = Trace(
+        t[:-1], t[:, None] ** 3, 3.0 * t[:-1, None] ** 2, 5.0 * t[:-1, None], np.full((100, 1), np.nan), 0.0
+    )
+    none = np.zeros(1)
+    found = record(trace, 1e-3, 150.0, none, none, none, none, None)
+    np.testing.assert_allclose(found.t, np.arange(15) / 150.0)
+    np.testing.assert_allclose(found.q[:, 0], found.t**3, atol=1e-15)
+    np.testing.assert_allclose(found.tau[:, 0], 5.0 * found.t, atol=1e-12)
+    np.testing.assert_allclose(found.qd[:, 0], np.interp(found.t, t, 3.0 * t**2), atol=1e-12)
 
 
 def test_recording_file(medium, move, tmp_path):
@@ -252,7 +274,7 @@ def test_recording_file(medium, move, tmp_path):
     assert tables.read_units(path) == {"t": "s", "q": "rad", "qd": "rad/s", "tau": "N m"}
     table = pq.read_table(path)
     assert table.column_names == ["t", "joint", "q", "qd", "tau"]
-    assert table.num_rows == recording.q.size
+    assert table.num_rows == recording.q.size and pq.ParquetFile(path).num_row_groups == 1
     back = read_recording(path, medium.joints)
     np.testing.assert_array_equal(back.t, recording.t)
     np.testing.assert_array_equal(back.q, recording.q)

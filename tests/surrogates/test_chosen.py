@@ -100,6 +100,16 @@ def test_noise_and_ceiling_come_from_replicates(quantities, chosen):
     assert np.isnan(noise_ceiling(np.arange(5.0), 0.0, 0)).all()
 
 
+def test_the_ceiling_is_by_hand():
+    """Of 1 and 5, whose deviation is 2, a noise of 0.3 leaves 85 %; 3.9403 is chi-square's 5 % of ten."""
+    ceiling, low = noise_ceiling(np.array([1.0, 5.0]), 0.9, 10)
+    assert ceiling == pytest.approx(85.0)
+    assert low == pytest.approx(100.0 * (1.0 - np.sqrt(0.9 / 3.940299) / 2.0), rel=1e-6)
+    assert np.isfinite(noise_ceiling(np.array([1.0, 5.0]), 0.9, 1)).all()
+    for y in ([1.0], [2.0, 2.0]):
+        assert np.isnan(noise_ceiling(np.array(y), 0.9, 10)).all()
+
+
 def test_the_ceiling_is_that_of_the_truth_itself():
     rng = np.random.default_rng(2)
     truth = rng.standard_normal(4000)

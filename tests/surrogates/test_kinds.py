@@ -3,8 +3,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 from scipy import special
 
+from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.surrogates import selection
@@ -174,6 +176,39 @@ def test_the_spread_brings_left_out_values_into_their_intervals():
     ratio = np.abs(y - chosen.fitted.left_out) / (chosen.spread * chosen.fitted.left_out_deviation)
     assert np.mean(ratio <= special.ndtri(0.975) * (1 + 1e-12)) == pytest.approx(0.95, abs=0.02)
     assert calibrate_spread(chosen.fitted, y) == chosen.spread
+
+
+def test_the_spread_is_a_quantile_of_the_left_out_errors_by_their_place():
+    """Of 19 errors the last one, of 39 the 38th, of 100 the 96th; 95 % of a normal lie within 1.96."""
+    for count, place in ((5, 5), (19, 19), (39, 38), (100, 96)):
+        error = np.random.default_rng(0).permutation(np.arange(1.0, count + 1.0))
+        left = SimpleNamespace(left_out=np.full(count, 7.0), left_out_deviation=np.full(count, 0.5))
+        spread = calibrate_spread(left, 7.0 + error * (-1.0) ** np.arange(count))
+        assert spread == pytest.approx(place / 0.5 / 1.959964, rel=1e-6)
+
+
+@pytest.mark.parametrize("asked", [9, 10, 14])
+def test_where_the_scope_asks_the_spread_is_the_root_mean_square_of_its_own_runs(asked):
+    """Of residuals over what is left of their deviation, as statsmodels has it; from ten runs on."""
+    z = Z.copy()
+    z[:14] = [NOMINAL[name] for name in NAMES]
+    z[:14, 0], z[:14, 3] = Z[:14, 0], Z[:14, 3]
+    z[asked:14, 4:] = Z[asked:14, 4:]
+    y = 5.0 + noisy(cubic, z, 0.3)
+    chosen, _ = choose_surrogate(z, y, NAMES, NOMINAL, ["quadratic"])
+    if asked < 10:
+        assert np.isnan(chosen.spread_asked) and (chosen.spread_at(z) == chosen.spread).all()
+        return
+    fit = sm.OLS(y, model_matrix(z, NAMES, model_terms("full", NAMES))).fit()
+    ratio = fit.get_influence().resid_studentized_internal[:asked]
+    few = {10: 2.228139, 14: 2.144787}[asked] / 1.959964
+    assert chosen.spread_asked == pytest.approx(few * np.sqrt(np.mean(ratio**2)), rel=1e-6)
+    spread = np.where(np.arange(len(z)) < asked, chosen.spread_asked, chosen.spread)
+    np.testing.assert_array_equal(chosen.spread_at(z), spread)
+    # 95 % of a normal of both the mean's error and a run's noise.
+    low, high = chosen.prediction_interval(z[:2])
+    half = 1.959964 * np.hypot(chosen.fitted.predict(z[:2])[1], fit.mse_resid**0.5) * chosen.spread_asked
+    np.testing.assert_allclose(0.5 * (high - low), half, rtol=1e-6)
 
 
 def test_intervals_hold_new_runs_at_their_rate():

@@ -233,8 +233,8 @@ def audit_answers(audit: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
     """Which detectors' answers stand, and which are withheld.
 
     An answer is withheld where the direct values lie outside their `level` intervals more often than chance
-    allows: where even the upper end of the Wilson interval of the share inside is below `level`. With 108
-    values that is a share of 90 % or less.
+    allows: where even the upper end of the Wilson interval of the share inside is below `level`. Of 108
+    values 98 inside are too few.
 
     Parameters
     ----------
