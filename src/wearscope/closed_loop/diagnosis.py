@@ -243,7 +243,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
             after.entries[len(before.entries) :], found, equivalent, marked, strict=True
         )
     ]
-    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy)
+    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy, before)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     return Diagnosis(

@@ -12,7 +12,7 @@ from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.diagnostics.jumps import find_jumps
 from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.prediction import find_repeats, predict_full
+from wearscope.closed_loop.model.prediction import find_repeats, predict_full, predict_reduced
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
@@ -70,6 +70,7 @@ def judge_joints(
     left: "Mapping[int, Evidence]",
     dependence: "Mapping[int, Dependence]",
     policy: Policy,
+    before: Regression | None = None,
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -87,6 +88,8 @@ def judge_joints(
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
+    before : Regression, optional
+        The declared model, refitted, than which the corrected one must not predict worse.
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -95,6 +98,7 @@ def judge_joints(
     test = prepared.runs_for("test")
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
+    declared = None if before is None else _leave(before, train)
     features = [_features(run) for run in train]
     repeats = _list_train_repeats(prepared)
     states = []
@@ -107,6 +111,7 @@ def judge_joints(
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
         inside = [
+            *_from_declared(declared, own, keep, j, policy),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
@@ -127,6 +132,34 @@ def judge_joints(
         known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
         states.append(JointState(j, "unexplained", float(np.sqrt(min(most, 1.0)) * rms), known, reason))
     return states
+
+
+def _leave(model: Regression, runs: Sequence[PreparedRun]) -> list[np.ndarray]:
+    """What a model's prediction from the motion alone leaves of runs, (M, n) each."""
+    theta = model.solve()
+    return [run.measured - predict_reduced(model, theta, run) for run in runs]
+
+
+def _from_declared(
+    declared: list[np.ndarray] | None,
+    own: list[np.ndarray],
+    keep: list[np.ndarray],
+    joint: int,
+    policy: Policy,
+) -> list[_Seen]:
+    """What the corrected model leaves of its own training runs beyond what the declared one does.
+
+    A fit holds a gear's deflection to the measured torque, and near where a link swings on a soft gear the
+    motion alone tells little of that torque.
+    """
+    if declared is None:
+        return []
+    most, least = _rms(own, keep), _rms([x[:, joint] for x in declared], keep)
+    share = 1.0 - (least / max(most, 1e-300)) ** 2
+    if share < policy.structure_share:
+        return []
+    told = "from the motion alone the corrected model predicts the training runs worse than the declared one"
+    return [_Seen(share, [], told)]
 
 
 def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
