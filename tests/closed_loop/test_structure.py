@@ -84,8 +84,8 @@ def test_a_correction_that_predicts_its_own_runs_worse_says_so(record, pose, mon
     assert [s.state for s in judge_joints(prepared, model, [], {}, {}, policy, model)] == ["explained"] * 2
     theta = model.solve().copy()
     at = next(i for i, e in enumerate(model.entries) if (e.effect.name, e.joint) == ("coulomb", 0))
-    residual = np.concatenate([y[:, 0] - (x @ theta)[:, 0] for x, y in zip(model.columns, model.target)])
-    theta[model.spans[at]] += 8.0 * residual.std()
+    pairs = zip(model.columns, model.target, strict=True)
+    theta[model.spans[at]] += 8.0 * np.concatenate([y[:, 0] - (x @ theta)[:, 0] for x, y in pairs]).std()
     worse = copy(model)
     monkeypatch.setattr(worse, "solve", lambda: theta)
     said, other = judge_joints(prepared, worse, [], {}, {}, policy, model)
