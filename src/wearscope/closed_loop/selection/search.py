@@ -259,7 +259,8 @@ class Search:
 
         Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
         """
-        if not e.term.effect.is_in_every_drive:
+        after_standard = bool(self.standard_losses.any())
+        if after_standard and not e.term.effect.is_in_every_drive:
             (e,) = self.compare_whole(beside, [e])
         return (
             self.is_believable(e)
