@@ -230,6 +230,36 @@ def test_start_up_is_cut_and_a_step_in_the_middle_refused():
         clean(make_run(q))
 
 
+def move_quickly(t, start, end, size):
+    """A move of least jerk (Flash and Hogan 1985) between two rests."""
+    u = np.clip((t - start) / (end - start), 0.0, 1.0)
+    return size * (10 * u**3 - 15 * u**4 + 6 * u**5)
+
+
+@pytest.mark.parametrize("took", [0.2, 0.22, 0.26, 0.3, 0.4])
+def test_a_quick_move_in_a_slow_record_is_no_step(took):
+    """Moves of a few samples at 50 Hz, between rests and slower ones; a step there is one all the same."""
+    t = np.arange(1500) / 50.0
+    rng = np.random.default_rng(3)
+    q = sum(move_quickly(t, k + 0.2, k + 0.9, s) for k, s in enumerate(rng.uniform(-0.1, 0.1, 28)))
+    q = q + move_quickly(t, 14.95, 14.95 + took, 0.1)
+    cleaned = clean(make_run(q, t=t))
+    assert len(cleaned.run.q) == len(t) and not cleaned.faulty.any()
+    with pytest.raises(InputError, match=r"steps by 0\.1"):
+        clean(make_run(q + 0.1 * (t > 14.5), t=t))
+
+
+def test_a_recorded_speed_tells_a_move_from_a_step():
+    """One sample from rest to rest: only the speed says that the joint went there."""
+    q = np.where(T < 5.6, 0.0, 0.4) + np.sin(T)
+    at = int(np.argmax(T >= 5.6))
+    told = np.cos(T)
+    told[at - 1 : at + 1] += 0.4 * RATE
+    assert not clean(make_run(q, qd=told[:, None])).faulty.any()
+    with pytest.raises(InputError, match=r"steps by 0\.4"):
+        clean(make_run(q, qd=np.cos(T)[:, None]))
+
+
 def test_lost_motion_goes_back_and_forth_and_stays():
     """The gap of a gear, crossed in four samples at each reversal of the load; an encoder slips in one."""
     away = np.zeros(len(T))

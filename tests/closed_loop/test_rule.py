@@ -286,6 +286,8 @@ def test_an_offset_beside_what_was_found_must_matter_beside_that():
     assert not rule.is_needed(e, POLICY, by_run=True)
     assert not rule.is_needed(replace(e, whole=np.nan), POLICY, by_run=True)
     assert rule.is_needed(replace(e, whole=POLICY.material_whole), POLICY, by_run=True)
+    rest = {"share": POLICY.beyond_doubt, "fitted": POLICY.beyond_doubt, "informing": 4}
+    assert rule.is_needed(replace(e, **rest), POLICY, by_run=True)
     for name in ("coulomb", "viscous", "rotor_inertia"):
         assert rule.is_needed(evidence(name, share=0.11, whole=0.0), POLICY, by_run=True), name
 

@@ -23,6 +23,8 @@ LONGEST_SPIKE = 4
 _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 #: Share of a position's span beyond which a step can be a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
+#: Share of the largest odd difference by which a step begins or ends; a move of least jerk has two thirds.
+_ABRUPT = 0.75
 #: Most spikes of one channel that are still bridged, as a share of its rows.
 _MOST = 0.01
 #: Share of a run over which a frozen torque is a dead channel.
@@ -87,6 +89,24 @@ def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
     return np.where(np.abs(odd) > least, odd, 0.0)
 
 
+def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
+    """Whether odd differences begin or end at once, as a quick move in a slow record does not."""
+    step = np.diff(q)
+    before, after = step[max(low - 1, 0)], step[min(high + 1, len(step) - 1)]
+    edge = max(abs(step[low] - before), abs(step[high] - after))
+    return bool(edge >= _ABRUPT * np.abs(odd[low : high + 1]).max())
+
+
+def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool:
+    """Whether the recorded speed says that joint `j` moved as far in odd differences."""
+    if run.qd is None:
+        return False
+    at = slice(low, high + 2)
+    speed, dt = run.qd[at, j], np.diff(run.t[at])
+    moved = 0.5 * (speed[1:] + speed[:-1]) * dt
+    return bool((np.abs(np.diff(run.q[at, j]) - moved) <= 0.25 * np.abs(odd[low : high + 1]).max()).all())
+
+
 def _returns(net: float, nets: np.ndarray) -> bool:
     """Whether steps `nets` of a run go back and forth as far as one of them: a gear's lost motion."""
     return bool((-np.sign(net) * nets >= 0.5 * abs(net)).any())
@@ -149,6 +169,8 @@ def _clean_position(
             q[high + 1 :] -= np.sign(net) * 2 * np.pi
             found.wraps += 1
         elif abs(net) <= _STEP * float(np.ptp(q)) or (high > low and _returns(net, nets)):
+            continue
+        elif not _is_abrupt(q, odd, low, high) or _is_recorded(run, odd, j, low, high):
             continue
         elif accepted.accepts(f"step q_{joint}"):
             told = f"column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s."

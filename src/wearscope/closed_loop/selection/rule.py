@@ -158,16 +158,17 @@ def explains_unbelievably(e: Evidence, policy: Policy, by_run: bool) -> bool:
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise.
 
-    What not every drive has must matter beside the standard model's loss too, as a name must. Where most of
-    the loss is gained in all of them there is no noise to ask about: what differs then is how far each part
-    runs away without the term. Plain friction that explains much need only gain in most.
+    What not every drive has must matter beside the standard model's loss too, as a name must, or be what is
+    left. Where most of the loss is gained in all of them there is no noise to ask about: what differs then is
+    how far each part runs away without the term. Plain friction that explains much need only gain in most.
     """
     gain, error = summed(-e.change)
     errors = policy.told_apart if e.term.effect.is_plain_friction else policy.unexpected
     beyond = min(e.share, e.fitted) >= policy.beyond_chance and e.agreement == 1.0
     sure = agrees(e, policy, by_run) and (gain > errors * error or beyond)
     likely = is_plain(e, policy) and e.agreement > 0.5
-    matters = e.term.effect.is_in_every_drive or e.whole >= policy.material_whole
+    material = e.term.effect.is_in_every_drive or e.whole >= policy.material_whole
+    matters = material or is_beyond_chance(e, policy, by_run)
     gains = is_own(e, policy) and e.share >= policy.material_whole and matters and (sure or likely)
     return gains or relieves(e, policy)
 
