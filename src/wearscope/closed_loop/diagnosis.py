@@ -243,7 +243,8 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
             after.entries[len(before.entries) :], found, equivalent, marked, strict=True
         )
     ]
-    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy, before)
+    declared = before if named else None
+    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy, declared)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     return Diagnosis(
