@@ -1,6 +1,6 @@
 """What the simulation costs, and what a smaller step buys.
 
-    .venv/bin/python benchmarks/simulation.py                    all of it, about a minute
+    .venv/bin/python benchmarks/simulation.py                    all of it, a few minutes
     .venv/bin/python benchmarks/simulation.py --robot large --cycle point_to_point
 
 Everything is timed in short turns in one process, and the fastest turn counts: other load on the machine then
@@ -11,6 +11,8 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -41,15 +43,20 @@ def time_in_turns(tasks: dict[str, Callable[[], None]], turns: int) -> dict[str,
 
 
 def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[str, float]:
-    """Microseconds a step: all of a run, the same without effects, and PyBullet's step alone."""
+    """Microseconds a step: all of a run, the same without effects, and PyBullet's step alone.
+
+    `run_of_new_payload` carries another payload each time, of which nothing is kept from the run before.
+    """
     smooth = model.replace(effects=[])
     steps = len(reference.t)
+    payloads = (replace(WORN, payload_mass_error=0.05 + 1e-5 * k) for k in count(1))
     with Simulator(model) as full, Simulator(smooth) as without:
         full.run(reference, WORN, 1)
         without.run(reference, WORN, 1)
         seconds = time_in_turns(
             {
                 "run": lambda: full.run(reference, WORN, 1),
+                "run_of_new_payload": lambda: full.run(reference, next(payloads), 1),
                 "run_without_effects": lambda: without.run(reference, WORN, 1),
                 "bare_step": lambda: full.world.step_bare(steps),
             },
@@ -59,6 +66,7 @@ def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[s
     return {
         **micro,
         "run_over_bare_step": seconds["run"] / seconds["bare_step"],
+        "run_of_new_payload_over_bare_step": seconds["run_of_new_payload"] / seconds["bare_step"],
         "effects_add": seconds["run"] / seconds["run_without_effects"] - 1.0,
         "robot_seconds_per_second": float(reference.t[-1]) / seconds["run"],
     }
@@ -77,9 +85,9 @@ def measure_precision(model: RobotModel, cycle: str, steps: list[float], seconds
     exact = recordings.pop(0.5 * min(steps)).tau
     table = []
     for step, recording in recordings.items():
-        count = min(len(exact), len(recording.tau))
-        off = np.sqrt(np.mean((recording.tau[:count] - exact[:count]) ** 2, axis=0))
-        share = off / np.sqrt(np.mean(exact[:count] ** 2, axis=0))
+        rows = min(len(exact), len(recording.tau))
+        off = np.sqrt(np.mean((recording.tau[:rows] - exact[:rows]) ** 2, axis=0))
+        share = off / np.sqrt(np.mean(exact[:rows] ** 2, axis=0))
         table.append(
             {
                 "step_ms": 1e3 * step,
@@ -98,13 +106,14 @@ def main() -> None:
     parser.add_argument("--cycle", default="point_to_point")
     parser.add_argument("--step", type=float, default=1e-3, help="[s]")
     parser.add_argument("--turns", type=int, default=80)
-    parser.add_argument("--seconds", type=float, default=5.0, help="of the motion, a turn")
+    parser.add_argument("--seconds", type=float, help="of the test-cycle, a turn; all of it by default")
     options = parser.parse_args()
     figures = {}
     for name in options.robot or ["medium", "large"]:
         model = load_model(name, ROBOTS)
         reference = load_cycle(options.cycle).build(model, 0.05, options.step)
-        reference = take_start(reference, options.seconds)
+        if options.seconds is not None:
+            reference = take_start(reference, options.seconds)
         figures[name] = {
             "speed": measure_speed(model, reference, options.turns),
             "precision": measure_precision(model, options.cycle, [4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4], 6.0),

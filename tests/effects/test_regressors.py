@@ -1,10 +1,12 @@
 """Every effect's regressors against a formula written here, with known numbers."""
 
+import math
+
 import numpy as np
 import pytest
 
 from wearscope import plugins
-from wearscope.effects.base import Signals, load_effect
+from wearscope.effects.base import Signals, decay, load_effect
 from wearscope.robots.dynamics import Payload
 
 J = 1
@@ -270,3 +272,9 @@ def test_wear_has_the_form_of_the_contract(signals):
     expected = (0.3 * f * np.exp(-np.abs(v) / (0.004 * f)) + 0.05 * f * np.abs(v)) * np.sign(v)
     torque = load_effect("wear").torque(signals, 2, {"eta7": 0.3, "eta8": 0.004, "eta9": 0.05})
     np.testing.assert_allclose(torque, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.0 + 1e-12, 2.0, 0.5])
+def test_the_stribeck_curve_falls_with_any_power(power):
+    for ratio in (0.0, 0.3, 1.0, 4.0):
+        assert decay(ratio, power) == pytest.approx(math.exp(-math.pow(ratio, power)), rel=1e-10)

@@ -251,6 +251,12 @@ def test_principal_frame_is_the_nearest():
         np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-13)
         assert np.linalg.det(axes) == pytest.approx(1.0)
         assert abs(matrix_to_rpy(axes)[1]) < 1.4
+        # Of the 24 ways to name the axes so that they stay right-handed, none is nearer to the identity.
+        for order in itertools.permutations(range(3)):
+            for signs in itertools.product((1.0, -1.0), repeat=3):
+                other = axes[:, order] * signs
+                if np.linalg.det(other) > 0.0:
+                    assert np.trace(other) <= np.trace(axes) + 1e-12
 
 
 def test_parameters_round_trip():

@@ -11,10 +11,11 @@ from wearscope.effects.base import Plant
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
+from wearscope.robots.urdf_file import parse_urdf, write_link
 from wearscope.simulation import step, world
 from wearscope.simulation.arrays import Law, make_state
 from wearscope.simulation.bullet import pybullet
-from wearscope.simulation.chain import build_chain, list_inertias, write_plant_urdf
+from wearscope.simulation.chain import build_chain, sum_parameters, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.run import _check_tracking, _compare, run_motion
@@ -141,10 +142,27 @@ def test_a_link_without_mass_is_told(arms):
     for mass, fits in ((-7.99, True), (-8.0, False), (-9.0, False)):
         extra[2, 0] = mass
         if fits:
-            assert list_inertias(body, extra)["slide"].mass == pytest.approx(8.0 + mass)
+            assert sum_parameters(body, extra)[2, 0] == pytest.approx(8.0 + mass)
             continue
         with pytest.raises(InputError, match="joint 'slide': its link would weigh"):
-            list_inertias(body, extra)
+            sum_parameters(body, extra)
+
+
+def test_pybullet_gets_the_payload_on_the_last_link_and_all_else_as_it_was(arms):
+    model = arms.make_arm()
+    for body in (model.rigid_body(), model.rigid_body(model.declared_payload)):
+        text = write_plant_urdf(body).replace('lower="1.0" upper="-1.0"', 'lower="-1.0" upper="1.0"')
+        bare, plant = parse_urdf(body.urdf_text()), parse_urdf(text)
+        assert list(plant.links) == list(bare.links)
+        assert [joint.name for joint in plant.joints] == [joint.name for joint in bare.joints]
+        last = next(joint.child for joint in bare.joints if joint.name == body.names[-1])
+        assert text.count('lower="-1.0" upper="1.0"') == body.n
+        for name, link in plant.links.items():
+            if name != last:
+                assert write_link(link) == write_link(bare.links[name])
+        pinned = pin.buildModelFromXML(text)
+        inertia = pinned.inertias[pinned.getJointId(body.names[-1])]
+        assert inertia.toDynamicParameters() == pytest.approx(sum_parameters(body)[-1], abs=1e-12)
 
 
 def simulate_open_loop(model, q, torques, dt, plant=None):

@@ -13,12 +13,14 @@ from wearscope import tables
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
+from wearscope.robots.numbers import Number
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import refine_reference, simulate_forward
 from wearscope.simulation.recording import Recording, read_recording, write_recording
 from wearscope.simulation.run import Trace
 from wearscope.simulation.sensors import check_rate, find_stride, lag_torque, record, seed_of
 from wearscope.simulation.study import (
+    KEPT,
     Conditions,
     Simulator,
     make_conditions,
@@ -98,6 +100,22 @@ def test_true_payload_is_the_declared_one_over_one_plus_the_error(medium):
     assert body.payload.com == declared.payload.com
 
 
+def test_kept_payloads_are_those_of_new_ones(arms):
+    """More payloads than are kept, each twice, in one simulator and each in one of its own."""
+    model = arms.make_arm(payload={"mass": 9.0, "com": [0.0, 0.0, -0.2]})
+    reference = arms.swing(0.1)
+    errors = [0.01 * k for k in range(KEPT + 2)] * 2
+    with Simulator(model) as simulator:
+        kept = [digest(simulator.run(reference, Conditions(payload_mass_error=e), 1)) for e in errors]
+        assert simulator.body(errors[-1]) is simulator.body(errors[-1])
+        assert len(simulator._bodies) <= KEPT
+        heavier = simulator.machine(((Number("payload.mass"), 12.0),))
+        assert simulator.body(errors[-1], heavier).payload.mass == pytest.approx(12.0 / (1.0 + errors[-1]))
+    anew = [digest(simulate_point(model, reference, Conditions(payload_mass_error=e), 1)) for e in errors]
+    assert kept == anew
+    assert len(set(kept)) == KEPT + 2
+
+
 def test_controller_knows_only_the_declared_payload(arms):
     reference = arms.swing(0.5)
     errors = []
@@ -110,9 +128,9 @@ def test_controller_knows_only_the_declared_payload(arms):
     assert errors[1] > 10.0 * errors[0]
     with Simulator(model) as simulator:
         simulator.run(reference, Conditions(), None)
-        law = simulator._law(reference)
+        law = simulator._law(reference)[0]
         simulator.run(reference, Conditions(payload_mass_error=-0.1), None)
-        assert simulator._law(reference) is law
+        assert simulator._law(reference)[0] is law
 
 
 def test_noise_has_the_stated_size_and_its_seed(medium, move):

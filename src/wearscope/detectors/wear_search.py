@@ -74,7 +74,7 @@ def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
         coefficients[k, : width[k]], shapes[k, : size[k]] = own_coefficients, own_shape
     states = np.array([effect.n_states for effect, _ in effects], dtype=np.int64)
     rows = [effect.row for effect, _ in effects if effect.row is not None]
-    return Law(hold_rows(rows), width, size, states, coefficients, shapes)
+    return Law(hold_rows(tuple(rows)), width, size, states, coefficients, shapes)
 
 
 @njit(cache=True)

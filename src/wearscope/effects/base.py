@@ -15,7 +15,7 @@ from wearscope.effects.kinds import (
 from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant, Term
-from wearscope.effects.rows import ROW, compile_row
+from wearscope.effects.rows import ROW, compile_row, decay
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 
@@ -33,6 +33,7 @@ __all__ = [
     "Term",
     "TransmissionEffect",
     "compile_row",
+    "decay",
     "load_effect",
 ]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, compile_row, decay
 from wearscope.effects.friction_wear_temperature import limit_temperature
 from wearscope.effects.motions import TEMPERATURE
 
@@ -11,8 +11,8 @@ from wearscope.effects.motions import TEMPERATURE
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     warmth, reference = temperature[j], shape[3]
     speed = abs(v[j])
-    warm = np.exp(-((speed / (shape[0] + shape[1] * warmth)) ** shape[2])) * sign[j]
-    cold = np.exp(-((speed / (shape[0] + shape[1] * reference)) ** shape[2])) * sign[j]
+    warm = decay(speed / (shape[0] + shape[1] * warmth), shape[2]) * sign[j]
+    cold = decay(speed / (shape[0] + shape[1] * reference), shape[2]) * sign[j]
     out[0] = warm - cold
     out[1] = warmth * warm - reference * cold
     out[2] = (warmth - reference) * v[j]

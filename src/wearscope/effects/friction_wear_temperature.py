@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
 from wearscope.effects.motions import TEMPERATURE
 
 
@@ -12,14 +12,14 @@ from wearscope.effects.motions import TEMPERATURE
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     warmth, worn = temperature[j], wear[j]
     speed = abs(v[j])
-    bump = np.exp(-((speed / (shape[0] + shape[1] * warmth)) ** shape[3])) * sign[j]
+    bump = decay(speed / (shape[0] + shape[1] * warmth), shape[3]) * sign[j]
     out[0] = sign[j]
     out[1] = bump
     out[2] = warmth * bump
     out[3] = v[j]
     out[4] = warmth * v[j]
     # Every wear term vanishes at f = 0, where eta8 f would divide by zero.
-    out[5] = worn * np.exp(-((speed / (shape[2] * worn)) ** shape[3])) * sign[j] if worn > 0.0 else 0.0
+    out[5] = worn * decay(speed / (shape[2] * worn), shape[3]) * sign[j] if worn > 0.0 else 0.0
     out[6] = worn * v[j]
 
 

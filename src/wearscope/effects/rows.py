@@ -1,6 +1,6 @@
 """An effect's compiled row: its signature, its compilation, and rows stacked along signals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +27,13 @@ ROW = types.void(
 #: Compiles an effect's row.
 compile_row: Callable = njit(ROW, cache=True)
 
+
+@njit(types.float64(types.float64, types.float64), cache=True)
+def decay(ratio, power):
+    """``exp(-ratio^power)``, by how much the Stribeck curve has fallen; most laws have a power of 1."""
+    return np.exp(-(ratio if power == 1.0 else ratio**power))
+
+
 _MATRIX = types.Array(types.float64, 2, "C")
 
 
@@ -47,22 +54,21 @@ def _add_row(rows, row):
     rows.append(row)
 
 
-def hold_rows(rows: Sequence[Callable]) -> typed.List:
-    """Compiled rows as a list, which costs compiled code a third of what a row alone does at each call."""
+@lru_cache(maxsize=256)
+def hold_rows(rows: tuple[Callable, ...]) -> typed.List:
+    """Compiled rows as a list, which costs compiled code a third of what a row alone does at each call.
+
+    The same rows get the same list, which is only read.
+    """
     held = _start_rows()
     for row in rows:
         _add_row(held, row)
     return held
 
 
-@lru_cache(maxsize=256)
-def _hold_row(row: Callable) -> typed.List:
-    return hold_rows([row])
-
-
 def stack_rows(row: Callable, *arguments) -> np.ndarray:
     """Regressors (N, S*p) of several shapes side by side; the arguments are those of `_stack`."""
-    return _stack(_hold_row(row), *arguments)
+    return _stack(hold_rows((row,)), *arguments)
 
 
 # All shapes in one pass, since a sample's views cost more than a row.

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
 from wearscope.effects.motions import SLOW_MOTION
 
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    out[0] = np.exp(-((abs(v[j]) / shape[0]) ** shape[1])) * sign[j]
+    out[0] = decay(abs(v[j]) / shape[0], shape[1]) * sign[j]
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+from wearscope.effects.base import Effect, Parameter, compile_row, decay
 from wearscope.effects.motions import WEAR
 
 #: Share of a joint's top speed over which the bump of worn friction dies away, until data show it.
@@ -13,7 +13,7 @@ BUMP = 0.05
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     worn = wear[j]
     # At f = 0, where eta8 f would divide by zero, both terms are 0.
-    out[0] = worn * np.exp(-((abs(v[j]) / (shape[0] * worn)) ** shape[1])) * sign[j] if worn > 0.0 else 0.0
+    out[0] = worn * decay(abs(v[j]) / (shape[0] * worn), shape[1]) * sign[j] if worn > 0.0 else 0.0
     out[1] = worn * v[j]
 
 

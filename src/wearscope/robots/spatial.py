@@ -10,6 +10,10 @@ Array = NDArray[np.float64]
 
 # Order of Pinocchio's ten inertial parameters: m, m c (3), then the tensor about the frame's origin.
 PARAMETER_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+#: The ways to order three axes and to turn them about, (48, 3) and (48, 1, 3), and their handedness (48,).
+_ORDERS = np.repeat(list(permutations(range(3))), 8, axis=0)
+_SIGNS = np.tile(list(product((1.0, -1.0), repeat=3)), (6, 1))[:, None, :]
+_HANDS = np.rint(np.linalg.det(np.eye(3)[_ORDERS] * _SIGNS))
 
 
 @dataclass(frozen=True)
@@ -85,14 +89,11 @@ def diagonalise_tensor(tensor: Array) -> tuple[Array, Array]:
     if not np.any(tensor[np.triu_indices(3, 1)]):
         return np.diag(tensor).copy(), np.eye(3)
     moments, axes = np.linalg.eigh(0.5 * (tensor + tensor.T))
-    best, best_order, best_trace = axes, [0, 1, 2], -np.inf
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            candidate = axes[:, order] * np.array(signs)
-            trace = np.trace(candidate)
-            if trace > best_trace and np.linalg.det(candidate) > 0.0:
-                best, best_order, best_trace = candidate, list(order), trace
-    return moments[best_order], best
+    frames = axes[:, _ORDERS].transpose(1, 0, 2) * _SIGNS
+    right = np.linalg.det(axes) * _HANDS > 0.0
+    likeness = np.where(right, np.trace(frames, axis1=1, axis2=2), -np.inf)
+    nearest = int(np.argmax(likeness))
+    return moments[_ORDERS[nearest]], frames[nearest]
 
 
 def pseudo_inertia(parameters: ArrayLike) -> Array:

@@ -239,18 +239,28 @@ def _format(values: Sequence[float]) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
+def _make_link_node(link: Link) -> ET.Element:
+    node = ET.Element("link", name=link.name)
+    inertial = ET.SubElement(node, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_format(link.pose.xyz), rpy=_format(link.pose.rpy))
+    ET.SubElement(inertial, "mass", value=_format([link.mass]))
+    moments = {f"i{a}{a}": _format([link.tensor[k, k]]) for k, a in enumerate("xyz")}
+    ET.SubElement(inertial, "inertia", {**moments, "ixy": "0.0", "ixz": "0.0", "iyz": "0.0"})
+    return node
+
+
+def write_link(link: Link) -> str:
+    """Text of a link as `write_urdf` has it."""
+    node = _make_link_node(link)
+    ET.indent(node, level=1)
+    return ET.tostring(node, encoding="unicode")
+
+
 def write_urdf(tree: Tree) -> str:
     """Text of a normalised tree; numbers with as many digits as they have."""
     robot = ET.Element("robot", name=tree.name)
     for link in tree.links.values():
-        node = ET.SubElement(robot, "link", name=link.name)
-        if link.name == tree.root:
-            link = Link(tree.root)
-        inertial = ET.SubElement(node, "inertial")
-        ET.SubElement(inertial, "origin", xyz=_format(link.pose.xyz), rpy=_format(link.pose.rpy))
-        ET.SubElement(inertial, "mass", value=_format([link.mass]))
-        moments = {f"i{a}{a}": _format([link.tensor[k, k]]) for k, a in enumerate("xyz")}
-        ET.SubElement(inertial, "inertia", {**moments, "ixy": "0.0", "ixz": "0.0", "iyz": "0.0"})
+        robot.append(_make_link_node(Link(tree.root) if link.name == tree.root else link))
     for joint in tree.joints:
         kind = "revolute" if joint.kind == "continuous" else joint.kind
         node = ET.SubElement(robot, "joint", name=joint.name, type=kind)

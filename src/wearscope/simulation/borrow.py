@@ -5,6 +5,8 @@ the time of a step.
 """
 
 from llvmlite import ir
+from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 
@@ -22,3 +24,16 @@ def borrow(typingctx, arrays):
         return value
 
     return arrays(arrays), generate
+
+
+@intrinsic
+def borrow_rows(typingctx, rows):
+    """Give a typed list without its owner, as `borrow` does arrays."""
+
+    def generate(context, builder, signature, arguments):
+        (value,) = arguments
+        lent = cgutils.create_struct_proxy(rows)(context, builder, value=value)
+        lent.meminfo = ir.Constant(lent.meminfo.type, None)
+        return lent._getvalue()
+
+    return rows(rows) if isinstance(rows, types.ListType) else None, generate

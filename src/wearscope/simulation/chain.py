@@ -10,7 +10,7 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 from wearscope.robots.urdf import make_link
-from wearscope.robots.urdf_file import Tree, parse_urdf, write_urdf
+from wearscope.robots.urdf_file import Tree, parse_urdf, write_link, write_urdf
 
 
 class Chain(NamedTuple):
@@ -51,8 +51,8 @@ class Chain(NamedTuple):
     gravity: np.ndarray
 
 
-def list_inertias(body: RigidBody, extra: Array | None = None) -> dict[str, Inertia]:
-    """Inertia of each joint's link in its own frame, payload included.
+def sum_parameters(body: RigidBody, extra: Array | None = None) -> Array:
+    """Inertial parameters (n, 10) of each joint's link in its own frame, payload included.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def list_inertias(body: RigidBody, extra: Array | None = None) -> dict[str, Iner
                 f"joint '{name}': its link would weigh {row[0]:.4g} kg with payload and effects; "
                 "correct the payload or the effects."
             )
-    return {name: Inertia.from_parameters(row) for name, row in zip(body.names, parameters, strict=True)}
+    return parameters
 
 
 #: A robot's URDF is the same from run to run; its tree is only read.
@@ -114,33 +114,40 @@ def build_chain(body: RigidBody, extra: Array | None = None) -> Chain:
     body : RigidBody
         With its payload.
     extra : ndarray (n, 10), optional
-        As for `list_inertias`.
+        As for `sum_parameters`.
 
     Raises
     ------
     InputError
-        As `list_inertias`.
+        As `sum_parameters`.
     """
-    names, inertias = body.names, list_inertias(body, extra)
+    inertias = [Inertia.from_parameters(row) for row in sum_parameters(body, extra)]
     return Chain(
-        **_find_frames(body.urdf_text(), tuple(names)),
-        mass=np.array([inertias[n].mass for n in names]),
-        com=np.array([inertias[n].com for n in names]),
-        tensor=np.array([inertias[n].tensor for n in names]),
+        **_find_frames(body.urdf_text(), tuple(body.names)),
+        mass=np.array([inertia.mass for inertia in inertias]),
+        com=np.array([inertia.com for inertia in inertias]),
+        tensor=np.array([inertia.tensor for inertia in inertias]),
         gravity=np.array(body.gravity, dtype=float),
     )
 
 
+@lru_cache(maxsize=16)
+def _write_bare_plant(urdf_text: str, last: str) -> tuple[str, str, str]:
+    """URDF for PyBullet without payload, before and after the link of joint `last`, and that link's name."""
+    tree = _read_tree(urdf_text)
+    joints = [replace(joint, lower=1.0, upper=-1.0) for joint in tree.joints]
+    link = tree.links[next(joint.child for joint in joints if joint.name == last)]
+    before, after = write_urdf(Tree(tree.name, tree.root, tree.links, joints)).split(write_link(link))
+    return before, after, link.name
+
+
+@lru_cache(maxsize=16)
 def write_plant_urdf(body: RigidBody) -> str:
     """URDF for PyBullet: the payload on the last link, and no joint limits.
 
     PyBullet turns limits into contacts; a run that leaves its limits is refused instead.
     """
-    tree = _read_tree(body.urdf_text())
-    carried = {joint.name: joint.child for joint in tree.joints}
-    links = dict(tree.links)
-    if body.payload is not None:
-        last = body.names[-1]
-        links[carried[last]] = make_link(carried[last], list_inertias(body)[last])
-    joints = [replace(joint, lower=1.0, upper=-1.0) for joint in tree.joints]
-    return write_urdf(Tree(tree.name, tree.root, links, joints))
+    last = body.names[-1]
+    before, after, name = _write_bare_plant(body.urdf_text(), last)
+    inertia = Inertia.from_parameters(sum_parameters(body)[-1])
+    return before + write_link(make_link(name, inertia)) + after

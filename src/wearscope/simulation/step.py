@@ -18,7 +18,7 @@ from numba import njit
 
 from wearscope.simulation.arrays import INNER
 from wearscope.simulation.balance import NO_BALANCE, REST, WHOLE, balance_part
-from wearscope.simulation.borrow import borrow
+from wearscope.simulation.borrow import borrow, borrow_rows
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.terms import remember, share_out
 
@@ -165,6 +165,7 @@ def _compile_advance(stamp: int) -> Callable:
             borrow(state), borrow(work), borrow(motion), borrow(w), borrow(v), borrow(log),
         )  # fmt: skip
         temperature, wear = borrow((temperature, wear))
+        rows = borrow_rows(rows)
         n = len(state.q)
         # Memory and coupling are taken from the last evaluation.
         may_trust = not (terms.remembers.any() or terms.coupled.any())

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from wearscope.simulation.run import run_motion
 from wearscope.simulation.sensors import find_stride, record
 from wearscope.simulation.world import World, prove_world
 
-#: References, and controllers along them, kept for further points: those of a design's levels, not those of
-#: thousands of points that each have their own.
+T = TypeVar("T")
+
+#: References with the controllers along them, and payloads, that are kept for further points: those of a
+#: design's levels, not those of thousands of points that each have their own.
 KEPT = 8
 #: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
@@ -97,6 +100,14 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
     return Conditions(tuple(wear), temperature, error, tuple(numbers))
 
 
+def _keep(kept: dict, key: object, value: T) -> T:
+    """Keep a value in the place of the oldest."""
+    kept[key] = value
+    if len(kept) > KEPT:
+        del kept[next(iter(kept))]
+    return value
+
+
 @dataclass(frozen=True)
 class Machine:
     """A robot as it is, beside what its controller believes.
@@ -141,7 +152,8 @@ class Simulator:
         self.declared: RigidBody = model.rigid_body(model.declared_payload)
         self.world = World()
         self._proven: set[float] = set()
-        self._laws: dict[tuple, tuple[Reference, Law]] = {}
+        self._laws: dict[tuple, tuple[Reference, Law, float]] = {}
+        self._bodies: dict[float, RigidBody] = {}
 
     def __enter__(self) -> "Simulator":
         return self
@@ -154,11 +166,14 @@ class Simulator:
         self.world.close()
         self.world = World()
 
-    def _law(self, reference: Reference, numbers: Numbers = ()) -> Law:
+    def _law(self, reference: Reference, numbers: Numbers = ()) -> tuple[Law, float]:
+        """Controller along a reference, and the step [s]."""
         # Points that share a dwell share their reference, whose torque costs as much as a tenth of a run.
         known = tuple(one for one in numbers if one[0].is_known)
         kept = self._laws.get((id(reference), known))
         if kept is None:
+            _check_reference(reference, self.model)
+            dt = find_step(reference.t)
             feedforward = make_feedforward(
                 self.model, self.declared, self.plant, reference, self.friction_feedforward
             )
@@ -171,10 +186,8 @@ class Simulator:
                 self.plant.armature,
                 believed.torque_limit,
             )
-            kept = self._laws[id(reference), known] = (reference, law)
-            if len(self._laws) > KEPT:
-                del self._laws[next(iter(self._laws))]
-        return kept[1]
+            kept = _keep(self._laws, (id(reference), known), (reference, law, dt))
+        return kept[1:]
 
     def rate(self, machine: Machine, numbers: Numbers, dt: float) -> float:
         """Samples a second [Hz]: where no number says otherwise, a whole number of steps apart."""
@@ -201,7 +214,13 @@ class Simulator:
                 f"payload_mass_error = {payload_mass_error:g}: a mass declared {payload_mass_error:.0%} off "
                 "the correct one is none; use a level above -100 %."
             )
-        return machine.body.with_payload(payload.scaled(1.0 / (1.0 + payload_mass_error)))
+        own = machine.body is self.declared
+        if own and payload_mass_error in self._bodies:
+            return self._bodies[payload_mass_error]
+        body = machine.body.with_payload(payload.scaled(1.0 / (1.0 + payload_mass_error)))
+        if own:
+            _keep(self._bodies, payload_mass_error, body)
+        return body
 
     def wear(self, levels: Sequence[float]) -> Array:
         """Wear (n,) of all joints from that of the wearing ones."""
@@ -242,8 +261,7 @@ class Simulator:
         """
         machine = self.machine(conditions.numbers)
         model, plant = machine.model, machine.plant
-        _check_reference(reference, model)
-        dt = find_step(reference.t)
+        law, dt = self._law(reference, conditions.numbers)
         rate = self.rate(machine, conditions.numbers, dt)
         check_temperature(model, conditions.temperature)
         wear = self.wear(conditions.wear)
@@ -255,7 +273,7 @@ class Simulator:
             self.world,
             body,
             plant,
-            self._law(reference, conditions.numbers),
+            law,
             dt,
             conditions.temperature,
             wear,
@@ -281,11 +299,10 @@ class Simulator:
             seed,
         )
         for name in ("q", "qd", "tau"):
-            lost = ~np.isfinite(getattr(recording, name)).all(axis=1)
-            if lost.any():
-                raise SimulationError(
-                    f"the recorded {name} is not finite at t = {recording.t[lost.argmax()]:.3f} s."
-                )
+            finite = np.isfinite(getattr(recording, name))
+            if not finite.all():
+                first = finite.all(axis=1).argmin()
+                raise SimulationError(f"the recorded {name} is not finite at t = {recording.t[first]:.3f} s.")
         return recording
 
 

@@ -1,5 +1,7 @@
 """A plant's torque terms packed for the compiled step."""
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -41,18 +43,21 @@ class Terms(NamedTuple):
     out: np.ndarray
 
 
-def _is_coupled(term: Term, n: int) -> bool:
-    """Whether the term's row changes when only other joints move otherwise."""
-    state = np.zeros(max(term.n_states, 1))
+@lru_cache(maxsize=256)
+def _is_coupled(
+    row: Callable, joint: int, n: int, width: int, shape: tuple[float, ...], n_states: int
+) -> bool:
+    """Whether a term's row changes when only other joints move otherwise."""
+    state = np.zeros(max(n_states, 1))
     values = []
     for other in (0.0, 1.0):
         vector = np.full(n, other)
-        vector[term.joint] = 0.7
+        vector[joint] = 0.7
         fixed = np.full(n, 0.7)
-        out = np.zeros(len(term.coefficients))
-        term.row(
-            term.joint, 0.0, 1e-3, vector, fixed, vector, vector, fixed, fixed, fixed,
-            term.shape, state, state.copy(), out,
+        out = np.zeros(width)
+        row(
+            joint, 0.0, 1e-3, vector, fixed, vector, vector, fixed, fixed, fixed,
+            np.array(shape), state, state.copy(), out,
         )  # fmt: skip
         values.append(out)
     return not np.array_equal(values[0], values[1], equal_nan=True)
@@ -76,7 +81,7 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     Terms
     """
     ordered = order_terms(plant)
-    rows = hold_rows([term.row for term in ordered])
+    rows = hold_rows(tuple(term.row for term in ordered))
     m = len(ordered)
     widest = max([1, *(len(t.coefficients) for t in ordered)])
     deepest = max([1, *(len(t.shape) for t in ordered)])
@@ -86,7 +91,9 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     for i, term in enumerate(ordered):
         coefficients[i, : len(term.coefficients)] = term.coefficients
         shape[i, : len(term.shape)] = term.shape
-        coupled[term.joint] |= _is_coupled(term, plant.n)
+        coupled[term.joint] |= _is_coupled(
+            term.row, term.joint, plant.n, len(term.coefficients), tuple(term.shape), term.n_states
+        )
     return rows, Terms(
         joint=np.array([term.joint for term in ordered], dtype=np.int64),
         width=np.array([len(t.coefficients) for t in ordered], dtype=np.int64),

@@ -119,7 +119,9 @@ class World:
         body, indices, mode, client = self.body, self.indices, pb.TORQUE_CONTROL, self.client
         apply, step = pb.setJointMotorControlArray, pb.stepSimulation
         for row in zip(*torques.T.tolist(), strict=True):
-            apply(body, indices, mode, forces=row, physicsClientId=client)
+            # Positions, speeds, forces and gains: torque control reads the forces alone, and to name them
+            # would take a quarter of the call.
+            apply(body, indices, mode, row, row, row, row, row, client)
             step(client)
 
     def step_bare(self, count: int) -> None:
