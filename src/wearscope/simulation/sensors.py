@@ -67,8 +67,14 @@ def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
 
 def _encode(position: Array, resolution: Array) -> Array:
     """Positions (N, n) in whole encoder steps, as they are where the resolution is 0."""
-    steps = np.where(resolution > 0.0, resolution, 1.0)
-    return np.where(resolution > 0.0, steps * np.rint(position / steps), position)
+    exact = resolution == 0.0
+    steps = np.where(exact, 1.0, resolution)
+    encoded = position / steps
+    np.rint(encoded, out=encoded)
+    encoded *= steps
+    if exact.any():
+        encoded[:, exact] = position[:, exact]
+    return encoded
 
 
 def record(
@@ -107,7 +113,9 @@ def record(
         Where there are more samples than steps.
     """
     count = len(trace.torque)
-    torque = lag_torque(trace.torque, torque_delay, dt) * (1.0 + torque_gain)
+    torque = lag_torque(trace.torque, torque_delay, dt)
+    if np.any(torque_gain):
+        torque = torque * (1.0 + torque_gain)
     t, q, v, tau = _sample((trace.t, trace.q[:count], trace.v, torque), dt, sample_rate)
     moved = SPEED_TIME * v
     speed = (_encode(q + moved, encoder_resolution) - _encode(q - moved, encoder_resolution)) / (
@@ -115,7 +123,9 @@ def record(
     )
     if seed is not None:
         rng = np.random.default_rng(seed)
-        tau += torque_noise * rng.standard_normal(tau.shape)
+        noise = rng.standard_normal(tau.shape)
+        noise *= torque_noise
+        tau += noise
     return Recording(t=t, q=_encode(q, encoder_resolution), qd=speed, tau=tau)
 
 
