@@ -101,7 +101,7 @@ class Case:
 
     def law(self, dt: float) -> Law:
         """The controller at a step."""
-        return self.simulator._law(self.reference(dt))
+        return self.simulator._law(self.reference(dt))[0]
 
     def run_ours(self, dt: float) -> np.ndarray:
         """Torque of this simulation, sampled as all are compared."""
