@@ -26,6 +26,14 @@ def test_two_planted_columns_are_named_and_no_other(rival):
     assert sorted(RIVALS[rival](table, np.random.default_rng(0))) == ["a", "d"]
 
 
+def test_a_column_that_is_there_twice_is_no_error():
+    table = make_table((1.0, 0.0, 0.0, -0.8, 0.0, 0.0), 0.4)
+    columns = np.column_stack([table.columns, table.columns[:, 0], table.columns[:, 3]])
+    twice = RivalTable("j1", columns, table.target, table.blocks, (*NAMES, "a2", "d2"), columns)
+    said = RIVALS["stability_selection"](twice, np.random.default_rng(0))
+    assert {name[0] for name in said} == {"a", "d"}
+
+
 @pytest.mark.parametrize("rival", [name for name in RIVALS if name not in ("ensemble_sindy", "ard")])
 def test_noise_alone_is_named_seldom(rival):
     said = [
