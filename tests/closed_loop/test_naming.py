@@ -28,7 +28,8 @@ def evidence(name, change):
     return Evidence(
         chosen=chosen, joint=0, change=change, gain=float(-np.nansum(change)), share=0.3, fitted=0.3,
         gains={0: 1.0}, left=30.0, torque=0.1, statistic=8.0, chance=np.zeros(9), agreement=1.0,
-        opposed=False, informing=4, sine=0.9, blocks=30.0, cancellation=1.0, beta=np.ones(1), tried=1.0,
+        opposed=False, informing=4, recordings=4, sine=0.9, blocks=30.0, cancellation=1.0, beta=np.ones(1),
+        tried=1.0,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from wearscope.closed_loop.selection.evidence import Evidence, Refusal, sum_by_p
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_critical
 from wearscope.effects.base import load_effect
+from wearscope.effects.unknown import SIGNALS
 
 POLICY = Policy()
 FREE = [(-np.inf, np.inf)]
@@ -30,8 +31,8 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         chosen=chosen, joint=joints[0],
         change=change, gain=gain, share=0.3, fitted=0.3, gains=dict.fromkeys(joints, gain),
         left=60.0, torque=0.1, statistic=8.0, chance=np.zeros(9), agreement=1.0, opposed=False,
-        informing=4, sine=0.9, blocks=30.0, cancellation=1.0, beta=np.ones(len(subset)), tried=1.0,
-        whole=0.3, p_value=0.001,
+        informing=4, recordings=4, sine=0.9, blocks=30.0, cancellation=1.0, beta=np.ones(len(subset)),
+        tried=1.0, whole=0.3, p_value=0.001,
     )  # fmt: skip
     return replace(made, **changed)
 
@@ -257,6 +258,17 @@ def test_generic_structure_needs_more_than_a_name():
     # Columns of a spline cancel each other as they like; a single run shows nothing of other motions.
     e = evidence("unknown", shape=(0.0,) * 10, cancellation=1e6)
     assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=False, generic=True) is Refusal.ALONE
+
+
+@pytest.mark.parametrize("place", [0, 5])
+@pytest.mark.parametrize(("signal", "slow"), [("q", False), ("load", False), ("temp", True), ("t", True)])
+def test_two_runs_cannot_show_that_structure_goes_with_time(place, signal, slow):
+    shape = [0.0] * 10
+    shape[place] = float(SIGNALS.index(signal))
+    for recordings in (2, 3):
+        e = evidence("unknown", shape=tuple(shape), recordings=recordings)
+        why = Refusal.ALONE if slow and recordings == 2 else Refusal.NONE
+        assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
 
 
 def test_parts_of_one_run_agree_but_for_noise_and_runs_for_the_most():

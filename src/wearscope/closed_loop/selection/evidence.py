@@ -33,7 +33,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant beside a residual that drifts"
-    ALONE = "a single run cannot show that structure without a name carries over to other motions"
+    ALONE = "one run, or two of what goes with time, cannot show that structure without a name carries over"
     FULL = "the joint has the most terms that are asked for"
 
 
@@ -74,6 +74,8 @@ class Evidence:
         Whether one of them loses more than its blocks' noise.
     informing : int
         How many of them there are.
+    recordings : int
+        How many recordings inform, whether or not parts of them must agree.
     sine : float
         Of the angle between candidate and model.
     blocks : float
@@ -108,6 +110,7 @@ class Evidence:
     agreement: float
     opposed: bool
     informing: int
+    recordings: int
     sine: float
     blocks: float
     cancellation: float
@@ -197,6 +200,7 @@ def weigh(
         agreement=float(np.mean(gain_by_part[informs] > 0.0)) if informs.any() else 0.0,
         opposed=bool((gain_by_part < -error_by_part)[informs].any()),
         informing=int(informs.sum()),
+        recordings=count_informing(information, layout.folds.recording, policy),
         sine=float(np.sqrt(max(beta @ inner @ beta, 0.0))) / whole,
         blocks=float(information.sum() ** 2 / max((information**2).sum(), 1e-300)),
         cancellation=float((np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(beta)).max() / whole),
@@ -334,9 +338,14 @@ def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, pol
     """
     if any(name == "t" or name.startswith("temp") for name in candidate.effect.depends_on):
         return False
-    by_recording = np.bincount(folds.recording, information)
-    informs = by_recording > policy.informing * by_recording.sum()
-    return len(by_recording) > 1 and int(informs.sum()) == 1
+    several = len(np.unique(folds.recording)) > 1
+    return several and count_informing(information, folds.recording, policy) == 1
+
+
+def count_informing(information: np.ndarray, part: np.ndarray, policy: Policy) -> int:
+    """Parts that hold a share of the information (B,) on a term, `part` (B,) being that of each block."""
+    by_part = np.bincount(part, information)
+    return int((by_part > policy.informing * by_part.sum()).sum())
 
 
 def _odds(gain: np.ndarray, loss: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_standard
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect, Signals
-from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Share of the gain asked for that signals at the rows alone, without the filter, must show.
@@ -257,11 +257,6 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
     return found
 
 
-def is_slow(e: Evidence) -> bool:
-    """Whether a generic term depends on time or temperature, as any drift of a run seems to."""
-    return any(int(e.term.shape[k]) in SLOW for k in (0, 5))
-
-
 def is_structure(search: Search, e: Evidence) -> bool:
     """Whether a generic term shows structure, though it cannot be added."""
     policy = search.policy
@@ -269,7 +264,7 @@ def is_structure(search: Search, e: Evidence) -> bool:
     held_out = e.share >= policy.structure_share and gain > policy.unexpected * error
     return (
         # Runs of different kinds may disagree on the form of what most of the loss is.
-        (held_out or (e.fitted >= policy.beyond_chance and not is_slow(e)))
+        (held_out or (e.fitted >= policy.beyond_chance and not rule.is_slow(e)))
         and e.p_value <= policy.unknown_level
         and e.refusal is not Refusal.NONE
     )
