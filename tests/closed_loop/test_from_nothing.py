@@ -104,3 +104,25 @@ def test_richer_friction_comes_after_its_simple_parents(record):
     folder = record(planted, declared=["rigid_body"], robot=UNSTATED, seed=7, runs=4, duration=8.0)
     named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
     assert named == {(j, n) for j in "ab" for n in TRUTH} | {("a", "stribeck")}
+
+
+FORMS = {
+    "algebraic": lambda x: x / np.sqrt(1 + x**2),
+    "arctangent": lambda x: np.arctan(np.pi * x / 2) * 2 / np.pi,
+}
+
+
+@pytest.mark.parametrize(("form", "width"), [("algebraic", 0.06), ("arctangent", 0.02)])
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_weak_viscous_friction_is_told_from_the_form_of_a_reversal(record, form, width, share):
+    """Errors of a reversal's width and form have most of what 1 % of Coulomb friction adds with speed."""
+    level, slope = TRUTH["coulomb"][1], TRUTH["viscous"][1]
+
+    def change(t, q, v, a, rng):
+        return level * (FORMS[form](v / width) - np.sign(v)) - (1.0 - share) * np.array(slope) * v
+
+    declared = ["rigid_body", "rotor_inertia"]
+    folder = record(declared=declared, extra_torque=change, noise=0.05, seed=1, runs=4, duration=12.0)
+    named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
+    there = ("coulomb", "viscous") if share else ("coulomb",)
+    assert named == {(joint, name) for joint in "ab" for name in there}

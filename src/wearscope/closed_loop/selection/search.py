@@ -33,7 +33,7 @@ from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.reversal import refine_reversals
+from wearscope.closed_loop.selection.reversal import REVERSAL, refine_reversals
 from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_standard, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
@@ -96,9 +96,16 @@ class Search:
         return (*self.problem.base, *(f.chosen for f in found))
 
     def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
-        """Normal equations of the declared model with the terms found, to ask about standard terms or not."""
+        """Normal equations of the declared model with the terms found, to ask about standard terms or not.
+
+        An error of a reversal's form has much of weak viscous friction, which every drive has, and no
+        standard term is asked beside it.
+        """
         layout = self.problem.layout.for_standard if standard else self.problem.layout
-        return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
+        chosen = self._chosen(found)
+        if standard:
+            chosen = tuple(c for c in chosen if c.candidate.effect is not REVERSAL)
+        return Assembly(layout, self.problem.target, chosen, self.sigma)
 
     def candidates(
         self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int], every: bool = False
