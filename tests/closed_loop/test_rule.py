@@ -288,6 +288,15 @@ def test_a_standard_term_may_be_small_but_not_chance():
     assert not rule.is_needed(replace(e, share=0.009), POLICY, by_run=True)
     assert not rule.is_needed(replace(e, torque=0.999 * POLICY.material_torque), POLICY, by_run=True)
     assert not rule.is_needed(replace(e, sine=1e-4), POLICY, by_run=True)
+    # Of a joint's plain friction no accuracy of filters is asked where it explains much.
+    for name, share, kept in (
+        ("coulomb", 0.101, True),
+        ("coulomb", 0.099, False),
+        ("rotor_inertia", 0.101, False),
+    ):
+        small = evidence(name, share=share, fitted=0.101, torque=0.5 * POLICY.material_torque)
+        assert rule.is_needed(small, POLICY, by_run=True) is kept
+        assert (rule.judge(small, POLICY, FREE, 0.0, by_run=True) is Refusal.NONE) is kept
     noisy = evidence("coulomb", gain=2.0, noise=1.0, share=0.011)
     assert not rule.is_needed(noisy, POLICY, by_run=True)
 

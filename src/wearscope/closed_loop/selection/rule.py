@@ -47,7 +47,7 @@ def judge(
             return Refusal.BOUNDS
         return Refusal.NONE if abs(float(e.beta[0])) >= least else Refusal.SMALL
     # Asked so that what is NaN is refused.
-    if not is_own(e, policy):
+    if not (is_own(e, policy) or is_plain(e, policy)):
         return Refusal.ABSORBED
     if not (e.share >= share and (expected or e.whole >= whole)):
         return Refusal.IMMATERIAL
@@ -184,7 +184,8 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     likely = is_plain(e, policy) and e.agreement > 0.5
     material = e.term.effect.is_in_every_drive or e.whole >= policy.material_whole
     matters = material or is_beyond_chance(e, policy, by_run)
-    gains = is_own(e, policy) and e.share >= policy.material_whole and matters and (sure or likely)
+    own = is_own(e, policy) or (is_plain(e, policy) and sure)
+    gains = own and e.share >= policy.material_whole and matters and (sure or likely)
     return gains or relieves(e, policy)
 
 
