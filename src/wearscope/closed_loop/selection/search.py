@@ -95,15 +95,14 @@ class Search:
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))
 
-    def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
+    def assemble(self, found: Iterable[Found], standard: bool = False, held: bool = False) -> Assembly:
         """Normal equations of the declared model with the terms found, to ask about standard terms or not.
 
-        An error of a reversal's form has much of weak viscous friction, which every drive has, and no
-        standard term is asked beside it.
+        Where reversals are `held`, without the errors of their width and form.
         """
         layout = self.problem.layout.for_standard if standard else self.problem.layout
         chosen = self._chosen(found)
-        if standard:
+        if held:
             chosen = tuple(c for c in chosen if c.candidate.effect is not REVERSAL)
         return Assembly(layout, self.problem.target, chosen, self.sigma)
 
