@@ -261,13 +261,16 @@ def test_generic_structure_needs_more_than_a_name():
 
 
 @pytest.mark.parametrize("place", [0, 5])
-@pytest.mark.parametrize(("signal", "slow"), [("q", False), ("load", False), ("temp", True), ("t", True)])
-def test_two_runs_cannot_show_that_structure_goes_with_time(place, signal, slow):
+@pytest.mark.parametrize(
+    ("signal", "source", "known"),
+    [("q", 0, True), ("load", 0, True), ("q", 1, False), ("temp", 0, False), ("t", 0, False)],
+)
+def test_two_runs_show_structure_in_a_joint_s_own_motion_alone(place, signal, source, known):
     shape = [0.0] * 10
-    shape[place] = float(SIGNALS.index(signal))
+    shape[place], shape[place + 1] = float(SIGNALS.index(signal)), float(source)
     for recordings in (2, 3):
         e = evidence("unknown", shape=tuple(shape), recordings=recordings)
-        why = Refusal.ALONE if slow and recordings == 2 else Refusal.NONE
+        why = Refusal.NONE if known or recordings == 3 else Refusal.ALONE
         assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
 
 

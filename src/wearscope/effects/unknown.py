@@ -120,13 +120,19 @@ def coarsen(knots: int, fewer: int) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(fewer)))
 
 
+def list_signals(shape: Sequence[float]) -> list[tuple[int, int]]:
+    """Code and joint of the one or two signals whose spline it is."""
+    first, second = (int(shape[0]), int(shape[1])), (int(shape[5]), int(shape[6]))
+    return [first] if second[0] < 0 else [first, second]
+
+
 def name_signals(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
     """Signals that a term of the given shape at a joint depends on."""
-    signal, source, modulator = SIGNALS[int(shape[0])], int(shape[1]), MODULATORS[int(shape[2])]
-    names = ["t" if signal == "t" else f"{signal}_{joints[source]}"]
-    if shape[5] >= 0:
-        second, other = SIGNALS[int(shape[5])], int(shape[6])
-        names.append("t" if second == "t" else f"{second}_{joints[other]}")
+    modulator = MODULATORS[int(shape[2])]
+    names = [
+        "t" if SIGNALS[code] == "t" else f"{SIGNALS[code]}_{joints[source]}"
+        for code, source in list_signals(shape)
+    ]
     if modulator:
         names.append(f"{modulator}_{joints[joint]}")
     return list(dict.fromkeys(names))

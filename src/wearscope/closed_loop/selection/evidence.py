@@ -33,7 +33,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant beside a residual that drifts"
-    ALONE = "one run, or two of what goes with time, cannot show that structure without a name carries over"
+    ALONE = "a single run, or two, cannot show that structure without a name carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 
 

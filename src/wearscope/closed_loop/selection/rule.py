@@ -70,16 +70,19 @@ def judge(
 
 def is_slow(e: Evidence) -> bool:
     """Whether a generic term depends on time or temperature, as any drift of a run seems to."""
-    return any(int(e.term.shape[k]) in unknown.SLOW for k in (0, 5))
+    return any(code in unknown.SLOW for code, _ in unknown.list_signals(e.term.shape))
 
 
 def may_coincide(e: Evidence) -> bool:
-    """Whether structure that goes with time or temperature is seen in two runs at most.
+    """Whether structure in two runs at most goes with time, with temperature or with another joint.
 
     Of two oscillations that start when they like, one predicts a fifth of the other's variance, as much as
-    is asked for, in 30 of 100 pairs, those within 53 degrees, and nothing of the next run's.
+    is asked for, in 30 of 100 pairs, those within 53 degrees, and nothing of the next run's. So it is with
+    what a joint does and the other joints' signals, of which there are many.
     """
-    return is_slow(e) and e.recordings < 3
+    signals = unknown.list_signals(e.term.shape)
+    own = not is_slow(e) and all(source == e.term.joint for _, source in signals)
+    return not own and e.recordings < 3
 
 
 def cancels(e: Evidence, policy: Policy) -> bool:
