@@ -39,6 +39,13 @@ def test_wrong_masses_under_trusted_are_named_as_such(tmp_path, seed):
     assert min(j["rms_after"] / j["rms_before"] for j in verdict["joints"].values()) < 0.5
 
 
+def test_wrong_masses_are_asked_for_where_nothing_is_declared(tmp_path):
+    """A rigid body that nobody declared is in the model all the same, with the masses that are trusted."""
+    verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=False, declared=())
+    assert all("inertial_error" in (e["effect"], *e["equivalent"]) for e in verdict["verdict"])
+    assert verdict["verdict"]
+
+
 def test_the_same_masses_under_approximate_are_refitted_without_a_name(tmp_path):
     verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=True)
     assert verdict["verdict"] == [] and not any("far from the URDF" in note for note in verdict["notes"])

@@ -137,6 +137,8 @@ def test_errors_of_given_values_are_candidates_where_they_are_given():
     assert "rotor_inertia_error" in names("rotor_inertia")
     assert {"rotor_inertia_error", "inertial_error"} <= names("rotor_inertia", "rigid_body")
     assert "rotor_inertia" not in names("rotor_inertia")
+    # A rigid body that nobody declared is in the model all the same.
+    assert "inertial_error" in names_of(candidate_effects([], [], ["rigid_body"], 3))
     assert names_of(given_effects(declared, {"rotor_inertia", "urdf"})) == {"rotor_inertia"}
     assert given_effects(declared, {"urdf"}) == []
 

@@ -76,8 +76,9 @@ def candidate_effects(
     extra : sequence of Effect
         A user's own effects.
     given : collection of str
-        Names of the declared effects whose value is given and stands: what is given can be wrong, what is
-        fitted cannot. Those of `given_effects`, and the rigid body where its inertials are trusted.
+        Names of the effects whose value is given and stands: what is given can be wrong, what is fitted
+        cannot. Those of `given_effects`, and the rigid body where its inertials are trusted, which every
+        model has, declared or not.
     n : int
         Number of joints.
 
@@ -94,7 +95,6 @@ def candidate_effects(
     """
     names = {effect.name for effect in declared}
     gone = names.union(*(effect.contains for effect in declared))
-    known = names.intersection(given)
     found: dict[str, Effect] = {}
     for effect in [*_builtin(), *extra]:
         same = found.setdefault(effect.name, effect)
@@ -106,7 +106,7 @@ def candidate_effects(
     return [
         effect.for_robot(n)
         for effect in found.values()
-        if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in known)
+        if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in given)
     ]
 
 
