@@ -274,6 +274,16 @@ def test_two_runs_show_structure_in_a_joint_s_own_motion_alone(place, signal, so
         assert rule.judge(e, POLICY, GENERIC, 0.0, by_run=True, generic=True) is why
 
 
+def test_a_single_run_shows_that_another_joint_drives_a_torque_only_beyond_doubt():
+    for share, fitted, by_run, why in (
+        (0.71, 0.71, False, Refusal.NONE), (0.69, 0.71, False, Refusal.ALONE),
+        (0.71, 0.69, False, Refusal.ALONE), (0.3, 0.3, True, Refusal.NONE),
+    ):  # fmt: skip
+        e = evidence("cross_coupling", shape=(1.0,), share=share, fitted=fitted)
+        assert rule.judge(e, POLICY, 2 * FREE, 0.0, by_run) is why
+    assert rule.judge(evidence(), POLICY, FREE, 0.0, by_run=False) is Refusal.NONE
+
+
 def test_parts_of_one_run_agree_but_for_noise_and_runs_for_the_most():
     for agreement, opposed, by_run, agrees in (
         (0.8, True, True, True), (0.79, False, True, False), (1.0, False, False, True),

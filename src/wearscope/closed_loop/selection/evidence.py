@@ -33,7 +33,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant beside a residual that drifts"
-    ALONE = "a single run, or two, cannot show that structure without a name carries over to other motions"
+    ALONE = "a single run, or two, cannot show that it carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 
 

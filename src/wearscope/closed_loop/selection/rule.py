@@ -65,7 +65,8 @@ def judge(
     # More than all of its joint's loss is gained at others, whose model runs away where a run is held out.
     if not agrees(e, policy, by_run) or (generic and e.share > 1.0):
         return Refusal.DISAGREES
-    return Refusal.ALONE if generic and (not by_run or may_coincide(e)) else Refusal.NONE
+    alone = may_coincide(e) or not by_run if generic else not by_run and is_driven_alone(e, policy)
+    return Refusal.ALONE if alone else Refusal.NONE
 
 
 def is_slow(e: Evidence) -> bool:
@@ -83,6 +84,14 @@ def may_coincide(e: Evidence) -> bool:
     signals = unknown.list_signals(e.term.shape)
     own = not is_slow(e) and all(source == e.term.joint for _, source in signals)
     return not own and e.recordings < 3
+
+
+def is_driven_alone(e: Evidence, policy: Policy) -> bool:
+    """Whether a name for what another joint drives explains less of a single run than is beyond doubt.
+
+    Joints that start and stop together move alike along one run, and as they like along the next.
+    """
+    return e.term.effect.name_driver is not None and not is_beyond_chance(e, policy, by_run=False)
 
 
 def cancels(e: Evidence, policy: Policy) -> bool:
