@@ -37,6 +37,19 @@ def test_with_all_bounds_at_zero_it_is_the_non_negative_fit(seed, scale):
     assert left == pytest.approx(norm**2, rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_columns_that_say_the_same_leave_what_one_of_them_leaves(seed):
+    """As the inertia of a slide and its rigid body do: no rounding decides what is left."""
+    x, y = draw(seed)
+    lower = np.array([0.0, -np.inf, -np.inf, -np.inf, -np.inf])
+    same = np.column_stack([x, 0.37 * x[:, 1], x[:, 2] - 2.0 * x[:, 3]])
+    upper = np.full(7, np.inf)
+    left, theta = fit_bounded(same, y, np.append(lower, [-np.inf, -np.inf]), upper)
+    alone = fit_bounded(x, y, lower, upper[:5])[0]
+    assert left == pytest.approx(alone, rel=1e-9)
+    assert float(np.sum((y - same @ theta) ** 2)) == pytest.approx(alone, rel=1e-9)
+
+
 def test_columns_that_are_collinear_or_nil_have_an_end():
     x, y = draw(0)
     x = np.column_stack([x, x[:, 0], np.zeros(300)])

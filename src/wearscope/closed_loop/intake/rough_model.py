@@ -16,6 +16,9 @@ _MIDDLE = 0.5
 #: Standard deviation a priori of the factor of the rigid body's torque about one, and as how many independent
 #: samples a run's rows count beside it.
 _FACTOR, _SAMPLES = 0.5, 30
+#: Weight by which coefficients of columns of unit length are held about zero: of columns that say the same,
+#: as inertia and a rigid body about one axis do, a bounded fit ends at once, wherever rounding puts it.
+_HELD = 1e-7
 #: What the coefficients stand for.
 ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
 
@@ -49,7 +52,8 @@ def fit_bounded(
         Coefficients.
     """
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
-    r = np.linalg.qr(np.column_stack([x / scale, y]))[1]
+    held = _HELD * np.eye(x.shape[1], x.shape[1] + 1)
+    r = np.linalg.qr(np.vstack([np.column_stack([x / scale, y]), held]))[1]
     # The interior-reflective method may never end where the torque is far smaller than the columns.
     with np.errstate(invalid="ignore"):
         found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower * scale, upper * scale), method="bvls").x

@@ -7,6 +7,7 @@ from scipy import optimize
 
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.rough_model import fit_bounded
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
@@ -112,9 +113,4 @@ class _LawFit:
 
 def _leave_bounded(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
     """What columns leave whose coefficients are not below bounds."""
-    scale = np.sqrt(np.maximum((x**2).sum(axis=0), 1e-300))
-    r = np.asarray(np.linalg.qr(np.column_stack([x / scale, y]), mode="r"))
-    # A step towards a bound that is at infinity is nothing times infinity there, and is not taken.
-    with np.errstate(invalid="ignore"):
-        theta = optimize.lsq_linear(r[:, :-1], r[:, -1], (low * scale, np.inf)).x / scale
-    return np.asarray(y - x @ theta)
+    return np.asarray(y - x @ fit_bounded(x, y, low, np.full(x.shape[1], np.inf))[1])
