@@ -193,6 +193,17 @@ def test_what_is_periodic_in_time_is_said_with_its_frequency(judge):
     assert a.unexplained_rms == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
 
 
+def test_a_step_within_noise_is_said_with_its_moment(judge):
+    def sets_in(t, q, v, a, rng):
+        noise = coloured(t, q, v, a, rng)
+        return noise + np.outer(3.0 * noise[:, 0].std() * (t > rng.uniform(0.3, 0.7) * t[-1]), [1.0, 0.0])
+
+    a, b = judge(sets_in, 63)
+    assert (a.state, a.depends_on) == ("unexplained", ["t"])
+    assert "its level shifts at a moment" in a.reason
+    assert b.state == "explained"
+
+
 def test_what_repeats_with_the_motion_is_structure_though_no_signal_tells_it(judge):
     a, b = judge(hidden, 64, repeat=True)
     assert a.state == "unexplained"

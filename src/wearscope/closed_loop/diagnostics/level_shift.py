@@ -1,0 +1,117 @@
+"""A shift of level at a moment of a run, of about the noise's size or above.
+
+Noise with a memory wanders, and the best placed step holds much of it. A shift is told by its one moment:
+with the residual made white by an autoregression, a step is a lone pulse, which wandering does not have (Tsay
+1988, Journal of Forecasting 7: level shifts in time series). A line that bends stands for what drifts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, signal
+from statsmodels.tsa.stattools import levinson_durbin
+
+#: Rows that are looked at at most, of so many averaged at least (the common filter makes a step last so long);
+#: fewest before that; rows of the shorter side of a shift.
+_MOST_ROWS, _FEWEST, _LEAST_ROWS, _SHORTEST = 200, 3, 100, 5
+#: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.
+_MEMORY = 6
+#: Knocks: rows of the running median beside which a row is cut off, and where, in deviations of all.
+_AROUND, _CUT = 9, 3.0
+#: Bends of the lines that a shift is compared with.
+_BENDS = (1, 4)
+#: Rows about the best placed step in the residual itself at which it is looked for in the whitened one.
+_NEAR = 4
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A step of a residual at its best moment.
+
+    Attributes
+    ----------
+    deviance : float
+        By which it fits better than a level, and than a line that bends: twice the log-likelihood ratio,
+        negative where a line fits better.
+    share : float
+        Of the residual's variance that it holds.
+    time : float
+        [s]
+    size : float
+    """
+
+    deviance: float
+    share: float
+    time: float
+    size: float
+
+
+def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
+    """The shift of level that fits a residual best; None where there is too little of it.
+
+    Parameters
+    ----------
+    t : ndarray (M,)
+        Times of the rows that count [s].
+    x : ndarray (M,)
+        Residual there.
+    """
+    if len(x) < _LEAST_ROWS or not np.ptp(x) > 0.0:
+        return None
+    every = max(_FEWEST, len(x) // _MOST_ROWS)
+    t, x = (a[: len(a) // every * every].reshape(-1, every).mean(axis=1) for a in (t, x))
+    x = _cut_knocks(x)
+    if not np.ptp(x) > 0.0:
+        return None
+    place, step, share = _place_step(x)
+    whiten = _find_whitening(x - step)
+    after = np.arange(len(x))
+
+    def left(*columns: np.ndarray) -> float:
+        """Sum of squares that a level and these leave of the whitened residual."""
+        every = signal.lfilter(whiten, 1.0, np.column_stack([np.ones(len(x)), *columns, x]), axis=0)
+        every = every[len(whiten) - 1 :]
+        fit = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
+        return float(np.sum((every[:, -1] - every[:, :-1] @ fit) ** 2))
+
+    first, last = max(place - _NEAR, _SHORTEST), min(place + _NEAR, len(x) - _SHORTEST)
+    own, place = min((left((after >= k).astype(float)), k) for k in range(first, last + 1))
+    lines = [left(*_hats(len(x), bends)) for bends in _BENDS]
+    variance = max(own / (len(x) - len(whiten) - 1), 1e-300)
+    size = float(x[place:].mean() - x[:place].mean())
+    return Shift((min(left(), *lines) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
+
+
+def _cut_knocks(x: np.ndarray) -> np.ndarray:
+    middle = ndimage.median_filter(x, _AROUND, mode="nearest")
+    most = _CUT * 1.4826 * float(np.median(np.abs(x - middle)))
+    return middle + np.clip(x - middle, -most, most)
+
+
+def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
+    """Row of the step that leaves least of a residual (M,), the step (M,), and its share of the variance."""
+    k = np.arange(_SHORTEST, len(x) - _SHORTEST + 1)
+    before = np.cumsum(x)[k - 1]
+    low, high = before / k, (x.sum() - before) / (len(x) - k)
+    gain = (high - low) ** 2 * k * (len(x) - k) / len(x)
+    best = int(np.argmax(gain))
+    step = np.where(np.arange(len(x)) < k[best], low[best], high[best])
+    return int(k[best]), step, float(gain[best] / np.sum((x - x.mean()) ** 2))
+
+
+def _find_whitening(x: np.ndarray) -> np.ndarray:
+    """Filter (1 + P,) that makes a residual white, P chosen by Schwarz's criterion."""
+    if not np.ptp(x) > 0.0:
+        return np.ones(1)
+    found = [levinson_durbin(x - x.mean(), nlags=order) for order in range(1, _MEMORY + 1)]
+    # `sigma_v` of order zero is the variance.
+    criteria = [np.log(np.var(x))]
+    criteria += [np.log(max(f[0], 1e-300)) + (p + 1) * np.log(len(x)) / len(x) for p, f in enumerate(found)]
+    order = int(np.argmin(criteria))
+    return np.concatenate([[1.0], -found[order - 1][1]]) if order else np.ones(1)
+
+
+def _hats(rows: int, bends: int) -> list[np.ndarray]:
+    """A line that bends so many times, at equal distances, beside a level."""
+    knots = np.linspace(0.0, rows - 1.0, bends + 2)
+    return [np.interp(np.arange(rows), knots, unit) for unit in np.eye(len(knots))[1:]]
