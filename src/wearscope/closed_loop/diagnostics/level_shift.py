@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage, signal
 from statsmodels.tsa.stattools import levinson_durbin
 
-#: Rows that are looked at at most, of so many averaged at least (the common filter makes a step last so long);
+#: Rows that are looked at at most, of so many averaged at least (the common filter makes a step that long);
 #: fewest before that; rows of the shorter side of a shift.
 _MOST_ROWS, _FEWEST, _LEAST_ROWS, _SHORTEST = 200, 3, 100, 5
 #: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.

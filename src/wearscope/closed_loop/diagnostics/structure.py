@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 State = Literal["explained", "corrected", "unexplained"]
 #: Rows that trees are grown on, folds, seed.
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
-#: Least deviance of shifts of level: in 600 series of each kind, the best placed ones of noise and drifts reach 25.
+#: Least deviance of shifts of level: in 600 series of a kind, those of noise and drifts reach 25.
 _SHIFTED = 30.0
 
 
