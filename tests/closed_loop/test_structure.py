@@ -193,6 +193,17 @@ def test_what_is_periodic_in_time_is_said_with_its_frequency(judge):
     assert a.unexplained_rms == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
 
 
+def test_a_slow_line_within_noise_is_said_where_the_runs_have_it_in_common(judge):
+    def wave(t, q, v, a, rng):
+        noise = coloured(t, q, v, a, rng)
+        return noise + np.outer(1.2 * noise[:, 0].std() * np.sin(2.0 * t + rng.uniform(0.0, 6.0)), [1.0, 0.0])
+
+    a, b = judge(wave, 63)
+    assert (a.state, a.depends_on) == ("unexplained", ["t"])
+    assert re.search(r"a line at 0\.3[0-9]* Hz in time, common to the runs", a.reason)
+    assert b.state == "explained"
+
+
 def test_a_step_within_noise_is_said_with_its_moment(judge):
     def sets_in(t, q, v, a, rng):
         noise = coloured(t, q, v, a, rng)

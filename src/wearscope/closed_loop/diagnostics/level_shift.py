@@ -8,16 +8,13 @@ with the residual made white by an autoregression, a step is a lone pulse, which
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
-from statsmodels.tsa.stattools import levinson_durbin
+from scipy import signal
+
+from wearscope.closed_loop.diagnostics.autoregression import cut_knocks, find_whitening
 
 #: Rows that are looked at at most, of so many averaged at least (the common filter makes a step that long);
 #: fewest before that; rows of the shorter side of a shift.
 _MOST_ROWS, _FEWEST, _LEAST_ROWS, _SHORTEST = 200, 3, 100, 5
-#: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.
-_MEMORY = 6
-#: Knocks: rows of the running median beside which a row is cut off, and where, in deviations of all.
-_AROUND, _CUT = 9, 3.0
 #: Bends of the lines that a shift is compared with.
 _BENDS = (1, 4)
 #: Rows about the best placed step in the residual itself at which it is looked for in the whitened one.
@@ -60,11 +57,11 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
         return None
     every = max(_FEWEST, len(x) // _MOST_ROWS)
     t, x = (a[: len(a) // every * every].reshape(-1, every).mean(axis=1) for a in (t, x))
-    x = _cut_knocks(x)
+    x = cut_knocks(x)
     if not np.ptp(x) > 0.0:
         return None
     place, step, share = _place_step(x)
-    whiten = _find_whitening(x - step)
+    whiten = find_whitening(x - step)
     after = np.arange(len(x))
 
     def left(*columns: np.ndarray) -> float:
@@ -82,12 +79,6 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
     return Shift((min(left(), *lines) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
 
 
-def _cut_knocks(x: np.ndarray) -> np.ndarray:
-    middle = ndimage.median_filter(x, _AROUND, mode="nearest")
-    most = _CUT * 1.4826 * float(np.median(np.abs(x - middle)))
-    return middle + np.clip(x - middle, -most, most)
-
-
 def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
     """Row of the step that leaves least of a residual (M,), the step (M,), and its share of the variance."""
     k = np.arange(_SHORTEST, len(x) - _SHORTEST + 1)
@@ -97,18 +88,6 @@ def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
     best = int(np.argmax(gain))
     step = np.where(np.arange(len(x)) < k[best], low[best], high[best])
     return int(k[best]), step, float(gain[best] / np.sum((x - x.mean()) ** 2))
-
-
-def _find_whitening(x: np.ndarray) -> np.ndarray:
-    """Filter (1 + P,) that makes a residual white, P chosen by Schwarz's criterion."""
-    if not np.ptp(x) > 0.0:
-        return np.ones(1)
-    found = [levinson_durbin(x - x.mean(), nlags=order) for order in range(1, _MEMORY + 1)]
-    # `sigma_v` of order zero is the variance.
-    criteria = [np.log(np.var(x))]
-    criteria += [np.log(max(f[0], 1e-300)) + (p + 1) * np.log(len(x)) / len(x) for p, f in enumerate(found)]
-    order = int(np.argmin(criteria))
-    return np.concatenate([[1.0], -found[order - 1][1]]) if order else np.ones(1)
 
 
 def _hats(rows: int, bends: int) -> list[np.ndarray]:

@@ -1,9 +1,17 @@
-"""A spectral line: a torque that is periodic in time."""
+"""A spectral line: a torque that is periodic in time.
 
+Of one run a line shows in its spectrum from some periods on. That several runs have one of the same
+frequency, whatever its phase in each, shows with fewer periods and beneath more noise, in the residual made
+white.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage, signal, stats
+
+from wearscope.closed_loop.diagnostics.autoregression import cut_knocks, find_whitening
 
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
 _LINE, _NEIGHBOURS = 40.0, 41
@@ -13,6 +21,10 @@ _PERIODS = 8
 _PEAKS = 20
 #: Shortest residual that is looked at [rows].
 _LEAST_ROWS = 512
+#: A common line: rows of each run that are looked at at most (more are averaged), fewest periods in the
+#: longest run, highest frequency [1/row], and frequencies about the best one in the residual itself that are
+#: compared.
+_MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 300, 2.5, 0.25, 2
 
 
 @dataclass(frozen=True)
@@ -56,3 +68,81 @@ def find_line(x: np.ndarray, rate: float) -> Line | None:
     near = slice(max(k - 2, 0), k + 3)
     share = float((power[near] - around[near]).clip(0.0).sum() / max(power[1:].sum(), 1e-300))
     return Line(k * rate / len(x), share if ratio.max() > _LINE else 0.0)
+
+
+@dataclass(frozen=True)
+class CommonLine:
+    """A line that runs have in common.
+
+    Attributes
+    ----------
+    frequency : float
+        [Hz]
+    share : float
+        Of the residuals' power that it holds, mean over the runs.
+    p_value : float
+        Of a sine at so many frequencies beside an autoregression, in all runs together, as the noise is with
+        the sine or without it, whichever speaks against it: what wanders has much at a few periods.
+    """
+
+    frequency: float
+    share: float
+    p_value: float
+
+
+def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine | None:
+    """The line that fits the residuals of all runs best; None where there is too little of them.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray (N_r,)
+        Of each run, before the common filter.
+    rate : float
+        [Hz]
+    """
+    parts = [_average(x, rate) for x in residuals if len(x) >= _LEAST_ROWS and np.ptp(x) > 0.0]
+    parts = [(t, x) for t, x in parts if np.ptp(x) > 0.0]
+    if not parts:
+        return None
+    longest = max(float(t[-1]) for t, _ in parts)
+    highest = min(_HIGHEST / float(t[1] - t[0]) for t, _ in parts)
+    frequencies = np.arange(_FEWEST_PERIODS / longest, highest, 0.5 / longest)
+    if not len(frequencies):
+        return None
+    held = np.array([[1.0 - _leave(_wave(t, f), x) / (x @ x) for f in frequencies] for t, x in parts])
+    best = int(np.argmax(held.sum(axis=0)))
+    near = frequencies[max(best - _NEAR, 0) : best + _NEAR + 1]
+    deviance = np.zeros(len(near))
+    for t, x in parts:
+        wave = _wave(t, frequencies[best])
+        level = np.ones((len(x), 1))
+        each = []
+        for noise in (x, x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0]):
+            whiten = find_whitening(noise)
+            alone = _leave(level, x, whiten)
+            left = np.array([_leave(np.column_stack([level, _wave(t, f)]), x, whiten) for f in near])
+            each.append((alone / np.maximum(left, 1e-300) - 1.0) * (len(x) - len(whiten) - 2))
+        deviance += np.minimum(*each)
+    k = int(np.argmax(deviance))
+    p_value = min(1.0, 2.0 * len(frequencies) * float(stats.chi2.sf(deviance[k], 2 * len(parts))))
+    return CommonLine(float(near[k]), float(held[:, best].mean()), p_value)
+
+
+def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and means of equal stretches of a residual, without its mean and knocks."""
+    every = max(1, len(x) // _MOST_ROWS)
+    mean = x[: len(x) // every * every].reshape(-1, every).mean(axis=1)
+    return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())
+
+
+def _wave(t: np.ndarray, frequency: float) -> np.ndarray:
+    phase = 2.0 * np.pi * frequency * t
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def _leave(columns: np.ndarray, x: np.ndarray, whiten: np.ndarray | None = None) -> float:
+    """Sum of squares that columns (M, m) leave of a series (M,), both filtered."""
+    whiten = np.ones(1) if whiten is None else whiten
+    every = signal.lfilter(whiten, 1.0, np.column_stack([columns, x]), axis=0)[len(whiten) - 1 :]
+    fit = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
+    return float(np.sum((every[:, -1] - every[:, :-1] @ fit) ** 2))

@@ -9,9 +9,7 @@ from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
-from wearscope.closed_loop.diagnostics.jumps import find_jumps
-from wearscope.closed_loop.diagnostics.level_shift import fit_shift
-from wearscope.closed_loop.diagnostics.lines import find_line
+from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_lines, see_shifts
 from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full, predict_reduced
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
 State = Literal["explained", "corrected", "unexplained"]
 #: Rows that trees are grown on, folds, seed.
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
-#: Least deviance of shifts of level: in 600 series of a kind, those of noise and drifts reach 25.
-_SHIFTED = 30.0
 
 
 @dataclass(frozen=True)
@@ -52,13 +48,6 @@ class JointState:
     unexplained_rms: float | None = None
     depends_on: list[str] = field(default_factory=list)
     reason: str = ""
-
-
-@dataclass(frozen=True)
-class _Seen:
-    share: float
-    depends_on: list[str]
-    reason: str
 
 
 def judge_joints(
@@ -115,9 +104,9 @@ def judge_joints(
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
-            *_from_jumps(train, own, keep, policy),
-            *_from_shifts(train, own, keep, policy),
-            *_from_lines([x[:, j] for x in full], prepared.band.rate, rms, policy),
+            *see_jumps(train, own, keep, policy),
+            *see_shifts(train, own, keep, policy),
+            *see_lines([x[:, j] for x in full], prepared.band.rate, rms, int(prepared.moving.sum()), policy),
         ]
         error = _rms([r[:, j] for r in tested], [run.keep[:, j] for run in test])
         noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])
@@ -145,7 +134,7 @@ def _from_declared(
     keep: list[np.ndarray],
     joint: int,
     policy: Policy,
-) -> list[_Seen]:
+) -> list[Seen]:
     """What the corrected model leaves of its own training runs beyond what the declared one does.
 
     A fit holds a gear's deflection to the measured torque, and near where a link swings on a soft gear the
@@ -158,7 +147,7 @@ def _from_declared(
     if share < policy.structure_share:
         return []
     told = "from the motion alone the corrected model predicts the training runs worse than the declared one"
-    return [_Seen(share, [], told)]
+    return [Seen(share, [], told)]
 
 
 def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
@@ -171,16 +160,16 @@ def _features(run: PreparedRun) -> np.ndarray:
     return np.concatenate([x for x in thin.values()], axis=1)
 
 
-def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[_Seen]:
+def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[Seen]:
     if joint not in left:
         return []
     e = left[joint]
     effect, joints = e.term.effect, prepared.dataset.joints
     depends = list(dict.fromkeys(effect.name_signals(e.term.shape, joints, joint)))
     if effect.empirical:
-        return [_Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+        return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
     beyond = _list_beyond(e, prepared, joint) or [e.refusal.value]
-    return [_Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
+    return [Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
 
 
 def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
@@ -196,18 +185,18 @@ def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
     return told
 
 
-def _from_dependence(dependence: "Mapping[int, Dependence]", joint: int) -> list[_Seen]:
+def _from_dependence(dependence: "Mapping[int, Dependence]", joint: int) -> list[Seen]:
     if joint not in dependence:
         return []
     one = dependence[joint]
     on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
-    return [_Seen(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")]
+    return [Seen(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")]
 
 
 def _from_trees(
     features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
     joint: int, policy: Policy,
-) -> list[_Seen]:  # fmt: skip
+) -> list[Seen]:  # fmt: skip
     """Boosted trees on all signals that predict rows that they were not grown on."""
     x = np.concatenate([f[k] for f, k in zip(features, keep, strict=True)])
     y = np.concatenate([r[k] for r, k in zip(own, keep, strict=True)])
@@ -236,7 +225,7 @@ def _from_trees(
     share = float(sums.sum() / max((y**2).sum(), 1e-300))
     if share < policy.structure_share or sums.sum() < policy.unexpected * error:
         return []
-    return [_Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
+    return [Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
 
 
 def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: int) -> np.ndarray:
@@ -268,7 +257,7 @@ def _list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
 
 def _from_repeats(
     repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[_Seen]:
+) -> list[Seen]:
     """What repeats when the motion does, from pairs of runs."""
     seen = []
     for a, b in repeats:
@@ -287,14 +276,14 @@ def _from_repeats(
             (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
         )
         if share > max(policy.structure_share, highest):
-            seen.append(_Seen(share, [], "it repeats where a run repeats another's motion"))
+            seen.append(Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen
 
 
 def _from_runs(
     train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
     joint: int, policy: Policy,
-) -> list[_Seen]:  # fmt: skip
+) -> list[Seen]:  # fmt: skip
     """What differs from run to run, which held-out runs do not see: friction, inertia, a load, an offset."""
     if len(train) < 2:
         return []
@@ -302,7 +291,7 @@ def _from_runs(
     kept = [x[k] for x, k in zip(own, keep, strict=True)]
     share, p_value = compare_offsets(kept)
     if share >= policy.structure_share and p_value * prepared.moving.sum() <= policy.family_level:
-        seen.append(_Seen(share, [], "its mean differs from run to run"))
+        seen.append(Seen(share, [], "its mean differs from run to run"))
     gains = gain_by_halves(train, own, keep, joint)
     best = int(np.argmax(gains.sum(axis=0)))
     run = np.repeat(np.arange(len(train)), [len(x) for x in kept])
@@ -312,64 +301,8 @@ def _from_runs(
     error = np.sqrt(len(sums) * sums.var(ddof=1))
     if share >= policy.structure_share and sums.sum() >= policy.unexpected * error:
         name = SIGNALS[best].format(joint=prepared.dataset.joints[joint])
-        seen.append(_Seen(share, [name], f"what goes with {name} differs from run to run"))
+        seen.append(Seen(share, [name], f"what goes with {name} differs from run to run"))
     return seen
-
-
-def _from_jumps(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[_Seen]:
-    """Jumps in time of single runs; the run that holds most of the residual's square is told."""
-    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
-    seen = []
-    for run, x, k in zip(train, own, keep, strict=True):
-        jumps = find_jumps(run.t[k], x[k])
-        if jumps is not None:
-            share = jumps.share * float((x[k] ** 2).sum()) / max(total, 1e-300)
-            where = f"{abs(jumps.size):.3g} at {jumps.time:.3g} s of {run.file}"
-            seen.append((share, f"it jumps in time, most by {where}"))
-    share = sum(part for part, _ in seen)
-    return [_Seen(share, ["t"], max(seen)[1])] if share >= policy.structure_share else []
-
-
-def _from_shifts(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[_Seen]:
-    """A shift of level at a moment of each run, by all runs together; the surest is told."""
-    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
-    found = []
-    for run, x, k in zip(train, own, keep, strict=True):
-        shift = fit_shift(run.t[k], x[k])
-        if shift is not None:
-            found.append((shift, shift.share * float((x[k] ** 2).sum()) / max(total, 1e-300), run.file))
-    if sum(shift.deviance for shift, _, _ in found) < _SHIFTED:
-        return []
-    share = sum(part for shift, part, _ in found if shift.deviance > 0.0)
-    if share < policy.structure_share:
-        return []
-    most, _, file = max(found, key=lambda one: one[0].deviance)
-    told = f"its level shifts at a moment, surest by {abs(most.size):.3g} at {most.time:.3g} s of {file}"
-    return [_Seen(share, ["t"], told)]
-
-
-def _from_lines(full: list[np.ndarray], rate: float, rms: float, policy: Policy) -> list[_Seen]:
-    """A torque that is periodic in time, as most runs have it.
-
-    Parameters
-    ----------
-    full : list of ndarray (N,)
-        Residual of each run before the common filter.
-    rate : float
-    rms : float
-        Of the residual after it, whose share is told.
-    policy : Policy
-    """
-    found = [(line, x) for x in full if (line := find_line(x, rate)) is not None]
-    if not found or np.median([line.share for line, _ in found]) < policy.structure_share:
-        return []
-    size = float(np.median([line.share * np.var(x) for line, x in found])) / max(rms**2, 1e-300)
-    middle = float(np.median([line.frequency for line, _ in found]))
-    return [_Seen(size, ["t"], f"a line at {middle:.3g} Hz in time")]
 
 
 def _compare_noise(train: list[np.ndarray], test: list[np.ndarray]) -> float:
@@ -383,7 +316,7 @@ def _compare_noise(train: list[np.ndarray], test: list[np.ndarray]) -> float:
 
 def _from_test(
     own: list[np.ndarray], keep: list[np.ndarray], error: float, policy: Policy, noisier: float = 1.0
-) -> list[_Seen]:
+) -> list[Seen]:
     """A test error beyond the training runs' own, and beyond what those differ by (a drift's do).
 
     What few runs differ by says next to nothing of how far another one may lie: it is not asked beyond the
@@ -403,5 +336,5 @@ def _from_test(
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0
     return [
-        _Seen(min(share, 1.0), [], f"the test runs' error is {error / train:.1f} times the training runs'")
+        Seen(min(share, 1.0), [], f"the test runs' error is {error / train:.1f} times the training runs'")
     ]

@@ -1,0 +1,63 @@
+"""A line that runs have in common is told from noise that wanders."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from wearscope.closed_loop.diagnostics.lines import find_common_line, find_line
+
+RATE, ROWS = 20.0, 600
+T = np.arange(ROWS) / RATE
+
+
+def colour(white, persistence):
+    """Autoregressive noise of variance one."""
+    return signal.lfilter([np.sqrt(1.0 - persistence**2)], [1.0, -persistence], white)
+
+
+def record(seed, runs, noise, amplitude, frequency):
+    rng = np.random.default_rng(seed)
+    return [
+        noise(rng.standard_normal(ROWS)) + amplitude * np.sin(2.0 * np.pi * (frequency * T + rng.random()))
+        for _ in range(runs)
+    ]
+
+
+@pytest.mark.parametrize("frequency", [0.11, 0.22])
+def test_a_slow_sine_beneath_noise_is_found_in_all_runs_together(frequency):
+    """Three periods and more, of half the noise's power, which no run shows by itself."""
+    for seed in range(10):
+        runs = record(seed, 4, lambda e: colour(e, 0.7), 1.0, frequency)
+        assert all(find_line(x, RATE).share == 0.0 for x in runs)
+        line = find_common_line(runs, RATE)
+        assert line.p_value < 1e-4, seed
+        assert line.frequency == pytest.approx(frequency, abs=0.01)
+        assert line.share == pytest.approx(1.0 / 3.0, abs=0.12)
+
+
+def test_a_frequency_of_its_own_in_every_run_is_none_in_common():
+    frequencies = [0.13, 0.31, 0.47, 0.67]
+    runs = [record(k, 1, lambda e: e, 1.0, f)[0] for k, f in enumerate(frequencies)]
+    assert find_common_line(runs, RATE).share < 0.2
+
+
+KINDS = {
+    "white": lambda e: e,
+    "coloured": lambda e: colour(e, 0.95),
+    "walk": np.cumsum,
+    "smooth": lambda e: colour(colour(e, 0.95), 0.9),
+    "ramp": lambda e: 0.02 * np.arange(ROWS) + e,
+    "heavy": lambda e: e / np.sqrt(np.random.default_rng(7).chisquare(2, ROWS)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("runs", [1, 3])
+def test_noise_has_no_line(kind, runs):
+    found = [find_common_line(record(seed, runs, KINDS[kind], 0.0, 1.0), RATE) for seed in range(60)]
+    assert min(line.p_value for line in found) > 1e-4
+
+
+def test_too_little_is_nothing():
+    assert find_common_line([np.ones(600), np.ones(100)], RATE) is None
+    assert find_common_line([], RATE) is None
