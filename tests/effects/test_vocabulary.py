@@ -81,6 +81,17 @@ def test_bounds_depend_on_the_joint_s_unit():
     assert level.bounds("m") == (0.0, np.inf)
 
 
+def test_a_gear_for_small_loads_may_be_softer():
+    """As far as a gear may be slack, and never less than the softest that are sold."""
+    (compliance,) = EFFECTS["joint_elasticity"].coefficients
+    assert compliance.bounds("rad") == compliance.bounds("rad", load=50.0) == (0.0, 5e-3)
+    assert compliance.bounds("rad", load=0.2) == (0.0, pytest.approx(0.03))
+    assert compliance.bounds("m", load=2.0) == (0.0, pytest.approx(5e-4))
+    assert compliance.bounds("rad", load=0.0) == (0.0, compliance.upper)
+    (level,) = EFFECTS["coulomb"].coefficients
+    assert level.bounds("rad", load=0.2) == (0.0, np.inf)
+
+
 @pytest.mark.parametrize(
     ("outer", "shape"),
     [

@@ -26,6 +26,9 @@ class Parameter:
         where None. The source stands in the effect's file.
     believable_prismatic : tuple of (float, float) or None
         The same for a joint whose position is in m; `believable` where None.
+    travel, travel_prismatic : float
+        Largest believable product with the RMS of the joint's load [rad or m]: at a joint of small loads a
+        value above `believable` is believed up to there.
     """
 
     name: str
@@ -36,18 +39,22 @@ class Parameter:
     estimated: bool = True
     believable: tuple[float, float] | None = None
     believable_prismatic: tuple[float, float] | None = None
+    travel: float = 0.0
+    travel_prismatic: float = 0.0
 
     def unit_at(self, position: str, torque: str) -> str:
         """Unit for a joint whose position and torque have the given units."""
         return self.unit.format(position=position, torque=torque)
 
-    def bounds(self, position_unit: str) -> tuple[float, float]:
+    def bounds(self, position_unit: str, load: float = np.inf) -> tuple[float, float]:
         """Bounds within which data may place the parameter.
 
         Parameters
         ----------
         position_unit : str
             ``rad`` or ``m``: that of the joint.
+        load : float
+            RMS of its load, where that is known [N m or N].
 
         Returns
         -------
@@ -58,4 +65,5 @@ class Parameter:
         if position_unit == "m" and self.believable_prismatic is not None:
             within = self.believable_prismatic
         low, high = (self.lower, self.upper) if within is None else within
-        return max(low, self.lower), min(high, self.upper)
+        travel = self.travel_prismatic if position_unit == "m" else self.travel
+        return max(low, self.lower), min(max(high, travel / max(load, 1e-12)), self.upper)

@@ -177,8 +177,8 @@ def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
     effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
     parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
     told = []
-    for parameter, value in zip(parameters, (*e.beta.tolist(), *e.term.shape), strict=True):
-        low, high = parameter.bounds(unit)
+    values, bounds = (*e.beta.tolist(), *e.term.shape), prepared.bound(parameters, joint)
+    for parameter, value, (low, high) in zip(parameters, values, bounds, strict=True):
         if not low <= value <= high:
             of = parameter.unit_at(unit, prepared.dataset.torque_unit[joint])
             told.append(f"{parameter.name} {value:.3g} {of}, not believed beyond {low:g} to {high:g}")

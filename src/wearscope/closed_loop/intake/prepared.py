@@ -1,5 +1,6 @@
 """What a prepared data set is: runs as signals of one bandwidth, the known torque, rows that count."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
 from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
-from wearscope.effects.base import Signals
+from wearscope.effects.base import Parameter, Signals
 
 
 @dataclass
@@ -109,6 +110,18 @@ class Prepared:
         """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up."""
         runs = self.runs_for("train") or self.runs
         return choose_take_up_cutoffs([run.signals for run in runs], self.band)
+
+    @cached_property
+    def load_size(self) -> np.ndarray:
+        """RMS (n,) of each joint's load in the training runs, along the motion [N m or N]."""
+        runs = self.runs_for("train") or self.runs
+        square = sum((run.signals.load**2).sum(axis=0) for run in runs)
+        return np.asarray(np.sqrt(square / sum(len(run.signals.t) for run in runs)))
+
+    def bound(self, parameters: Iterable[Parameter], joint: int) -> list[tuple[float, float]]:
+        """Believable bounds of parameters of an effect at a joint."""
+        unit, load = self.dataset.position_unit[joint], float(self.load_size[joint])
+        return [p.bounds(unit, load) for p in parameters]
 
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""

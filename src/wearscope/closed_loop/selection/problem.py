@@ -134,7 +134,7 @@ class Problem:
         )
         if inertia <= 0.0:
             return None
-        upper = effect.coefficients[0].bounds(p.dataset.position_unit[joint])[1]
+        ((_, upper),) = p.bound(effect.coefficients, joint)
         values = [1.0 / (inertia * (2 * np.pi * f * band.torque) ** 2) for f in _SWINGS]
         values = [c for c in values if c <= upper] or [upper]
         parts: list[list[np.ndarray]] = []
@@ -209,8 +209,9 @@ class Problem:
 
     def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
         """Believable bounds of a term's coefficients at its joint, then of its shape parameters."""
-        unit, effect = self.prepared.dataset.position_unit[term.joint], term.effect
-        return [p.bounds(unit) for p in (*(effect.coefficients[k] for k in term.subset), *effect.shape)]
+        effect = term.effect
+        parameters = (*(effect.coefficients[k] for k in term.subset), *effect.shape)
+        return self.prepared.bound(parameters, term.joint)
 
     def least(self, term: ModelTerm) -> float:
         """Smallest believable size of a term's first coefficient."""
