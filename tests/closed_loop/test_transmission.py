@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wearscope.attribution_board.draw_machines import draw_machine
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import diagnose
@@ -92,6 +93,19 @@ def test_lost_motion_is_found_where_the_motor_jumps_across_it(tmp_path):
     assert [(e["joint"], e["effect"], e["status"]) for e in verdict["verdict"]] == [
         ("j2", "backlash", "confirmed")
     ]
+
+
+def test_a_gear_for_small_loads_is_named_though_softer_than_those_for_large_ones(tmp_path):
+    """Below 200 N m/rad, the softest strain wave gears that are sold, at loads of half a N m."""
+    plans = tuple(RunPlan("train" if k < 3 else "test", "fourier", k, 25.0) for k in range(4))
+    recipe = Recipe(duration=12.0, noise_level=0.004, plans=plans, bounded=True)
+    machine = draw_machine("light_wrist", np.random.default_rng(2), 3)
+    truth = generate_dataset(tmp_path / "arm", machine, [Planted("joint_elasticity", "j1", 6.0)], 1, recipe)
+    compliance = truth["planted"][0]["parameters"]["compliance"]["value"]
+    assert compliance > 5e-3
+    (entry,) = diagnose(tmp_path / "arm").verdict["verdict"]
+    assert (entry["joint"], entry["effect"], entry["status"]) == ("j1", "joint_elasticity", "confirmed")
+    assert entry["parameters"]["compliance"]["value"] == pytest.approx(compliance, rel=0.05)
 
 
 @pytest.mark.xfail(
