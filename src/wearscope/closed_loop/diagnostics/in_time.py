@@ -37,12 +37,11 @@ def see_jumps(
     train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
 ) -> list[Seen]:
     """Jumps in time of single runs; the run that holds most of the residual's square is told."""
-    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
     seen = []
-    for run, x, k in zip(train, own, keep, strict=True):
+    for run, x, k, part in zip(train, own, keep, _share_out(own, keep), strict=True):
         jumps = find_jumps(run.t[k], x[k])
         if jumps is not None:
-            share = jumps.share * float((x[k] ** 2).sum()) / max(total, 1e-300)
+            share = jumps.share * part
             where = f"{abs(jumps.size):.3g} at {jumps.time:.3g} s of {run.file}"
             seen.append((share, f"it jumps in time, most by {where}"))
     share = sum(part for part, _ in seen)
@@ -53,12 +52,11 @@ def see_shifts(
     train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
 ) -> list[Seen]:
     """A shift of level at a moment of each run, by all runs together; the surest is told."""
-    total = sum(float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True))
     found = []
-    for run, x, k in zip(train, own, keep, strict=True):
+    for run, x, k, part in zip(train, own, keep, _share_out(own, keep), strict=True):
         shift = fit_shift(run.t[k], x[k])
         if shift is not None:
-            found.append((shift, shift.share * float((x[k] ** 2).sum()) / max(total, 1e-300), run.file))
+            found.append((shift, shift.share * part, run.file))
     if sum(shift.deviance for shift, _, _ in found) < _SHIFTED:
         return []
     share = sum(part for shift, part, _ in found if shift.deviance > 0.0)
@@ -67,6 +65,12 @@ def see_shifts(
     most, _, file = max(found, key=lambda one: one[0].deviance)
     told = f"its level shifts at a moment, surest by {abs(most.size):.3g} at {most.time:.3g} s of {file}"
     return [Seen(share, ["t"], told)]
+
+
+def _share_out(own: list[np.ndarray], keep: list[np.ndarray]) -> list[float]:
+    """Share of the residual's square that each run has."""
+    squares = [float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True)]
+    return [square / max(sum(squares), 1e-300) for square in squares]
 
 
 def see_lines(full: list[np.ndarray], rate: float, rms: float, joints: int, policy: Policy) -> list[Seen]:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
+from wearscope.closed_loop.diagnostics.series import average, bend_line
+
 #: Numbers of jumps that are tried in a run.
 _JUMPS = (1, 4, 16, 64)
 #: Share of the residual's variance that the levels may leave; of what they leave of its surrogates, and of
@@ -54,7 +56,7 @@ def find_jumps(t: np.ndarray, x: np.ndarray) -> Jumps | None:
     if len(x) < _LEAST_ROWS or not np.ptp(x) > 0.0:
         return None
     every = max(1, len(x) // _MOST_ROWS)
-    t, x = (a[: len(a) // every * every].reshape(-1, every).mean(axis=1) for a in (t, x))
+    t, x = average(every, t, x)
     left = {jumps: _left(x, _fit_levels(x, jumps)) for jumps in _JUMPS}
     left = {
         jumps: own
@@ -84,8 +86,7 @@ def _fit_levels(x: np.ndarray, jumps: int) -> np.ndarray:
 
 def _fit_line(x: np.ndarray, bends: int) -> np.ndarray:
     """A line (M,) that bends so many times, at equal distances."""
-    row, knots = np.arange(len(x)), np.linspace(0.0, len(x) - 1.0, bends + 2)
-    hats = np.column_stack([np.interp(row, knots, unit) for unit in np.eye(len(knots))])
+    hats = bend_line(len(x), bends)
     return np.asarray(hats @ np.linalg.lstsq(hats, x, rcond=None)[0])
 
 

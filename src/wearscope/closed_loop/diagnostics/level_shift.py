@@ -8,9 +8,8 @@ with the residual made white by an autoregression, a step is a lone pulse, which
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
-from wearscope.closed_loop.diagnostics.autoregression import cut_knocks, find_whitening
+from wearscope.closed_loop.diagnostics.series import average, bend_line, cut_knocks, find_whitening, leave
 
 #: Rows that are looked at at most, of so many averaged at least (the common filter makes a step that long);
 #: fewest before that; rows of the shorter side of a shift.
@@ -56,27 +55,21 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
     if len(x) < _LEAST_ROWS or not np.ptp(x) > 0.0:
         return None
     every = max(_FEWEST, len(x) // _MOST_ROWS)
-    t, x = (a[: len(a) // every * every].reshape(-1, every).mean(axis=1) for a in (t, x))
+    t, x = average(every, t, x)
     x = cut_knocks(x)
     if not np.ptp(x) > 0.0:
         return None
     place, step, share = _place_step(x)
     whiten = find_whitening(x - step)
-    after = np.arange(len(x))
-
-    def left(*columns: np.ndarray) -> float:
-        """Sum of squares that a level and these leave of the whitened residual."""
-        every = signal.lfilter(whiten, 1.0, np.column_stack([np.ones(len(x)), *columns, x]), axis=0)
-        every = every[len(whiten) - 1 :]
-        fit = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
-        return float(np.sum((every[:, -1] - every[:, :-1] @ fit) ** 2))
-
+    after, level = np.arange(len(x)), np.ones(len(x))
     first, last = max(place - _NEAR, _SHORTEST), min(place + _NEAR, len(x) - _SHORTEST)
-    own, place = min((left((after >= k).astype(float)), k) for k in range(first, last + 1))
-    lines = [left(*_hats(len(x), bends)) for bends in _BENDS]
+    own, place = min(
+        (leave(np.column_stack([level, after >= k]), x, whiten), k) for k in range(first, last + 1)
+    )
+    others = [leave(one, x, whiten) for one in (level, *(bend_line(len(x), bends) for bends in _BENDS))]
     variance = max(own / (len(x) - len(whiten) - 1), 1e-300)
     size = float(x[place:].mean() - x[:place].mean())
-    return Shift((min(left(), *lines) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
+    return Shift((min(others) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
 
 
 def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
@@ -88,9 +81,3 @@ def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
     best = int(np.argmax(gain))
     step = np.where(np.arange(len(x)) < k[best], low[best], high[best])
     return int(k[best]), step, float(gain[best] / np.sum((x - x.mean()) ** 2))
-
-
-def _hats(rows: int, bends: int) -> list[np.ndarray]:
-    """A line that bends so many times, at equal distances, beside a level."""
-    knots = np.linspace(0.0, rows - 1.0, bends + 2)
-    return [np.interp(np.arange(rows), knots, unit) for unit in np.eye(len(knots))[1:]]

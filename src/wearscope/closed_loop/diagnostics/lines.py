@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal, stats
 
-from wearscope.closed_loop.diagnostics.autoregression import cut_knocks, find_whitening
+from wearscope.closed_loop.diagnostics.series import average, cut_knocks, find_whitening, leave
 
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
 _LINE, _NEIGHBOURS = 40.0, 41
@@ -109,7 +109,9 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     frequencies = np.arange(_FEWEST_PERIODS / longest, highest, 0.5 / longest)
     if not len(frequencies):
         return None
-    held = np.array([[1.0 - _leave(_wave(t, f), x) / (x @ x) for f in frequencies] for t, x in parts])
+    held = np.array(
+        [[1.0 - leave(_wave(t, f), x, np.ones(1)) / (x @ x) for f in frequencies] for t, x in parts]
+    )
     best = int(np.argmax(held.sum(axis=0)))
     near = frequencies[max(best - _NEAR, 0) : best + _NEAR + 1]
     deviance = np.zeros(len(near))
@@ -119,8 +121,8 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
         each = []
         for noise in (x, x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0]):
             whiten = find_whitening(noise)
-            alone = _leave(level, x, whiten)
-            left = np.array([_leave(np.column_stack([level, _wave(t, f)]), x, whiten) for f in near])
+            alone = leave(level, x, whiten)
+            left = np.array([leave(np.column_stack([level, _wave(t, f)]), x, whiten) for f in near])
             each.append((alone / np.maximum(left, 1e-300) - 1.0) * (len(x) - len(whiten) - 2))
         deviance += np.minimum(*each)
     k = int(np.argmax(deviance))
@@ -131,18 +133,10 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
 def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and means of equal stretches of a residual, without its mean and knocks."""
     every = max(1, len(x) // _MOST_ROWS)
-    mean = x[: len(x) // every * every].reshape(-1, every).mean(axis=1)
+    (mean,) = average(every, x)
     return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())
 
 
 def _wave(t: np.ndarray, frequency: float) -> np.ndarray:
     phase = 2.0 * np.pi * frequency * t
     return np.column_stack([np.cos(phase), np.sin(phase)])
-
-
-def _leave(columns: np.ndarray, x: np.ndarray, whiten: np.ndarray | None = None) -> float:
-    """Sum of squares that columns (M, m) leave of a series (M,), both filtered."""
-    whiten = np.ones(1) if whiten is None else whiten
-    every = signal.lfilter(whiten, 1.0, np.column_stack([columns, x]), axis=0)[len(whiten) - 1 :]
-    fit = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
-    return float(np.sum((every[:, -1] - every[:, :-1] @ fit) ** 2))

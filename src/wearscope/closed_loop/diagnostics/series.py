@@ -1,13 +1,31 @@
-"""A residual's own memory: the filter that makes it white, and what knocks hide of it."""
+"""A residual as a series: averaged, without knocks, made white, and what columns leave of it."""
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, signal
 from statsmodels.regression.linear_model import burg
 
 #: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.
 _MEMORY = 6
 #: Knocks: rows of the running median beside which a row is cut off, and where, in deviations of all.
 _AROUND, _CUT = 9, 3.0
+
+
+def average(every: int, *series: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Means of so many rows each of series (M,); a rest at the end does not count."""
+    return tuple(x[: len(x) // every * every].reshape(-1, every).mean(axis=1) for x in series)
+
+
+def bend_line(rows: int, bends: int) -> np.ndarray:
+    """Columns (rows, bends + 2) whose sums are lines that bend so many times, at equal distances."""
+    knots = np.linspace(0.0, rows - 1.0, bends + 2)
+    return np.column_stack([np.interp(np.arange(rows), knots, unit) for unit in np.eye(len(knots))])
+
+
+def leave(columns: np.ndarray, x: np.ndarray, whiten: np.ndarray) -> float:
+    """Sum of squares that columns (M, m) leave of a series (M,), all filtered by `whiten` (1 + P,)."""
+    every = signal.lfilter(whiten, 1.0, np.column_stack([columns, x]), axis=0)[len(whiten) - 1 :]
+    fit = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
+    return float(np.sum((every[:, -1] - every[:, :-1] @ fit) ** 2))
 
 
 def cut_knocks(x: np.ndarray) -> np.ndarray:
