@@ -182,9 +182,9 @@ def remember() -> Iterator[Memory]:
             return e
         return replace(finer, p_value=e.p_value, tried=e.tried, refusal=e.refusal, whole=e.whole)
 
-    def drift_once(assembly: Any, chosen: Chosen, joint: int, flips: Any) -> float:
-        key = ("drift", assembly, tell_chosen([chosen]), joint, len(flips))
-        return take(key, lambda: drift_p_value(assembly, chosen, joint, flips))
+    def drift_once(assembly: Any, chosen: Chosen, joint: int, flips: Any, always: bool = False) -> float:
+        key = ("drift", assembly, tell_chosen([chosen]), joint, len(flips), always)
+        return take(key, lambda: drift_p_value(assembly, chosen, joint, flips, always))
 
     def reverse_once(prepared: Any, assembly: Any, forms: bool = True) -> Any:
         return take(("reverse", assembly, forms), lambda: refine_reversals(prepared, assembly, forms))

@@ -1,10 +1,14 @@
 """A line that runs have in common is told from noise that wanders."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import signal
 
+from wearscope.closed_loop.diagnostics.in_time import see_lines
 from wearscope.closed_loop.diagnostics.lines import find_common_line, find_line
+from wearscope.closed_loop.selection.policy import Policy
 
 RATE, ROWS = 20.0, 600
 T = np.arange(ROWS) / RATE
@@ -61,3 +65,28 @@ def test_noise_has_no_line(kind, runs):
 def test_too_little_is_nothing():
     assert find_common_line([np.ones(600), np.ones(100)], RATE) is None
     assert find_common_line([], RATE) is None
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_a_sine_is_seen_where_rows_that_count_show_it(hidden):
+    """Knocks of twenty times its size, in rows that do not count, are all that the whole record shows."""
+    rng = np.random.default_rng(3)
+    time = np.arange(2000) / 200.0
+    train, own, keep, full = [], [], [], []
+    for _ in range(2):
+        wave = 0.1 * np.sin(2.0 * np.pi * (0.64 * time + rng.random()))
+        far = np.zeros(len(time))
+        for at in rng.choice(len(time) - 150, 6, replace=False):
+            far[at : at + 120] += rng.choice([-2.0, 2.0])
+        noise = 0.04 * rng.standard_normal(len(time))
+        counts = far == 0.0
+        full.append(noise + (wave if hidden else 0.0) + far)
+        train.append(SimpleNamespace(t=time[::8]))
+        own.append(full[-1][::8])
+        keep.append(counts[::8])
+    seen = see_lines(full, train, own, keep, 200.0, 1, Policy())
+    if not hidden:
+        assert seen == []
+        return
+    assert find_common_line(full, 200.0).p_value > 1e-3
+    assert "a line at 0.6" in seen[0].reason and seen[0].share > 0.2

@@ -168,3 +168,61 @@ def test_an_offset_that_a_large_ripple_hid_is_found_beside_it(record, pose):
     ]
     search = Search(pose(record(planted, seed=5)), Policy())
     assert {(f.effect.name, f.joint) for f in search.run()} == {("torque_ripple", 0), ("torque_offset", 0)}
+
+
+def test_an_offset_gives_way_to_what_is_more_than_one(record, pose):
+    """A spring that a large coupling hides: the offset that comes first is a part of it."""
+    planted = [
+        (0, "cross_coupling", {"coulomb": 250.0, "other": 1}),
+        (0, "joint_spring", {"stiffness": 20.0, "preload": 40.0}),
+    ]
+    folder = record(planted, seed=5)
+    told: list[str] = []
+    found = Search(pose(folder), Policy(), told.append).run()
+    assert "torque_offset@0: needed beside what was found" in told
+    names = {f.effect.name for f in found if f.joint == 0}
+    assert "torque_offset" not in names
+    assert names & {"joint_spring", "gravity_counterbalance"}
+
+
+def test_an_offset_beside_a_large_coupling_stays(record, pose):
+    planted = [
+        (0, "cross_coupling", {"coulomb": 250.0, "other": 1}),
+        (0, "torque_offset", {"offset": 40.0}),
+    ]
+    found = Search(pose(record(planted, seed=5)), Policy()).run()
+    assert {f.effect.name for f in found} == {"cross_coupling", "torque_offset"}
+
+
+def test_both_frictions_of_one_coupling_are_one_name(record, pose):
+    planted = [(0, "cross_coupling", {"coulomb": 60.0, "viscous": 40.0, "other": 1})]
+    (found,) = Search(pose(record(planted, seed=6)), Policy()).run()
+    assert found.effect.name == "cross_coupling"
+    assert [found.effect.coefficients[k].name for k in found.chosen.subset] == ["viscous", "coulomb"]
+
+
+def test_what_is_small_beside_a_wrong_mass_is_no_part_of_it(record, pose):
+    """A rigid body is followed exactly: what a curve removes is held against what is left beside the load."""
+    planted = [
+        (0, "payload_error", {"mass": 16.0, "moment_x": 8.0}),
+        (1, "stribeck", {"level": 1.5, "speed": 0.3, "exponent": 2.0}),
+    ]
+    load, curve = Search(pose(record(planted, seed=5)), Policy()).run()
+    assert (load.effect.name, curve.effect.name, curve.joint) == ("payload_error", "stribeck", 1)
+    assert curve.evidence.whole == pytest.approx(curve.evidence.share, rel=1e-9)
+
+
+def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, pose):
+    """A weight, which an offset has most of, is of the standard model's loss, not of what is beside it."""
+    planted = [(0, "payload_error", {"mass": 16.0, "moment_x": 8.0})]
+    search = Search(pose(record(planted, seed=5)), Policy())
+    found = search.run()
+    beside = search.assemble(found, standard=True)
+    offset, spring = (find(search, name, 1).chosen for name in ("torque_offset", "joint_spring"))
+    own = [weigh(beside, c.candidate, c.subset, search.policy) for c in (offset, spring)]
+    losses, standard = search.find_losses_beside_bodies(beside)[0, 1], search.standard_losses[0, 1]
+    assert losses < 1e-3 * standard
+    scale = search.sigma[1] ** 2
+    wholes = [e.whole for e in search.compare_whole(beside, own)]
+    expected = [own[0].gains[1] * scale / standard, own[1].gains[1] * scale / losses]
+    assert wholes == pytest.approx(expected)

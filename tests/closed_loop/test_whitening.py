@@ -4,8 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy import signal
 
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.policy import Policy
@@ -173,3 +176,38 @@ def test_what_other_joints_know_of_a_term_holds_about_its_fit(record, search_of)
     beside = Assembly(plain.layout, target, (*plain.chosen, spread), plain.sigma)
     assert drift_p_value(plain, offset, 0, search.flips) == 0.0
     assert drift_p_value(beside, offset, 0, search.flips) == 0.0
+
+
+def test_the_level_of_a_drift_in_a_single_run_is_no_offset(record, search_of):
+    """Over a run as long as its memory a drift has a level on which all parts agree; nor what is like one."""
+
+    def wander(t, q, v, a, rng):
+        drift = signal.lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / t[-1])], rng.standard_normal(len(t)))
+        return np.column_stack([7.0 + 2.0 * (drift - drift.mean()) / drift.std(), 0.0 * t])
+
+    for seed in range(3):
+        folder = record(seed=seed, runs=2, duration=10.0, extra_torque=wander)
+        search = search_of(folder)
+        if not seed:
+            left = diagnose(folder)
+            assert left.verdict["verdict"] == []
+            assert left.states[0].reason.startswith("a level of ")
+            assert left.states[1].state == "explained"
+        shutil.rmtree(folder)
+        offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
+        own = weigh(search.assemble((), standard=True), offset.candidate, offset.subset, search.policy)
+        assert rule.is_beyond_chance(own, search.policy, by_run=False)
+        assert search.run() == []
+
+
+def test_an_offset_of_a_single_run_is_named(record, search_of):
+    folder = record([(0, "torque_offset", {"offset": 2.0})], seed=1, runs=2, duration=10.0)
+    assert [f.effect.name for f in search_of(folder).run()] == ["torque_offset"]
+
+
+def test_what_imitates_a_drift_is_asked_for_one_though_it_leaves_none(record, search_of):
+    """Where what is left is white the question is waived, but for one that must always be answered."""
+    search = search_of(record(seed=6))
+    offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
+    assert drift_p_value(search.assemble(()), offset, 0, search.flips) == 0.0
+    assert drift_p_value(search.assemble(()), offset, 0, search.flips, always=True) == 1.0

@@ -44,7 +44,7 @@ EFFECT = Effect(
     depends_on=DRIVEN_BY,
     row=_row,
     shape=(Parameter("other", "index of the driving joint", lower=0.0, estimated=False),),
-    variants=(("viscous",), ("coulomb",), ("inertia",)),
+    variants=(("viscous",), ("coulomb",), ("inertia",), ("viscous", "coulomb")),
     search=_search,
     repeatable=True,
     applies=_has_other,

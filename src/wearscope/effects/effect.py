@@ -206,7 +206,17 @@ class Effect:
     @property
     def drifts_alike(self) -> bool:
         """Whether its torque changes with time or temperature, or not in motion, as a drift's in few runs."""
-        return self.is_thermal or self.constant_in_motion or set(self.depends_on) == {"constant"}
+        return self.is_thermal or self.is_level
+
+    @property
+    def is_level(self) -> bool:
+        """Whether its torque does not change in motion, which one run does not tell from a drift's level."""
+        return self.constant_in_motion or self.is_offset
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether its torque never changes."""
+        return set(self.depends_on) == {"constant"}
 
     @property
     def needs_wear(self) -> bool:

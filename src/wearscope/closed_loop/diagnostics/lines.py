@@ -21,10 +21,10 @@ _PERIODS = 8
 _PEAKS = 20
 #: Shortest residual that is looked at [rows].
 _LEAST_ROWS = 512
-#: A common line: rows of each run that are looked at at most (more are averaged), fewest periods in the
-#: longest run, highest frequency [1/row], and frequencies about the best one in the residual itself that are
-#: compared.
-_MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 300, 2.5, 0.25, 2
+#: A common line: rows of each run that are looked at, at least and at most (more are averaged), fewest
+#: periods in the longest run, highest frequency [1/row], and frequencies about the best one in the residual
+#: itself that are compared.
+_FEWEST_ROWS, _MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 128, 300, 2.5, 0.25, 2
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     Parameters
     ----------
     residuals : sequence of ndarray (N_r,)
-        Of each run, before the common filter.
+        Of each run.
     rate : float
         [Hz]
     """
-    parts = [_average(x, rate) for x in residuals if len(x) >= _LEAST_ROWS and np.ptp(x) > 0.0]
+    parts = [_average(x, rate) for x in residuals if len(x) >= _FEWEST_ROWS and np.ptp(x) > 0.0]
     parts = [(t, x) for t, x in parts if np.ptp(x) > 0.0]
     if not parts:
         return None

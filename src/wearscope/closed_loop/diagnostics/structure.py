@@ -9,7 +9,7 @@ from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
-from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_lines, see_shifts
+from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
 from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full, predict_reduced
@@ -88,7 +88,7 @@ def judge_joints(
     declared = None if before is None else _leave(before, train)
     features = [_features(run) for run in train]
     repeats = _list_train_repeats(prepared)
-    states = []
+    states, moving = [], int(prepared.moving.sum())
     for j in range(prepared.n):
         corrected = any(a.term.joint == j for a in named)
         if not prepared.moving[j]:
@@ -104,9 +104,10 @@ def judge_joints(
             *_from_trees(features, own, keep, prepared, j, policy),
             *_from_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
+            *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
-            *see_lines([x[:, j] for x in full], prepared.band.rate, rms, int(prepared.moving.sum()), policy),
+            *see_lines([x[:, j] for x in full], train, own, keep, prepared.band.rate, moving, policy),
         ]
         error = _rms([r[:, j] for r in tested], [run.keep[:, j] for run in test])
         noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])

@@ -73,11 +73,12 @@ class Search:
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
         self._apart: dict[tuple, bool] = {}
+        self._beside_bodies: dict[tuple, np.ndarray] = {}
         self.forms = Forms(problem, policy)
 
     def forget(self) -> None:
         """Let go of evidence and columns that are kept to save time."""
-        self._weighed, self._apart = {}, {}
+        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
         self.problem.forget()
         self.forms = Forms(self.problem, self.policy)
 
@@ -165,9 +166,11 @@ class Search:
         Or, where a term is refused for that alone, of what is left beside any form of the named terms, if it
         passes there: it is no part of theirs then.
         """
-        scale = self.sigma**2 / np.maximum(self.standard_losses, 1e-300)
+        own, standard = self.find_losses_beside_bodies(beside), self.standard_losses
         compared = []
         for e in weighed:
+            losses = standard if e.term.effect.standard else own
+            scale = self.sigma**2 / np.maximum(losses, 1e-300)
             e = replace(e, whole=max(g * scale[int(e.by_fifths), j] for j, g in e.gains.items()))
             if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
                 any_size = replace(e, whole=np.inf)
@@ -175,6 +178,23 @@ class Search:
                     e = any_size
             compared.append(e)
         return compared
+
+    def find_losses_beside_bodies(self, beside: Assembly) -> np.ndarray:
+        """Losses (2, n) of the standard model, held out by runs and by fifths, with bodies that are named.
+
+        Forms of friction and gears are followed by no machine exactly; a rigid body's is, so that what is
+        small beside a wrong mass is no part of it.
+        """
+        base = {id(c) for c in self.problem.base}
+        terms = [c for c in beside.chosen if id(c) in base or is_exact(c.candidate.effect)]
+        if not self.standard_losses.any() or not any(c.candidate.effect.per_robot for c in terms):
+            return self.standard_losses
+        key = (frozenset((c.candidate, c.subset) for c in terms), tuple(beside.sigma))
+        if key not in self._beside_bodies:
+            standard = Assembly(beside.layout, beside.target, tuple(terms), beside.sigma)
+            losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
+            self._beside_bodies[key] = np.minimum(np.array(losses) * beside.sigma**2, self.standard_losses)
+        return self._beside_bodies[key]
 
     def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
         """Whether a term passes the rule beside any form of its joint's large terms, and is most of the rest.
@@ -244,7 +264,7 @@ class Search:
     def reverse_over(self, reversals: Reversals, found: list[Found]) -> list[Found]:
         """Make all anew along frictions that reverse in another way, and the terms found."""
         self.problem = self.problem.reverse_over(reversals)
-        self._weighed, self._apart = {}, {}
+        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
         self.forms = Forms(self.problem, self.policy)
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
@@ -253,7 +273,7 @@ class Search:
         self.problem, self.forms = other.problem, other.forms
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
         self.left_out = other.left_out
-        self._weighed, self._apart = {}, {}
+        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
 
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
@@ -365,13 +385,37 @@ class Search:
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
         effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
+        by_run = self.problem.layout.folds.by_run
         if rule.relieves(e, self.policy):
             return False
-        if not effect.empirical and rule.is_beyond_chance(e, self.policy, self.problem.layout.folds.by_run):
+        if not effect.empirical and self.is_beyond_drift(assembly, e):
             return False
         level = self.policy.unknown_level if effect.empirical else self.policy.family_level
         kinds = self.count_kinds(effect, e.joint)
-        return tried * kinds * joints * drift_p_value(assembly, e.chosen, e.joint, self.flips) > level
+        # What imitates a drift in a single run leaves none to be seen.
+        imitates = not (by_run or effect.empirical or effect.is_level)
+        p_value = drift_p_value(assembly, e.chosen, e.joint, self.flips, always=imitates)
+        return tried * kinds * joints * p_value > level
+
+    def is_beyond_drift(self, assembly: Assembly, e: Evidence) -> bool:
+        """Whether a term is beyond chance, in a single run beside an offset too.
+
+        All parts of a run agree on the level of a drift that is as slow as the run is long.
+        """
+        by_run = self.problem.layout.folds.by_run
+        if by_run or not rule.is_beyond_chance(e, self.policy, by_run):
+            return rule.is_beyond_chance(e, self.policy, by_run)
+        if e.term.effect.is_offset:
+            return False
+        here = {c.candidate.joint for c in assembly.chosen if c.candidate.effect.is_offset}
+        offsets = [k for k in self.problem.effects if k.is_offset]
+        made = [
+            self.problem.candidate(k, j) for k in offsets for j in e.chosen.candidate.joints if j not in here
+        ]
+        every = (*assembly.chosen, *(Chosen(k, (0,)) for k in made if k is not None))
+        beside = Assembly(assembly.layout, assembly.target, every, assembly.sigma)
+        own = weigh(beside, e.chosen.candidate, e.chosen.subset, self.policy)
+        return rule.is_beyond_chance(own, self.policy, by_run)
 
     def count_kinds(self, effect: Effect, joint: int) -> int:
         """How many are asked of its kind: shapes of the generic term, what every drive has, or all names."""
@@ -438,6 +482,11 @@ class Search:
                 }
             )
         self._step += 1
+
+
+def is_exact(effect: Effect) -> bool:
+    """Whether an effect is of the standard model, or of a body of the whole robot."""
+    return effect.standard or effect is REVERSAL or effect.per_robot
 
 
 def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:

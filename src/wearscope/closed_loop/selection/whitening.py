@@ -22,7 +22,9 @@ _FLOOR = 1e-3
 _ABSORBED = 1e-3
 
 
-def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndarray) -> float:
+def drift_p_value(
+    assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndarray, always: bool = False
+) -> float:
     """p-value of a term beside a drift of what it leaves at a joint, with that made white.
 
     Parameters
@@ -34,6 +36,8 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
         One at which it is felt.
     flips : ndarray (F, B)
         Random signs of the blocks.
+    always : bool
+        Whether it is made white even where what is left is not seen to be autocorrelated beyond a block.
 
     Returns
     -------
@@ -55,7 +59,7 @@ def drift_p_value(assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndar
     gram[:k, :k] += elsewhere * assembly.sigma[joint] ** 2
     left = y - both @ np.linalg.solve(gram, x.T @ y)
     sums = layout.pack(np.where(keep, left, 0.0)).sum(axis=1)
-    if find_memory(sums, layout.run_of) <= 1:
+    if not always and find_memory(sums, layout.run_of) <= 1:
         return 0.0
     kept = layout.unpack(keep)
     runs = [bridge_uncounted(r[:, None], k)[:, 0] for r, k in zip(layout.unpack(left), kept, strict=True)]
