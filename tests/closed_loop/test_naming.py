@@ -9,10 +9,10 @@ from scipy import stats
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
-from wearscope.closed_loop.selection.assembly import Chosen
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
+from wearscope.closed_loop.selection.naming import _is_same, _may_name, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
@@ -276,3 +276,25 @@ def test_of_many_names_the_best_are_compared():
     for best in (names[0], names[-1]):
         offered = [evidence(name, losses(-1.25 if name == best else -1.0, 0)) for name in names]
         assert len(offered) > 12 and named(own, *offered) == (best, [])
+
+
+@pytest.mark.parametrize(("share", "may"), [(0.05, True), (1.0, False)])
+def test_a_name_beside_which_another_one_is_unbelievable_is_none(record, pose, share, may):
+    """A torque of a tenth of the load, and what with a gain of 90 % the other way would make up the same."""
+    search = Search(pose(record(seed=2, runs=3, duration=6.0)), Policy())
+    plain = search.assemble(())
+    gain = search.problem.candidate(load_effect("torque_constant_error"), 0)
+    load = gain.rows[0]
+    other = np.random.default_rng(1).standard_normal(load.shape) * load.std()
+    rest = Candidate(load_effect("rotor_inertia_error"), 0, ((),), (0,), (load + other,))
+    target = np.zeros_like(plain.target)
+    target[:, [0]] = 0.1 * load + share * other
+    assembly = Assembly(plain.layout, target, plain.chosen, plain.sigma)
+    named = weigh(assembly, gain, (0,), search.policy)
+    named = replace(named, beta=np.array([0.1]))
+    beside = Assembly(plain.layout, target, (*plain.chosen, named.chosen), plain.sigma)
+    e = weigh(beside, rest, (0,), search.policy)
+    assert _may_name(search, beside, [Found(named.chosen, named)], e) is may
+    # What was unbelievable before is not its doing.
+    before = replace(named, beta=np.array([0.5]))
+    assert _may_name(search, beside, [Found(named.chosen, before)], e)

@@ -7,6 +7,7 @@ from arch.bootstrap import MCS
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
@@ -85,7 +86,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
-        naming = [e for e in able if e is own or _may_name(search, e)]
+        naming = [e for e in able if e is own or _may_name(search, beside, others, e)]
         opposing = [e for e in naming if opposes_gravity(search.problem, e)]
         name = rule.simplest(naming, opposing) if naming and not f.effect.standard else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
@@ -97,9 +98,29 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
     return found, equivalent
 
 
-def _may_name(search: Search, e: Evidence) -> bool:
-    """Whether a term may give its name, and not only stand beside one: what was left out may not."""
-    return e.term.effect.name not in search.left_out
+def _may_name(search: Search, beside: Assembly, others: Sequence[Found], e: Evidence) -> bool:
+    """Whether a term may give its name, and not only stand beside one.
+
+    What was left out may not, nor one beside which another name's parameters are none that a machine has.
+    """
+    if e.term.effect.name in search.left_out:
+        return False
+    felt = set(e.chosen.candidate.joints)
+    near = [f for f in others if set(f.chosen.candidate.joints) & felt]
+    near = [f for f in near if not (f.effect.standard or f.effect.empirical)]
+    if not near:
+        return True
+    both = Assembly(beside.layout, beside.target, (*beside.chosen, e.chosen), beside.sigma)
+    for f in near:
+        span = next(s for s, c in zip(both.spans, both.chosen, strict=True) if c is f.chosen)
+        believable = search.problem.bounds(f.evidence.term)[: len(f.chosen.subset)]
+        if not _all_within(both.theta[span], believable) and _all_within(f.evidence.beta, believable):
+            return False
+    return True
+
+
+def _all_within(values: np.ndarray, bounds: Sequence[tuple[float, float]]) -> bool:
+    return all(low <= x <= high for x, (low, high) in zip(values, bounds, strict=True))
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:
