@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ import yaml
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import find_prismatic
+from wearscope.closed_loop.intake import plausibility
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import _is_borne_out, ask_runs, check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
@@ -325,3 +327,25 @@ def test_real_machines_are_believed(name):
     prepared = check(DATA / name)
     assert prepared.moving.all()
     assert not any("at a limit" in note or "cut off" in note for note in prepared.notes)
+
+
+@pytest.mark.parametrize(
+    ("lags", "refused"),
+    [
+        ([0.030, 0.018, 0.017, 0.019], False),
+        ([0.030, 0.031, 0.029, 0.018], True),
+        ([0.100, 0.001, 0.000, 0.002], True),
+        ([-0.030, 0.001, -0.002, 0.000], True),
+    ],
+)
+def test_a_lag_is_what_the_runs_have_in_common(monkeypatch, lags, refused):
+    """Of one that is little a run may show more; one file that is shifted is not excused by the others."""
+    told = []
+    monkeypatch.setattr(
+        plausibility, "find_lag", lambda sample, _: (np.array([lags[sample]]), np.array([0.4]))
+    )
+    monkeypatch.setattr(plausibility, "_refuse", lambda *args: told.append(args))
+    prepared = SimpleNamespace(dataset=SimpleNamespace(fields=SimpleNamespace(declared_effects=[])))
+    runs = [SimpleNamespace(sample=k, run=None, doubtful=np.array([False])) for k in range(len(lags))]
+    plausibility._check_lag(prepared, runs[0], runs[1:])
+    assert bool(told) is refused

@@ -322,7 +322,8 @@ def _span(x: np.ndarray) -> float:
 def _check_lag(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> None:
     """A delay between the torque and the position channels of the whole recorder.
 
-    Of one joint it is believed where it is the same in most of the runs in which that one is as doubtful.
+    Of one joint it is believed where it is the same in most of the runs in which that one is as doubtful; not
+    where it is near what all runs have in their middle, which is little.
     """
     if TIME_DELAY.name in prepared.dataset.fields.declared_effects:
         return
@@ -333,6 +334,10 @@ def _check_lag(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> Non
     middle = float(np.median(lag[heard]))
     agree = np.abs(lag[heard] - middle) < 0.01
     if abs(middle) >= _LAG and agree.mean() >= 0.75 and float(np.median(ratio[heard])) < 0.5:
+        every = [lag, *(find_lag(other.sample, _LONGEST)[0] for other in others)]
+        common = float(np.nanmedian(every))
+        if max(abs(common), abs(middle - common)) < _LAG:
+            return
         if heard.sum() == 1:
             lags = [
                 find_lag(other.sample, _LONGEST)[0][heard] for other in others if other.doubtful[heard].any()
