@@ -144,9 +144,9 @@ def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
 class Scripted:
     """A search whose answers are given: which candidates are offered for a term, and the evidence on each."""
 
-    def __init__(self, own, offered, left_out=()):
+    def __init__(self, own, offered, left_out=(), drifting=()):
         self.own, self.offered, self.policy = own, offered, POLICY
-        self.left_out = left_out
+        self.left_out, self.drifting = left_out, drifting
         self.problem = SimpleNamespace(prepared=SimpleNamespace(n=2))
 
     def assemble(self, terms):
@@ -169,6 +169,9 @@ class Scripted:
 
     def refine(self, beside, e):
         return e
+
+    def drifts(self, beside, e):
+        return e.term.effect.name in self.drifting
 
     def opposes_gravity(self, e):
         return False
@@ -204,6 +207,17 @@ def test_where_single_joints_are_preferred_the_whole_robot_s_stand_beside_them()
     )
     assert named(own, whole) == ("payload_error", [])
     assert named(own, whole, left_out={"payload_error"}) == ("gravity_counterbalance", ["payload_error"])
+
+
+def test_what_a_drift_explains_gives_no_name():
+    """An offset in the set of a law that no drift explains stands beside it; the next simplest may name."""
+    own, offset = evidence("stribeck", losses(-1.0, 0)), evidence("torque_offset", losses(-1.0, 1))
+    assert named(own, offset) == ("torque_offset", ["stribeck"])
+    assert named(own, offset, drifting={"torque_offset"}) == ("stribeck", ["torque_offset"])
+    spring = evidence("joint_spring", losses(-1.0, 2))
+    name, beside = named(own, offset, spring, drifting={"torque_offset"})
+    assert name == "joint_spring" and set(beside) == {"stribeck", "torque_offset"}
+    assert named(own, offset, drifting={"stribeck"}) == ("torque_offset", ["stribeck"])
 
 
 def test_what_is_no_delay_is_no_name():

@@ -86,9 +86,12 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
-        naming = [e for e in able if e is own or _may_name(search, beside, others, e)]
-        opposing = [e for e in naming if opposes_gravity(search.problem, e)]
-        name = rule.simplest(naming, opposing) if naming and not f.effect.standard else own
+        opposing = [e for e in able if opposes_gravity(search.problem, e)]
+        naming = [] if f.effect.standard else list(able)
+        name = rule.simplest(naming, opposing) if naming else own
+        while not (name is own or _may_name(search, beside, others, name)):
+            naming = [e for e in naming if e is not name]
+            name = rule.simplest(naming, opposing) if naming else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
         if f.effect.standard:
@@ -101,9 +104,10 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
 def _may_name(search: Search, beside: Assembly, others: Sequence[Found], e: Evidence) -> bool:
     """Whether a term may give its name, and not only stand beside one.
 
-    What was left out may not, nor one beside which another name's parameters are none that a machine has.
+    What was left out may not, nor one beside which another name's parameters are none that a machine has, nor
+    what a drift explains.
     """
-    if e.term.effect.name in search.left_out:
+    if e.term.effect.name in search.left_out or search.drifts(beside, e):
         return False
     felt = set(e.chosen.candidate.joints)
     near = [f for f in others if set(f.chosen.candidate.joints) & felt]
