@@ -6,6 +6,7 @@ import pytest
 from wearscope.attribution_board.draw_machines import draw_machine
 from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from wearscope.attribution_board.regimes import list_cases
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.joint_flexibility import is_solvable, softness, solve_gears
@@ -145,3 +146,20 @@ def test_a_compliance_that_is_there_is_named_and_one_that_is_not_is_not(record, 
     assert [(e["joint"], e["effect"]) for e in verdict] == [("a", "joint_elasticity")]
     folder.rename(tmp_path / "soft")
     assert close_loop(record(seed=5, noise=noise), tmp_path / "without", light=True)["verdict"] == []
+
+
+def test_a_link_that_swings_below_the_common_cut_off_tells_of_its_gear(tmp_path):
+    """At 2.3 Hz of 4: about a stiffer gear such a link answers the other way round, as no compliance does."""
+    case = list_cases("development", 40, 271)[18]
+    assert any(p.effect == "joint_elasticity" for p in case.planted)
+    truth = generate_dataset(tmp_path / "d1", case.machine, case.planted, case.seed, case.recipe)
+    done = diagnose(tmp_path / "d1")
+    named = {entry["effect"]: entry for entry in done.verdict["verdict"]}
+    assert set(named) == {"joint_elasticity", "coulomb_asymmetry"}
+    assert {entry["status"] for entry in named.values()} == {"confirmed"}
+    (gear,) = [p["parameters"]["compliance"] for p in truth["planted"] if p["effect"] == "joint_elasticity"]
+    run = done.prepared.runs_for("train")[0]
+    soft = softness(done.after, done.after.solve(), run.signals)
+    assert soft[0] * (2 * np.pi * run.band.torque) ** 2 > 2.0
+    estimated = named["joint_elasticity"]["parameters"]["compliance"]["value"]
+    assert estimated == pytest.approx(gear["value"], rel=0.5)

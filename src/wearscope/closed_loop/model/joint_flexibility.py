@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import fft
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.closed_loop.intake.prepared import PreparedRun
@@ -21,8 +20,8 @@ from wearscope.effects.base import Signals
 
 #: (w/w0)^2 at the common cut-off up to which a model alone gives a gear's torque, w0 where the link swings.
 _STIFF = 0.5
-#: Damping of the preconditioner near w0, most steps, residual at which they end.
-_DAMPING, _STEPS, _PRECISE = 1.0, 12, 1e-3
+#: Damping about w0 and beyond; corrections of the torque through a gear.
+_DAMPING, PASSES = 1.0, 4
 
 
 def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
@@ -60,11 +59,25 @@ def softness(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarr
     return soft
 
 
+def take_out_swing(stiff: np.ndarray) -> np.ndarray:
+    """Gain of a correction at frequencies where a link's torque is `stiff` times its motor's inverse.
+
+    About the swing itself and beyond it is damped: there a motor's motion holds next to nothing of its
+    link's, and what little it holds, and its noise, would ring.
+
+    Parameters
+    ----------
+    stiff : ndarray
+        1 - (w / w0)^2.
+    """
+    return np.asarray(stiff / (stiff**2 + _DAMPING * (stiff < 0.5)))
+
+
 def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray | None:
     """Torque (N, n) through the gears below `Band.gear` from the model and the motors' motion alone.
 
-    For deflections proportional to the torque the equation is linear: GMRES (Saad and Schultz 1986) with the
-    swing of the mean inertia as preconditioner, stopped early, since there is nothing to find at resonance.
+    For deflections proportional to the torque the equation is linear: corrections in which the swing of the
+    mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring.
     Across a jump of the deflection the rigid body's torque below `Prepared.take_up` is the nearest that the
     motion gives. None where the model has no deflection.
     """
@@ -83,29 +96,18 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     size = fft.next_fast_len(2 * len(s.t))
     square = (2 * np.pi * fft.rfftfreq(size, 1.0 / band.rate)) ** 2
     stiff = 1.0 - square[:, None] * soft[bends]
-    gain = stiff / (stiff**2 + _DAMPING * (stiff < 0.5))
-    shape = (len(s.t), int(bends.sum()))
-
-    def change(x: np.ndarray) -> np.ndarray:
+    gain = take_out_swing(stiff)
+    found = given[:, bends].copy()
+    for _ in range(PASSES):
         through = given.copy()
-        through[:, bends] = x
-        bent = bending_torque(model, theta, replace(s, transmitted=through))
-        return low_pass(bent[:, bends], band.gear, band.rate)
-
-    still = change(np.zeros(shape))
-
-    def precondition(x: np.ndarray) -> np.ndarray:
-        return fft.irfft(fft.rfft(x.reshape(shape), size, axis=0) * gain, size, axis=0)[: shape[0]]
-
-    def apply(x: np.ndarray) -> np.ndarray:
-        swung = precondition(x)
-        return (swung - change(swung) + still).ravel()
-
-    target = (given[:, bends] + still).ravel()
-    operator = LinearOperator((len(target), len(target)), matvec=apply, dtype=float)
-    found, _ = gmres(operator, target, rtol=_PRECISE, restart=_STEPS, maxiter=1)
+        through[:, bends] = found
+        bent = low_pass(
+            bending_torque(model, theta, replace(s, transmitted=through))[:, bends], band.gear, band.rate
+        )
+        left = given[:, bends] + bent - found
+        found = found + fft.irfft(fft.rfft(left, size, axis=0) * gain, size, axis=0)[: len(left)]
     solved = given.copy()
-    solved[:, bends] = low_pass(precondition(found), band.gear, band.rate)
+    solved[:, bends] = low_pass(found, band.gear, band.rate)
     return solved
 
 

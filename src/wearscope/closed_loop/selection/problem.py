@@ -14,6 +14,7 @@ from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.candidates import Candidate, make_candidate
 from wearscope.closed_loop.model.declared import declared_terms
 from wearscope.closed_loop.model.inertials import inertial_penalty
+from wearscope.closed_loop.model.joint_flexibility import PASSES, take_out_swing
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.layout import Layout
@@ -22,8 +23,8 @@ from wearscope.effects.base import Effect, MeasurementEffect, load_effect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
-#: are sought; passes of the solution for the gear's torque.
-_SWINGS, _PASSES = (4.0, 2.0, 1.3, 0.9), 4
+#: are sought. Below it a link answers the other way round within the band.
+_SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
 #: Delays about which others are sought, times the common cut-off.
 _LAGS = (0.0, 0.08, 0.2, 0.4)
 #: Ripples that a joint's residual is searched for, and rows that it is searched on.
@@ -236,10 +237,10 @@ def _solve_bent(
     size = fft.next_fast_len(2 * len(s.t))
     square = (2 * np.pi * fft.rfftfreq(size, 1.0 / band.rate)) ** 2
     stiff = 1.0 - square * compliance * inertia
-    gain = stiff / (stiff**2 + (stiff < 0.5))
+    gain = take_out_swing(stiff)
     through = rigid.copy()
     column = np.empty(0)
-    for _ in range(_PASSES):
+    for _ in range(PASSES):
         column = effect.columns(replace(s, transmitted=through), joint, np.zeros(0))
         bent = low_pass(compliance * column[:, joint, 0], band.gear, band.rate)
         left = rigid[:, joint] + bent - through[:, joint]
