@@ -24,6 +24,14 @@ def test_a_small_effect_is_found_beside_a_ripple_of_any_size(record, pose, size)
     assert found == {("stribeck", 0), ("torque_ripple", 0)}
 
 
+@pytest.mark.parametrize("size", [60.0, 400.0])
+def test_a_small_effect_is_found_beside_a_coupling_of_any_size(record, pose, size):
+    """What the other joint's motion drives takes no form of this joint's."""
+    coupling = (0, "cross_coupling", {"coulomb": size, "other": 1})
+    found = find(record([STRIBECK, coupling], seed=3, runs=4), pose)
+    assert found == {("stribeck", 0), ("cross_coupling", 0)}
+
+
 def test_the_form_of_a_large_term_is_no_further_term(record, pose):
     """A spring that hardens by a hundredth of its torque is a spring."""
 
@@ -40,3 +48,10 @@ def test_a_form_lies_in_curves_of_what_an_effect_depends_on():
     assert list(list_signals(load_effect("torque_ripple"), 2)) == [(0, 2, 0)]
     assert list(list_signals(load_effect("stribeck"), 2)) == [(1, 2, 0), (1, 2, 1)]
     assert None in list(list_signals(load_effect("time_delay"), 2))
+    # What another joint drives takes the form of that joint's motion.
+    assert list(list_signals(load_effect("cross_coupling"), 2, 1)) == [
+        (1, 1, 0),
+        (1, 1, 1),
+        (2, 1, 0),
+        (2, 1, 1),
+    ]

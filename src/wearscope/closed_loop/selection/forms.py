@@ -72,7 +72,8 @@ class Forms:
                 continue
             if self.policy.material_whole * _find_power(assembly, chosen, span, joint) <= e.gain:
                 continue
-            for key in list_signals(made.effect, joint if made.effect.per_robot else made.joint):
+            driver = int(made.shapes[0][0]) if made.effect.name_driver is not None else None
+            for key in list_signals(made.effect, joint if made.effect.per_robot else made.joint, driver):
                 shape = None if key is None else self._list_shapes(joint).get(key)
                 if key is None or shape is None:
                     return []
@@ -108,7 +109,9 @@ def _find_power(assembly: Assembly, chosen: Chosen, span: slice, joint: int) -> 
     return float(counted @ counted)
 
 
-def list_signals(effect: Effect, source: int) -> Iterator[tuple[int, int, int] | None]:
+def list_signals(
+    effect: Effect, source: int, driver: int | None = None
+) -> Iterator[tuple[int, int, int] | None]:
     """Signal, source and modulator, by code, of curves that hold an effect's form; None where there is none.
 
     Parameters
@@ -116,8 +119,12 @@ def list_signals(effect: Effect, source: int) -> Iterator[tuple[int, int, int] |
     effect : Effect
     source : int
         Joint whose signals it depends on.
+    driver : int, optional
+        Joint that drives it, whose signals it depends on instead.
     """
-    names = [name.removesuffix("_{joint}") for name in effect.depends_on]
+    own = "_{joint}" if driver is None else "_{other}"
+    source = source if driver is None else driver
+    names = [name.removesuffix(own) for name in effect.depends_on]
     modulators = [0]
     modulators += [MODULATORS.index("sign_qd")] if set(names) & set(_DIRECTION) else []
     for name in dict.fromkeys("qd" if name in _DIRECTION else name for name in names):
