@@ -9,6 +9,7 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics import structure
 from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
 from wearscope.closed_loop.diagnostics.structure import _compare_noise, _from_test, judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
@@ -91,6 +92,24 @@ def test_a_correction_that_predicts_its_own_runs_worse_says_so(record, pose, mon
     said, other = judge_joints(prepared, worse, [], {}, {}, policy, model)
     assert (said.state, other.state) == ("unexplained", "explained")
     assert "predicts the training runs worse than the declared one" in said.reason
+
+
+def test_a_correction_that_predicts_the_test_runs_worse_says_so(record, pose, monkeypatch):
+    """In a test run that goes further, two wrong terms may both be confirmed, each beside the other."""
+    problem = pose(record(seed=63, noise=0.1, **SMALL))
+    prepared, policy = problem.prepared, Policy()
+    model = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    tests, worse, full = prepared.runs_for("test"), copy(model), structure.predict_full
+
+    def predict(predicting, theta, run):
+        far = predicting is worse and any(run is one for one in tests)
+        return full(predicting, theta, run) + (np.array([0.025, 0.0]) if far else 0.0)
+
+    monkeypatch.setattr(structure, "predict_full", predict)
+    said, other = judge_joints(prepared, worse, [], {}, {}, policy, model)
+    assert said.state == "unexplained"
+    assert "predicts the test runs worse than the declared one" in said.reason
+    assert other.state == "explained"
 
 
 @pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])

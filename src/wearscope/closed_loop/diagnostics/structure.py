@@ -85,7 +85,7 @@ def judge_joints(
     test = prepared.runs_for("test")
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
-    declared = None if before is None else _leave(before, train)
+    declared, declared_test = (None if before is None else _leave(before, runs) for runs in (train, test))
     features = [_features(run) for run in train]
     repeats = _list_train_repeats(prepared)
     states, moving = [], int(prepared.moving.sum())
@@ -98,7 +98,7 @@ def judge_joints(
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
         inside = [
-            *_from_declared(declared, own, keep, j, policy),
+            *_from_declared(declared, own, keep, j, policy, "training"),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
@@ -109,9 +109,11 @@ def judge_joints(
             *see_shifts(train, own, keep, policy),
             *see_lines([x[:, j] for x in full], train, own, keep, prepared.band.rate, moving, policy),
         ]
-        error = _rms([r[:, j] for r in tested], [run.keep[:, j] for run in test])
+        own_test, keep_test = [r[:, j] for r in tested], [run.keep[:, j] for run in test]
+        error = _rms(own_test, keep_test)
         noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])
-        seen = [*inside, *_from_test(own, keep, error, policy, noisier)]
+        worse = _from_declared(declared_test, own_test, keep_test, j, policy, "test")
+        seen = [*inside, *worse, *_from_test(own, keep, error, policy, noisier)]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
@@ -135,11 +137,13 @@ def _from_declared(
     keep: list[np.ndarray],
     joint: int,
     policy: Policy,
+    use: str,
 ) -> list[Seen]:
-    """What the corrected model leaves of its own training runs beyond what the declared one does.
+    """What the corrected model leaves of training or test runs beyond what the declared one does.
 
     A fit holds a gear's deflection to the measured torque, and near where a link swings on a soft gear the
-    motion alone tells little of that torque.
+    motion alone tells little of that torque. Test runs may go where no training run went, as to another
+    temperature.
     """
     if declared is None:
         return []
@@ -147,7 +151,7 @@ def _from_declared(
     share = 1.0 - (least / max(most, 1e-300)) ** 2
     if share < policy.structure_share:
         return []
-    told = "from the motion alone the corrected model predicts the training runs worse than the declared one"
+    told = f"from the motion alone the corrected model predicts the {use} runs worse than the declared one"
     return [Seen(share, [], told)]
 
 
