@@ -403,8 +403,9 @@ class Search:
         All parts of a run agree on the level of a drift that is as slow as the run is long.
         """
         by_run = self.problem.layout.folds.by_run
-        if by_run or not rule.is_beyond_chance(e, self.policy, by_run):
-            return rule.is_beyond_chance(e, self.policy, by_run)
+        beyond = rule.is_beyond_chance(e, self.policy, by_run)
+        if by_run or not beyond:
+            return beyond
         if e.term.effect.is_offset:
             return False
         here = {c.candidate.joint for c in assembly.chosen if c.candidate.effect.is_offset}
