@@ -1,5 +1,7 @@
 """Soft gears: the torque through them, their compliance near resonance, lost motion; and sharp reversals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,16 @@ from wearscope.attribution_board.generate import generate_dataset
 from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.intake.filtering import low_pass
+from wearscope.closed_loop.model import joint_flexibility
 from wearscope.closed_loop.model.declared import fit_declared_model
-from wearscope.closed_loop.model.joint_flexibility import is_solvable, softness, solve_gears
+from wearscope.closed_loop.model.joint_flexibility import (
+    bending_torque,
+    is_solvable,
+    rigid_link_torque,
+    softness,
+    solve_gears,
+)
 from wearscope.closed_loop.model.prediction import predict_full, refit
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.run import close_loop
@@ -56,6 +66,22 @@ def test_solved_torque_is_that_of_the_link(soft_model):
     assert np.std(solved[:, 0] - run.signals.load[:, 0]) > 0
     assert run.signals.transmitted is None
     assert solve_gears(rigid, rigid.solve(), run) is None
+
+
+@pytest.mark.parametrize(("times", "least"), [(1.0, 1e-3), (5.0, 0.02)])
+def test_a_torque_is_solved_where_corrections_run_away(soft_model, monkeypatch, times, least):
+    """They would miss 6 %: as where the inertia of which the swing is taken out is none that the link has in most postures."""
+    damped = joint_flexibility.take_out_swing
+    monkeypatch.setattr(joint_flexibility, "take_out_swing", lambda stiff: times * damped(stiff))
+    model = soft_model(8e-5, noise=0.0)
+    theta = model.solve()
+    run = model.prepared.runs_for("test")[0]
+    solved = solve_gears(model, theta, run)
+    rigid = low_pass(rigid_link_torque(model, theta, run.signals), run.band.gear, run.band.rate)
+    bent = bending_torque(model, theta, replace(run.signals, transmitted=solved))
+    missed = rigid + low_pass(bent, run.band.gear, run.band.rate) - solved
+    below = low_pass(missed, run.band.torque, run.band.rate)[200:-200, 0]
+    assert np.std(below) < least * np.std(solved[:, 0])
 
 
 def test_prediction_along_the_motion_does_not_see_the_recorded_torque(soft_model):

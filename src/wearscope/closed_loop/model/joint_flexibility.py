@@ -7,11 +7,12 @@ The first is all that evidence and predictions use. The second holds the noise o
 explained: it serves as a regressor of estimates only, with the first kind as its instrument.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
 from scipy import fft
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.closed_loop.intake.prepared import PreparedRun
@@ -22,6 +23,8 @@ from wearscope.effects.base import Signals
 _STIFF = 0.5
 #: Damping about w0 and beyond; corrections of the torque through a gear.
 _DAMPING, PASSES = 1.0, 4
+#: Where they run away: most steps, and residual at which they end.
+_STEPS, _PRECISE = 12, 1e-3
 
 
 def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
@@ -77,7 +80,8 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     """Torque (N, n) through the gears below `Band.gear` from the model and the motors' motion alone.
 
     For deflections proportional to the torque the equation is linear: corrections in which the swing of the
-    mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring.
+    mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring, or
+    by GMRES where these run away.
     Across a jump of the deflection the rigid body's torque below `Prepared.take_up` is the nearest that the
     motion gives. None where the model has no deflection.
     """
@@ -97,18 +101,52 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     square = (2 * np.pi * fft.rfftfreq(size, 1.0 / band.rate)) ** 2
     stiff = 1.0 - square[:, None] * soft[bends]
     gain = take_out_swing(stiff)
-    found = given[:, bends].copy()
-    for _ in range(PASSES):
+
+    def correct(x: np.ndarray) -> np.ndarray:
+        return np.asarray(fft.irfft(fft.rfft(x, size, axis=0) * gain, size, axis=0)[: len(x)])
+
+    def miss(x: np.ndarray) -> np.ndarray:
         through = given.copy()
-        through[:, bends] = found
-        bent = low_pass(
-            bending_torque(model, theta, replace(s, transmitted=through))[:, bends], band.gear, band.rate
-        )
-        left = given[:, bends] + bent - found
-        found = found + fft.irfft(fft.rfft(left, size, axis=0) * gain, size, axis=0)[: len(left)]
+        through[:, bends] = x
+        bent = bending_torque(model, theta, replace(s, transmitted=through))[:, bends]
+        return given[:, bends] + low_pass(bent, band.gear, band.rate) - x
+
+    found, left = given[:, bends].copy(), np.inf
+    for _ in range(PASSES):
+        missed = miss(found)
+        if float(np.sum(missed**2)) > left:
+            found = _solve_whole(miss, correct, given[:, bends])
+            break
+        left = float(np.sum(missed**2))
+        found = found + correct(missed)
     solved = given.copy()
     solved[:, bends] = low_pass(found, band.gear, band.rate)
     return solved
+
+
+def _solve_whole(
+    miss: Callable[[np.ndarray], np.ndarray], correct: Callable[[np.ndarray], np.ndarray], given: np.ndarray
+) -> np.ndarray:
+    """Torque (N, m) that misses nothing, by GMRES with `correct` as preconditioner, stopped early.
+
+    Saad and Schultz 1986. Corrections for a mean inertia run away where the inertia changes by much.
+
+    Parameters
+    ----------
+    miss : callable
+        By how much a torque (N, m) misses the one that it bends to; affine.
+    correct : callable
+    given : ndarray (N, m)
+        Of rigid gears.
+    """
+    still = miss(np.zeros_like(given))
+
+    def apply(x: np.ndarray) -> np.ndarray:
+        return np.asarray((still - miss(correct(x.reshape(given.shape)))).ravel())
+
+    operator = LinearOperator((given.size, given.size), matvec=apply, dtype=float)
+    found, _ = gmres(operator, still.ravel(), rtol=_PRECISE, restart=_STEPS, maxiter=1)
+    return correct(found.reshape(given.shape))
 
 
 def find_jump_shares(model: Regression, theta: np.ndarray) -> dict[int, float]:
