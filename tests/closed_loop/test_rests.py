@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop import diagnosis
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.rests import Left, is_refuted
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.base import load_effect
 
 ROWS, RESTS, APART = 400, 12, 1.0
 
@@ -78,3 +83,22 @@ def test_rests_name_the_asymmetry_that_motion_does_not_tell_from_an_offset(tmp_p
     assert entry["effect"] == "coulomb_asymmetry" and "torque_offset" not in entry["equivalent"]
     value = entry["parameters"]["half_difference"]
     assert value["ci95"][0] < value["value"] < value["ci95"][1]
+
+
+@pytest.mark.parametrize(
+    ("name", "rival", "asked"), [("coulomb", "cross_coupling", 0), ("torque_offset", "coulomb_asymmetry", 1)]
+)
+def test_rests_do_not_rename_what_every_drive_has(record, pose, monkeypatch, name, rival, asked):
+    """A rest that static friction holds as it turned into it looks like what another joint drives."""
+    problem = pose(record(seed=2, declared=("rigid_body", "rotor_inertia"), runs=2, duration=6.0))
+    before = fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
+    after = refit(before, [*before.entries, ModelTerm(load_effect(name), 0, (), (0,))])
+    rivals = []
+    monkeypatch.setattr(
+        diagnosis, "settle_at_rest", lambda model, _, one: rivals.extend(one) or (model, [0, 1])
+    )
+    _, names = diagnosis.settle_rests(problem, after, len(before.entries), [[rival]])
+    assert names == [[rival]]
+    assert len(rivals) == asked

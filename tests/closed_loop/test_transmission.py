@@ -70,7 +70,7 @@ def test_solved_torque_is_that_of_the_link(soft_model):
 
 @pytest.mark.parametrize(("times", "least"), [(1.0, 1e-3), (5.0, 0.02)])
 def test_a_torque_is_solved_where_corrections_run_away(soft_model, monkeypatch, times, least):
-    """They would miss 6 %: as where the inertia of which the swing is taken out is none that the link has in most postures."""
+    """They would miss 6 %, as where the mean inertia is none that the link has in most postures."""
     damped = joint_flexibility.take_out_swing
     monkeypatch.setattr(joint_flexibility, "take_out_swing", lambda stiff: times * damped(stiff))
     model = soft_model(8e-5, noise=0.0)

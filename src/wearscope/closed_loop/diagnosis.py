@@ -272,7 +272,7 @@ def settle_rests(
         term = after.entries[first + k]
         rivals = [
             None
-            if effects[name].spread or term.effect.spread
+            if effects[name].spread or term.effect.spread or term.effect.is_in_every_drive
             else fit_declared(problem.prepared, effects[name], term.joint, problem.joined)
             for name in names
         ]

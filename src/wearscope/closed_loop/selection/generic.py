@@ -16,6 +16,7 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, restore_standard
 from wearscope.closed_loop.selection.search import Search
@@ -170,7 +171,7 @@ def explain_rest(
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
     """
-    found = doubt(search, terms, found)
+    found = doubt_for_past(search, doubt(search, terms, found))
     joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
     left: dict[int, Evidence] = {}
     while joints:

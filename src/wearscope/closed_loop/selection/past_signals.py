@@ -1,6 +1,6 @@
 """Splines of what a joint's motion has been, for structure with a memory, which no present signal tells."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from scipy.signal import lfilter
@@ -21,8 +21,10 @@ _FADING: tuple[tuple[tuple[str, ...], Callable[[Signals, int], np.ndarray]], ...
 )
 
 
-def list_past(runs: list[PreparedRun], joint: int) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
-    """Coarse splines of a joint's past at the rows of the residual, alone and times the direction of motion.
+def list_past(
+    runs: list[PreparedRun], joint: int, levels: Sequence[int] = LEVELS[:1]
+) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Splines of a joint's past at its rows, alone and times the direction of motion, by hat functions.
 
     Speed, its size, the direction of motion and the mechanical power, filtered to the past as if the joint
     had rested before each run; and the position at which the joint last turned round.
@@ -40,9 +42,10 @@ def list_past(runs: list[PreparedRun], joint: int) -> Iterator[tuple[tuple[str, 
     for codes, x in [*every, (("q",), _last_turn(runs, joint))]:
         low, high = np.quantile(x, [0.002, 0.998])
         if high - low > 1e-9 * (1.0 + abs(high)):
-            columns = _spline(x, low, high)
-            yield codes, columns
-            yield tuple(dict.fromkeys((*codes, "sign_qd"))), columns * sign
+            for knots in levels:
+                columns = _spline(x, low, high, knots)
+                yield codes, columns
+                yield tuple(dict.fromkeys((*codes, "sign_qd"))), columns * sign
 
 
 def _remember(
@@ -68,8 +71,7 @@ def _last_turn(runs: list[PreparedRun], joint: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _spline(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Hat functions (M, m) between two values, constant beyond."""
-    knots = LEVELS[0]
+def _spline(x: np.ndarray, low: float, high: float, knots: int) -> np.ndarray:
+    """Hat functions (M, knots) between two values, constant beyond."""
     place = np.clip((x - low) / (high - low), 0.0, 1.0) * (knots - 1)
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots)))

@@ -1,0 +1,63 @@
+"""Names that stand for what a joint's motion has been: no term has a memory of that kind."""
+
+import numpy as np
+
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
+from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.past_signals import list_past
+from wearscope.closed_loop.selection.search import Search
+from wearscope.effects.unknown import LEVELS
+from wearscope.effects.vocabulary import empirical_effect
+
+#: Hat functions: a line's too, which alone carries over to runs whose joint turns round at other places.
+_LEVELS = (2, LEVELS[0])
+
+
+def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
+    """The terms found without names that a spline of the past leaves nothing to do.
+
+    The position has much of that at which its joint last turned round. A name goes where such a spline
+    explains more, held out and fitted, clearly or so that much of the rest depends on it, and beside it the
+    name would not be taken.
+    """
+    for f in list(found):
+        if f.effect.standard or f.effect.empirical:
+            continue
+        others = [k for k in found if k is not f]
+        beside = search.assemble(others)
+        own = search.weigh_again(beside, f)
+        past = _find_past(search, beside, own)
+        if past is None:
+            continue
+        _, (own, past) = on_same_folds(beside, [own, past], search.policy)
+        if past.gain <= own.gain or past.fitted <= own.fitted:
+            continue
+        rest = weigh(search.assemble(found), past.chosen.candidate, past.chosen.subset, search.policy)
+        if not (rule.separates(past, own, search.policy) or rest.share >= search.policy.structure_share):
+            continue
+        again = search.weigh_again(search.assemble([*others, Found(past.chosen, past)]), f)
+        if search.judge(again) is Refusal.NONE:
+            continue
+        search.progress(f"{own.term.label} is dropped: what the motion has been explains more")
+        found = others
+    return found
+
+
+def _find_past(search: Search, beside: Assembly, own: Evidence) -> Evidence | None:
+    """Evidence on the spline of a joint's past that gains most held out, of those that fit better."""
+    joint, best = own.joint, None
+    least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
+    for _, columns in list_past(search.problem.train, joint, _LEVELS):
+        weight = float(np.mean((columns**2).sum(axis=0))) / beside.sigma[joint] ** 2
+        penalty = weight * regularise(columns.shape[1])
+        candidate = Candidate(empirical_effect(), joint, ((),), (joint,), [columns], penalty)
+        if float(beside.add(beside.sum_products(candidate)).gain[0]) <= least:
+            continue
+        e = weigh(beside, candidate, tuple(range(candidate.count)), search.policy)
+        if best is None or e.gain > best.gain:
+            best = e
+    return best
