@@ -18,6 +18,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
+from wearscope.closed_loop.selection.drifting import does_drift_explain, is_drift
 from wearscope.closed_loop.selection.evidence import (
     Evidence,
     Refusal,
@@ -39,7 +40,6 @@ from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.single_joints import count_parameters, prefer_single_joints
 from wearscope.closed_loop.selection.standard import find_standard
-from wearscope.closed_loop.selection.whitening import drift_p_value
 from wearscope.effects.base import Effect
 
 #: Most passes of the revision.
@@ -360,7 +360,7 @@ class Search:
         """
         assembly, able = on_same_folds(assembly, able, self.policy)
         able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
-        while able and self.is_drift(assembly, able[0], every, tried):
+        while able and is_drift(self, assembly, able[0], every, tried):
             able = able[1:]
         if not able:
             return None
@@ -376,55 +376,9 @@ class Search:
             return near[0]
         return chosen
 
-    def is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int = 1) -> bool:
-        """Whether a drift explains a term, or one among others that it contains and is not told from."""
-        inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
-        tied = [o for o in inside if not rule.separates(e, o, self.policy)]
-        return any(self.drifts(assembly, one, tried) for one in (*tied, e))
-
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
-        effect, joints = e.term.effect, int(self.problem.prepared.moving.sum())
-        by_run = self.problem.layout.folds.by_run
-        if rule.relieves(e, self.policy):
-            return False
-        if not effect.empirical and self.is_beyond_drift(assembly, e):
-            return False
-        level = self.policy.unknown_level if effect.empirical else self.policy.family_level
-        kinds = self.count_kinds(effect, e.joint)
-        # What imitates a drift in a single run leaves none to be seen.
-        imitates = not (by_run or effect.empirical or effect.is_level)
-        p_value = drift_p_value(assembly, e.chosen, e.joint, self.flips, always=imitates)
-        return tried * kinds * joints * p_value > level
-
-    def is_beyond_drift(self, assembly: Assembly, e: Evidence) -> bool:
-        """Whether a term is beyond chance, in a single run beside an offset too.
-
-        All parts of a run agree on the level of a drift that is as slow as the run is long.
-        """
-        by_run = self.problem.layout.folds.by_run
-        beyond = rule.is_beyond_chance(e, self.policy, by_run)
-        if by_run or not beyond:
-            return beyond
-        if e.term.effect.is_offset:
-            return False
-        here = {c.candidate.joint for c in assembly.chosen if c.candidate.effect.is_offset}
-        offsets = [k for k in self.problem.effects if k.is_offset]
-        made = [
-            self.problem.candidate(k, j) for k in offsets for j in e.chosen.candidate.joints if j not in here
-        ]
-        every = (*assembly.chosen, *(Chosen(k, (0,)) for k in made if k is not None))
-        beside = Assembly(assembly.layout, assembly.target, every, assembly.sigma)
-        own = weigh(beside, e.chosen.candidate, e.chosen.subset, self.policy)
-        return rule.is_beyond_chance(own, self.policy, by_run)
-
-    def count_kinds(self, effect: Effect, joint: int) -> int:
-        """How many are asked of its kind: shapes of the generic term, what every drive has, or all names."""
-        if effect.empirical:
-            return len(effect.shapes(self.problem.joined, joint))
-        if effect.is_in_every_drive:
-            return sum(other.is_in_every_drive for other in self.problem.effects)
-        return len(self.problem.effects)
+        return does_drift_explain(self, assembly, e, tried)
 
     def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
         """Whether a term that delays its joint's torque is one; True of other terms.
