@@ -1,6 +1,7 @@
 """What the rule's numbers are worth: each halved, doubled and taken out, on development cases of the board.
 
-    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--case K ...] [--out FILE]
+    python -m benchmarks.policy [--cases 60] [--seed 81] [--seconds 30] [--case K ...] [--number NAME ...]
+        [--out FILE]
     python -m benchmarks.policy --table FILE
 
 A case is diagnosed once with the numbers as they are and two or three times for each of them; cases whose
@@ -16,7 +17,7 @@ import gc
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -52,10 +53,18 @@ class TakesTooLong(Exception):
     """A search with the numbers as they are goes on beyond the time that it may take."""
 
 
-def list_variants() -> dict[str, Policy]:
-    """The rule's numbers as they are, then with one changed, by its name and what is done to it."""
+def list_variants(numbers: Collection[str] = ()) -> dict[str, Policy]:
+    """The rule's numbers as they are, then with one changed, by its name and what is done to it.
+
+    Parameters
+    ----------
+    numbers : collection of str
+        Those to change; all where none is given.
+    """
     variants = {"as it is": Policy()}
     for name, today in Policy().model_dump(exclude=set(_LEFT_OUT)).items():
+        if numbers and name not in numbers:
+            continue
         for word, value in _change(name, today):
             try:
                 policy = Policy(**{name: value})
@@ -131,7 +140,7 @@ def tell_answer(tried: search.Search, found: answer.Answer) -> tuple:
     )  # fmt: skip
 
 
-def try_case(case: Any, limit: float) -> dict[str, Any]:
+def try_case(case: Any, limit: float, variants: dict[str, Policy]) -> dict[str, Any]:
     """Scores of one case by variant; why there are none where it takes too long or cannot be made."""
     line: dict[str, Any] = {"case": case.number, "told": case.tell(), "scores": {}, "seconds": {}, "why": ""}
     with tempfile.TemporaryDirectory() as place:
@@ -148,8 +157,7 @@ def try_case(case: Any, limit: float) -> dict[str, Any]:
             return {"names": names} | {key: row[key] for key in kept}
 
         try:
-            path, variants = folder / "dataset.yaml", list_variants()
-            for name, found, seconds in diagnose_variants(path, variants, score, limit):
+            for name, found, seconds in diagnose_variants(folder / "dataset.yaml", variants, score, limit):
                 line["scores"][name], line["seconds"][name] = found, round(seconds, 2)
         except TakesTooLong:
             return line | {"why": "took too long"}
@@ -218,6 +226,10 @@ def main() -> None:
     parser.add_argument(
         "--case", type=int, nargs="*", help="numbers of those to run; all where none is given"
     )
+    numbers = sorted(Policy().model_dump(exclude=set(_LEFT_OUT)))
+    parser.add_argument(
+        "--number", choices=numbers, nargs="*", default=[], metavar="NAME", help="numbers to change; all"
+    )
     parser.add_argument("--table", type=Path)
     args = parser.parse_args()
     if args.table is None:
@@ -225,7 +237,7 @@ def main() -> None:
         for case in list_cases("development", args.cases, args.seed):
             if case.number in there or (args.case and case.number not in args.case):
                 continue
-            line = try_case(case, args.seconds)
+            line = try_case(case, args.seconds, list_variants(args.number))
             gc.collect()
             with args.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")

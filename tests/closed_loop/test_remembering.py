@@ -49,6 +49,14 @@ def test_every_number_of_the_rule_is_halved_and_doubled():
     )
 
 
+def test_a_number_is_asked_alone():
+    assert set(list_variants(["octaves"])) == {
+        "as it is",
+        *(f"octaves {x}" for x in ("halved", "doubled", "taken out")),
+    }
+    assert list_variants(["octaves"])["octaves taken out"].octaves == 0.0
+
+
 def test_the_table_counts_by_number_and_lists_those_that_change_nothing(capsys):
     def score(names, exact, null=False):
         return {
