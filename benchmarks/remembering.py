@@ -165,8 +165,8 @@ def remember() -> Iterator[Memory]:
     def assemble(layout: Any, target: Any, chosen: Any, sigma: Any, joints: Any = None) -> Assembly:
         asked = None if joints is None else frozenset(joints)
         # Rows that count and what is held out are a layout's own; all else of it is its data set's.
-        key = ("assembly", id(layout.prepared), layout.keep.tobytes(), id(layout.folds), id(target))
-        key = (*key, tell_chosen(chosen), sigma.tobytes(), asked)
+        rows = ("assembly", id(layout.prepared), layout.keep.tobytes(), id(layout.folds), id(target))
+        key = (*rows, tell_chosen(chosen), sigma.tobytes(), asked)
         return take(key, lambda: LateAssembly(memory, layout, target, tuple(chosen), sigma, joints))
 
     def weigh_once(
