@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from wearscope.closed_loop.selection import evidence, fifths, generic, revision, search, standard
+from wearscope.closed_loop.selection import drifting, evidence, fifths, generic, revision, search, standard
 from wearscope.closed_loop.selection.assembly import Added, Assembly, Chosen, Sums
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms, try_generic
@@ -221,7 +221,8 @@ def remember() -> Iterator[Memory]:
         (search, "Assembly", assemble), (standard, "Assembly", assemble), (evidence, "Assembly", assemble),
         (search, "weigh", weigh_once), (standard, "weigh", weigh_once), (revision, "weigh", weigh_once),
         (fifths, "weigh", weigh_once),
-        (search, "refine", refine_once), (search, "drift_p_value", drift_once),
+        (search, "refine", refine_once), (drifting, "drift_p_value", drift_once),
+        (drifting, "Assembly", assemble), (drifting, "weigh", weigh_once),
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
         (generic, "try_generic", generic_once),
         (standard, "_scale_of", scale_standard_once), (Search, "scale", scale_once),

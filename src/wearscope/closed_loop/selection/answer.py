@@ -70,7 +70,8 @@ def find_terms(search: Search, pose: Callable[[Problem, float], Problem] = pose_
     moving = search.problem.prepared.moving
     asked = [j for j in range(search.problem.prepared.n) if moving[j] and j not in own.left]
     left = own.left | find_unbelievable(search, found, asked)
-    return Answer(found, own.equivalent, left, find_dependence(search, found, asked), notes)
+    dependence = find_dependence(search, found, asked) | search.past
+    return Answer(found, own.equivalent, left, dependence, notes)
 
 
 def find_names(search: Search) -> Named:

@@ -8,6 +8,7 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.motion_dependence import Dependence
 from wearscope.closed_loop.selection.past_signals import list_past
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.unknown import LEVELS
@@ -22,7 +23,7 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
 
     The position has much of that at which its joint last turned round. A name goes where such a spline
     explains more, held out and fitted, clearly or so that much of the rest depends on it, and beside it the
-    name would not be taken.
+    name would not be taken. The search keeps what its joint depends on instead.
     """
     for f in list(found):
         if f.effect.standard or f.effect.empirical:
@@ -30,7 +31,7 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
         others = [k for k in found if k is not f]
         beside = search.assemble(others)
         own = search.weigh_again(beside, f)
-        past = _find_past(search, beside, own)
+        depends_on, past = _find_past(search, beside, own)
         if past is None:
             continue
         _, (own, past) = on_same_folds(beside, [own, past], search.policy)
@@ -43,15 +44,17 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
         if search.judge(again) is Refusal.NONE:
             continue
         search.progress(f"{own.term.label} is dropped: what the motion has been explains more")
+        search.past[own.joint] = Dependence(min(past.share, 1.0), depends_on, past=True)
         found = others
     return found
 
 
-def _find_past(search: Search, beside: Assembly, own: Evidence) -> Evidence | None:
-    """Evidence on the spline of a joint's past that gains most held out, of those that fit better."""
-    joint, best = own.joint, None
+def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence | None]:
+    """What gains most held out of the splines of a joint's past that fit better than a name: signals, evidence."""
+    joint, depends_on = own.joint, []
+    best: Evidence | None = None
     least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
-    for _, columns in list_past(search.problem.train, joint, _LEVELS):
+    for codes, columns in list_past(search.problem.train, joint, _LEVELS):
         weight = float(np.mean((columns**2).sum(axis=0))) / beside.sigma[joint] ** 2
         penalty = weight * regularise(columns.shape[1])
         candidate = Candidate(empirical_effect(), joint, ((),), (joint,), [columns], penalty)
@@ -60,4 +63,5 @@ def _find_past(search: Search, beside: Assembly, own: Evidence) -> Evidence | No
         e = weigh(beside, candidate, tuple(range(candidate.count)), search.policy)
         if best is None or e.gain > best.gain:
             best = e
-    return best
+            depends_on = [f"{code}_{search.problem.prepared.dataset.joints[joint]}" for code in codes]
+    return depends_on, best

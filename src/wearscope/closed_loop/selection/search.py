@@ -10,6 +10,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -42,6 +43,9 @@ from wearscope.closed_loop.selection.single_joints import count_parameters, pref
 from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.effects.base import Effect
 
+if TYPE_CHECKING:
+    from wearscope.closed_loop.selection.motion_dependence import Dependence
+
 #: Most passes of the revision.
 _PASSES = 3
 #: Change of a reversal's width, of itself, from which models are made anew.
@@ -69,6 +73,7 @@ class Search:
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
         self.left_out: frozenset[str] = frozenset()
+        self.past: dict[int, Dependence] = {}
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
@@ -272,7 +277,7 @@ class Search:
         """Go on with another search's problem, and with what it has asked."""
         self.problem, self.forms = other.problem, other.forms
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
-        self.left_out = other.left_out
+        self.left_out, self.past = other.left_out, other.past
         self._weighed, self._apart, self._beside_bodies = {}, {}, {}
 
     def is_believable(self, e: Evidence) -> bool:
