@@ -50,7 +50,7 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
 
 
 def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence | None]:
-    """The spline of a joint's past that gains most, of those that fit better than a name: signals, evidence."""
+    """Signals and evidence of the best spline of a joint's past among those that fit better than a name."""
     joint, depends_on = own.joint, []
     best: Evidence | None = None
     least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
