@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection import generic
+from wearscope.closed_loop.selection import answer, generic
 
 
 def turning(t, q, v, a, rng):
@@ -17,6 +17,8 @@ def turning(t, q, v, a, rng):
 @pytest.mark.parametrize(("runs", "seed"), [(4, 72), (3, 73)])
 def test_what_follows_the_last_turn_is_given_no_name(record, monkeypatch, runs, seed):
     folder = record(extra_torque=turning, seed=seed, runs=runs, duration=12.0)
+    # The doubt alone tells it.
+    monkeypatch.setattr(answer, "find_dependence", lambda *_: {})
     verdict = diagnose(folder).verdict
     assert verdict["verdict"] == []
     assert verdict["joints"]["a"]["state"] == "unexplained"
@@ -32,5 +34,5 @@ def test_a_name_that_is_there_beside_it_stays(record):
     verdict = diagnose(folder).verdict
     (named,) = verdict["verdict"]
     assert named["joint"] == "a"
-    assert {"joint_spring", "gravity_counterbalance"} & {named["effect"]}
+    assert named["effect"] in ("joint_spring", "gravity_counterbalance")
     assert verdict["joints"]["a"]["state"] == "unexplained"

@@ -31,6 +31,11 @@ def regularise(knots: int) -> np.ndarray:
     return penalty
 
 
+def penalise(columns: np.ndarray) -> np.ndarray:
+    """The same (m, m) for a spline's columns (M, m) as they are along a record, in their own weight."""
+    return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
+
+
 @dataclass
 class Regressors:
     """Block sums of a family of regressors with the same joint: `s` shapes of `m` columns each.

@@ -10,7 +10,7 @@ from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
-from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
@@ -81,9 +81,8 @@ class GenericTerms:
         return self._exact[key]
 
     def _wrap(self, joint: int, shape: np.ndarray, rows: Sequence[np.ndarray]) -> Candidate:
-        weight = float(np.mean((rows[0] ** 2).sum(axis=0)))
-        penalty = weight * regularise(rows[0].shape[1])
-        return Candidate(self.effect, joint, (tuple(float(v) for v in shape),), (joint,), rows, penalty)
+        named = (tuple(float(v) for v in shape),)
+        return Candidate(self.effect, joint, named, (joint,), rows, penalise(rows[0]))
 
 
 def _evaluate(effect: Effect, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:

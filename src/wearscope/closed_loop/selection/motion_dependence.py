@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wearscope.closed_loop.intake.signals import join_signals, pick_rows, thin_signals
-from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.held_out_sums import HeldOut
@@ -146,17 +146,13 @@ def _list_splines(search: Search, joint: int, every: int) -> Iterator[_Spline]:
         named[-1] = finest = PRODUCT if shape[5] >= 0 else COARSE
         x = effect.columns(signals, joint, named)[:, :finest]
         names = name_signals(named, joints, joint)
-        yield _Spline(names, False, x, _penalise(x))
+        yield _Spline(names, False, x, penalise(x))
         if finest == COARSE:
             coarse = x @ coarsen(finest, LEVELS[0])
-            yield _Spline(names, False, coarse, _penalise(coarse))
+            yield _Spline(names, False, coarse, penalise(coarse))
     for codes, x in list_past(runs, joint):
         thinned = x[::every]
-        yield _Spline([f"{code}_{joints[joint]}" for code in codes], True, thinned, _penalise(thinned))
-
-
-def _penalise(columns: np.ndarray) -> np.ndarray:
-    return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
+        yield _Spline([f"{code}_{joints[joint]}" for code in codes], True, thinned, penalise(thinned))
 
 
 def move(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

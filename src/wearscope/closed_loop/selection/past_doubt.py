@@ -1,9 +1,8 @@
 """Names that stand for what a joint's motion has been: no term has a memory of that kind."""
 
-import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
-from wearscope.closed_loop.model.regression import regularise
+from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
@@ -31,9 +30,10 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
         others = [k for k in found if k is not f]
         beside = search.assemble(others)
         own = search.weigh_again(beside, f)
-        depends_on, past = _find_past(search, beside, own)
-        if past is None:
+        best = _find_past(search, beside, own)
+        if best is None:
             continue
+        depends_on, past = best
         _, (own, past) = on_same_folds(beside, [own, past], search.policy)
         if past.gain <= own.gain or past.fitted <= own.fitted:
             continue
@@ -49,19 +49,17 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
     return found
 
 
-def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence | None]:
+def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence] | None:
     """Signals and evidence of the best spline of a joint's past among those that fit better than a name."""
-    joint, depends_on = own.joint, []
-    best: Evidence | None = None
+    joint, effect = own.joint, empirical_effect()
+    best: tuple[list[str], Evidence] | None = None
     least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
     for codes, columns in list_past(search.problem.train, joint, _LEVELS):
-        weight = float(np.mean((columns**2).sum(axis=0))) / beside.sigma[joint] ** 2
-        penalty = weight * regularise(columns.shape[1])
-        candidate = Candidate(empirical_effect(), joint, ((),), (joint,), [columns], penalty)
+        penalty = penalise(columns) / beside.sigma[joint] ** 2
+        candidate = Candidate(effect, joint, ((),), (joint,), [columns], penalty)
         if float(beside.add(beside.sum_products(candidate)).gain[0]) <= least:
             continue
         e = weigh(beside, candidate, tuple(range(candidate.count)), search.policy)
-        if best is None or e.gain > best.gain:
-            best = e
-            depends_on = [f"{code}_{search.problem.prepared.dataset.joints[joint]}" for code in codes]
-    return depends_on, best
+        if best is None or e.gain > best[1].gain:
+            best = [f"{code}_{search.problem.prepared.dataset.joints[joint]}" for code in codes], e
+    return best
