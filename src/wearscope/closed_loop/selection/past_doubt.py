@@ -1,6 +1,5 @@
 """Names that stand for what a joint's motion has been: no term has a memory of that kind."""
 
-
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.selection import rule
