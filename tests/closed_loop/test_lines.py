@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnostics.in_time import see_lines
-from wearscope.closed_loop.diagnostics.lines import find_common_line, find_line
+from wearscope.closed_loop.selection.lines import find_common_line, find_line
 from wearscope.closed_loop.selection.policy import Policy
 
 RATE, ROWS = 20.0, 600

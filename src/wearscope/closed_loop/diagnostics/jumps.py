@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
-from wearscope.closed_loop.diagnostics.series import average, bend_line
+from wearscope.closed_loop.selection.series import average, bend_line
 
 #: Numbers of jumps that are tried in a run.
 _JUMPS = (1, 4, 16, 64)

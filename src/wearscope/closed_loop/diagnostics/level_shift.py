@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wearscope.closed_loop.diagnostics.series import average, bend_line, cut_knocks, find_whitening, leave
+from wearscope.closed_loop.selection.series import average, bend_line, cut_knocks, find_whitening, leave
 
 #: Rows that are looked at at most, of so many averaged at least (the common filter makes a step that long);
 #: fewest before that; rows of the shorter side of a shift.

@@ -10,6 +10,7 @@ from wearscope.closed_loop.selection.bands import Named, find_standing, is_doubt
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
+from wearscope.closed_loop.selection.hum import find_hum
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.problem import Problem
@@ -33,7 +34,7 @@ class Answer:
     dependence : dict of int to Dependence
         By other joints, what of the residual depends on the motion.
     notes : list of str
-        On names that stand at some common cut-offs alone.
+        On a hum, and on names that stand at some common cut-offs alone.
     """
 
     found: list[Found]
@@ -71,16 +72,27 @@ def find_terms(search: Search, pose: Callable[[Problem, float], Problem] = pose_
     asked = [j for j in range(search.problem.prepared.n) if moving[j] and j not in own.left]
     left = own.left | find_unbelievable(search, found, asked)
     dependence = find_dependence(search, found, asked) | search.past
-    return Answer(found, own.equivalent, left, dependence, notes)
+    hum = search.problem.hum
+    told = [] if hum is None else hum.describe(search.problem.prepared.dataset.joints)
+    return Answer(found, own.equivalent, left, dependence, [*told, *notes])
 
 
 def find_names(search: Search) -> Named:
-    """Names in a search's band."""
-    found = search.run()
-    found, left = explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), found)
+    """Names in a search's band, which starts anew without the hum that what it finds first leaves."""
+    found, left = _find_all(search)
+    hum = find_hum(search.problem, search.assemble(found), search.policy)
+    if hum is not None:
+        search.progress("a hum is left: all is asked again without it")
+        search.start_over(search.problem.take_out(hum))
+        found, left = _find_all(search)
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)
     return Named(found, equivalent, left, search.problem.prepared.band.torque)
+
+
+def _find_all(search: Search) -> tuple[list[Found], dict[int, Evidence]]:
+    """Terms that the declared model lacks, generic ones among them, and structure that cannot be added."""
+    return explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), search.run())
 
 
 def find_names_elsewhere(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft, interpolate
@@ -22,6 +23,9 @@ from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import Effect, MeasurementEffect, load_effect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
+if TYPE_CHECKING:
+    from wearscope.closed_loop.selection.hum import Hum
+
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
 #: are sought. Below it a link answers the other way round within the band.
 _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
@@ -40,14 +44,25 @@ class Problem:
     declared : sequence of Effect
     own : sequence of Effect
         The user's own, candidates beside the vocabulary.
+    hum : Hum, optional
+        Torque that is not to be explained.
     """
 
-    def __init__(self, prepared: Prepared, declared: Sequence[Effect], own: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self,
+        prepared: Prepared,
+        declared: Sequence[Effect],
+        own: Sequence[Effect] = (),
+        hum: "Hum | None" = None,
+    ) -> None:
         self.prepared = prepared
         self.layout = Layout.of(prepared)
         self.train = prepared.runs_for("train")
         self.known = np.concatenate([run.reduce(run.known) for run in self.train])
         self.target = np.concatenate([run.measured for run in self.train]) - self.known
+        self.hum = hum
+        if hum is not None:
+            self.target -= hum.torque
         self.joined = join_signals(run.signals for run in self.train)
         fields = prepared.dataset.fields
         self.declared, self.own = list(declared), list(own)
@@ -89,13 +104,17 @@ class Problem:
     def reverse_over(self, reversals: Reversals) -> "Problem":
         """The same problem with frictions that reverse in another way."""
         old = self.prepared.reversals
-        other = Problem(self.prepared.reverse_over(reversals), self.declared, self.own)
+        other = Problem(self.prepared.reverse_over(reversals), self.declared, self.own, self.hum)
         same = set(np.flatnonzero(~reversals.differ(old)).tolist())
         for (name, joint), made in self._made.items():
             alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
             if joint in same and alone:
                 other._made[name, joint] = made
         return other
+
+    def take_out(self, hum: "Hum") -> "Problem":
+        """The same problem without a torque that is not to be explained."""
+        return Problem(self.prepared, self.declared, self.own, hum)
 
     def forget(self) -> None:
         """Let go of candidates, which are made again when they are asked for."""

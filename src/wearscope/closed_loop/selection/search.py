@@ -66,7 +66,13 @@ class Search:
     def __init__(
         self, problem: Problem, policy: Policy, progress: Callable[[str], None] = lambda _: None
     ) -> None:
-        self.problem, self.policy, self.progress = problem, policy, progress
+        self.policy, self.progress = policy, progress
+        self.start_over(problem)
+
+    def start_over(self, problem: Problem) -> None:
+        """Forget all that was asked, and go on with a problem from the start."""
+        policy = self.policy
+        self.problem = problem
         self.flips = make_flips(policy.flips, len(problem.layout.blocks), policy.seed)
         self.sigma = self.scale(())
         self.rows: list[dict] = []

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal, stats
 
-from wearscope.closed_loop.diagnostics.series import average, cut_knocks, find_whitening, leave
+from wearscope.closed_loop.selection.series import average, cut_knocks, find_whitening, leave
 
 #: A spectral line stands out of its neighbours' median by this factor: chance gives it once in 1e4 runs.
 _LINE, _NEIGHBOURS = 40.0, 41
@@ -43,17 +43,19 @@ class Line:
     share: float
 
 
-def find_line(x: np.ndarray, rate: float) -> Line | None:
+def find_line(x: np.ndarray, rate: float, least: int = _LEAST_ROWS) -> Line | None:
     """The line that stands out most of a residual's spectrum; None where there is too little of it.
 
     Parameters
     ----------
     x : ndarray (N,)
-        Residual of a run, before the common filter.
+        Residual of a run.
     rate : float
         [Hz]
+    least : int
+        Fewest rows.
     """
-    if len(x) < _LEAST_ROWS:
+    if len(x) < least:
         return None
     window = signal.windows.hann(len(x))
     power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
