@@ -129,7 +129,7 @@ def _group(lines: Sequence[tuple[float, int]], resolved: float) -> list[list[tup
 def _find_frequency(
     problem: "Problem", left: Sequence[np.ndarray], keep: Sequence[np.ndarray], level: float, share: float
 ) -> float | None:
-    """Frequency [Hz] of the line that stands out of what is left in most runs, or that they have in common."""
+    """Frequency [Hz] of the line that stands out in most runs, or that they have in common."""
     bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(left, keep, strict=True) if k.any()]
     rate = 1.0 / float(np.median(np.diff(problem.train[0].t)))
     lines = [line for x in bridged if (line := find_line(x, rate, _LEAST_ROWS)) is not None]
