@@ -98,8 +98,8 @@ def find_hum(problem: "Problem", model: "Assembly", policy: Policy) -> Hum | Non
             if frequency is None or not _is_hum(runs, frequency, policy):
                 break
             lines.append((frequency, joint))
-            own = np.array([_refine([runs], frequency)])
-            x = [y - _fit(run.t, y, k, own) for run, y, k in zip(train, x, kept[joint], strict=True)]
+            at = np.array([_refine([runs], frequency)])
+            x = [y - _fit(run.t, y, k, at) for run, y, k in zip(train, x, kept[joint], strict=True)]
     if not lines:
         return None
     by_joint: dict[int, list[float]] = {}
