@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: Most lines of a joint, such as a hum's harmonics.
 _MOST = 6
-#: Share of the power of a joint's speed from which on the motion itself has a line.
+#: Share of the power of a signal of the motion from which on that has a line itself.
 _OF_MOTION = 0.02
 #: Share of a line that sines of one phase in all runs hold, from which on a term that goes with time has it.
 _IN_STEP = 0.8
@@ -56,11 +56,11 @@ class Hum:
 
 @dataclass(frozen=True)
 class _Rows:
-    """A joint's rows that count in one run: times (M,) [s], what is left there (M,), all speeds (M, n)."""
+    """A joint's rows that count in one run: times (M,) [s], what is left there (M,), the motion (M, 4 n)."""
 
     t: np.ndarray
     left: np.ndarray
-    speed: np.ndarray
+    motion: np.ndarray
 
 
 def find_hum(problem: "Problem", model: "Assembly", policy: Policy) -> Hum | None:
@@ -79,15 +79,16 @@ def find_hum(problem: "Problem", model: "Assembly", policy: Policy) -> Hum | Non
     policy : Policy
     """
     unpack, train = problem.layout.unpack, problem.train
-    speed = unpack(problem.at_rows("v"))
+    q, v, load = (problem.at_rows(name) for name in ("q", "v", "load"))
+    motion = unpack(np.concatenate([q, v, np.abs(v), load], axis=1))
     moving = np.flatnonzero(problem.prepared.moving).tolist()
     kept = {joint: unpack(problem.layout.keep[:, joint]) for joint in moving}
     left = {joint: unpack(model.residual[:, joint]) for joint in moving}
     level = policy.unknown_level / max(len(moving), 1)
 
     def take(joint: int, x: Sequence[np.ndarray]) -> list[_Rows]:
-        every = zip(train, x, speed, kept[joint], strict=True)
-        return [_Rows(run.t[k], y[k], v[k]) for run, y, v, k in every if k.any()]
+        every = zip(train, x, motion, kept[joint], strict=True)
+        return [_Rows(run.t[k], y[k], m[k]) for run, y, m, k in every if k.any()]
 
     lines: list[tuple[float, int]] = []
     for joint in moving:
@@ -184,7 +185,7 @@ def _is_hum(runs: Sequence[_Rows], frequency: float, policy: Policy) -> bool:
     held, whole = _sum_held(runs, frequency)
     if not held >= policy.structure_share * whole:
         return False
-    of_motion, motion = np.sum([_held(run.t, run.speed, frequency) for run in runs], axis=0)
+    of_motion, motion = np.sum([_held(run.t, run.motion, frequency) for run in runs], axis=0)
     if (of_motion > _OF_MOTION * motion).any():
         return False
     if len(runs) < 3:
