@@ -226,3 +226,24 @@ def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, 
     wholes = [e.whole for e in search.compare_whole(beside, own)]
     expected = [own[0].gains[1] * scale / standard, own[1].gains[1] * scale / losses]
     assert wholes == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("judged", "fitted", "stays"),
+    [
+        (Refusal.NONE, 1.01, True),
+        (Refusal.NONE, 0.99, False),
+        (Refusal.NONE, -0.1, False),
+        (Refusal.CHANCE, 2.0, False),
+    ],
+)
+def test_a_name_that_gains_on_held_out_rows_alone_is_not_needed(
+    record, pose, monkeypatch, judged, fitted, stays
+):
+    """Beside a spline that gain is the spline's penalty; what matters is in `material_share`."""
+    search = Search(pose(record(seed=2, runs=3, duration=6.0)), Policy(flips=99))
+    name = find(search, "load_dependent_friction", 0)
+    own = replace(name.evidence, share=0.3, fitted=fitted * search.policy.material_share)
+    monkeypatch.setattr(search, "weigh_again", lambda *_: own)
+    monkeypatch.setattr(search, "judge", lambda _: judged)
+    assert drop_superfluous(search, [name], {0}, set()) == ([name] if stays else [])

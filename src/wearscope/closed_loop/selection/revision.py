@@ -163,7 +163,11 @@ def ask_again(
 
 
 def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
-    """Drop terms at joints that held-out runs do not need beside new ones; some are kept (identities)."""
+    """Drop terms at joints that are not needed beside new ones; some are kept (identities).
+
+    A name is needed on the rows that are fitted too: what it gains on held-out ones alone is the penalty of a
+    spline that it takes the place of.
+    """
     for f in sorted(found, key=lambda f: f.evidence.gain):
         if f.joint not in joints or id(f.chosen) in kept or f.effect.is_plain_friction:
             continue
@@ -175,7 +179,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
         elif f.effect.empirical:
             needed = own.share >= search.policy.structure_share
         else:
-            needed = search.judge(own) is Refusal.NONE
+            needed = search.judge(own) is Refusal.NONE and own.fitted >= search.policy.material_share
         if not needed:
             search.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
             found = others
