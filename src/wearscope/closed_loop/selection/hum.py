@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wearscope.closed_loop.selection.lines import find_common_line, find_line
+from wearscope.closed_loop.selection.lines import FEWEST_ROWS, find_common_line, find_line, make_waves
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.whitening import bridge_uncounted
 
@@ -24,8 +24,6 @@ _MOST = 6
 _OF_MOTION = 0.02
 #: Share of a line that sines of one phase in all runs hold, from which on a term that goes with time has it.
 _IN_STEP = 0.8
-#: Fewest rows of a run.
-_LEAST_ROWS = 128
 #: Frequencies that are compared within a resolved one to either side.
 _STEPS = 20
 
@@ -94,13 +92,15 @@ def find_hum(problem: "Problem", model: "Assembly", policy: Policy) -> Hum | Non
     for joint in moving:
         x = left[joint]
         for _ in range(_MOST):
-            frequency = _find_frequency(problem, x, kept[joint], level, policy.structure_share)
-            runs = take(joint, x)
-            if frequency is None or not _is_hum(runs, frequency, policy):
+            near = _find_frequency(problem, x, kept[joint], level, policy.structure_share)
+            if near is None:
                 break
-            lines.append((frequency, joint))
-            at = np.array([_refine([runs], frequency)])
-            x = [y - _fit(run.t, y, k, at) for run, y, k in zip(train, x, kept[joint], strict=True)]
+            runs = take(joint, x)
+            frequency = _refine([runs], near)
+            if not _is_hum(runs, frequency, policy):
+                break
+            lines.append((near, joint))
+            x = [y - _fit(run.t, y, k, frequency) for run, y, k in zip(train, x, kept[joint], strict=True)]
     if not lines:
         return None
     by_joint: dict[int, list[float]] = {}
@@ -133,7 +133,7 @@ def _find_frequency(
     """Frequency [Hz] of the line that stands out in most runs, or that they have in common."""
     bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(left, keep, strict=True) if k.any()]
     rate = 1.0 / float(np.median(np.diff(problem.train[0].t)))
-    lines = [line for x in bridged if (line := find_line(x, rate, _LEAST_ROWS)) is not None]
+    lines = [line for x in bridged if (line := find_line(x, rate, FEWEST_ROWS)) is not None]
     if lines and np.median([line.share for line in lines]) >= share:
         return float(np.median([line.frequency for line in lines]))
     common = find_common_line(bridged, rate)
@@ -142,23 +142,18 @@ def _find_frequency(
     return common.frequency
 
 
-def _wave(t: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    phase = 2.0 * np.pi * np.outer(t, frequencies)
-    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-
-
-def _fit(t: np.ndarray, x: np.ndarray, keep: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def _fit(t: np.ndarray, x: np.ndarray, keep: np.ndarray, frequencies: float | np.ndarray) -> np.ndarray:
     """Sines (M,) that fit the rows of a series that count best."""
     if not keep.any():
         return np.zeros(len(t))
-    wave = _wave(t, frequencies)
+    wave = make_waves(t, frequencies)
     return np.asarray(wave @ np.linalg.lstsq(wave[keep], x[keep], rcond=None)[0])
 
 
 def _held(t: np.ndarray, x: np.ndarray, frequency: float) -> np.ndarray:
     """Sum of squares of series (M, K) that a sine holds, and of all about their means, (2, K)."""
     x = x - x.mean(axis=0)
-    wave = _wave(t, np.array([frequency]))
+    wave = make_waves(t, frequency)
     left = x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0]
     return np.array([(x**2).sum(axis=0) - (left**2).sum(axis=0), (x**2).sum(axis=0)])
 
@@ -181,7 +176,6 @@ def _is_hum(runs: Sequence[_Rows], frequency: float, policy: Policy) -> bool:
 
     The phases of two runs agree by chance.
     """
-    frequency = _refine([runs], frequency)
     held, whole = _sum_held(runs, frequency)
     if not held >= policy.structure_share * whole:
         return False

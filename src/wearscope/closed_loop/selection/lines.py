@@ -24,7 +24,7 @@ _LEAST_ROWS = 512
 #: A common line: rows of each run that are looked at, at least and at most (more are averaged), fewest
 #: periods in the longest run, highest frequency [1/row], and frequencies about the best one in the residual
 #: itself that are compared.
-_FEWEST_ROWS, _MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 128, 300, 2.5, 0.25, 2
+FEWEST_ROWS, _MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 128, 300, 2.5, 0.25, 2
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     rate : float
         [Hz]
     """
-    parts = [_average(x, rate) for x in residuals if len(x) >= _FEWEST_ROWS and np.ptp(x) > 0.0]
+    parts = [_average(x, rate) for x in residuals if len(x) >= FEWEST_ROWS and np.ptp(x) > 0.0]
     parts = [(t, x) for t, x in parts if np.ptp(x) > 0.0]
     if not parts:
         return None
@@ -112,19 +112,19 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     if not len(frequencies):
         return None
     held = np.array(
-        [[1.0 - leave(_wave(t, f), x, np.ones(1)) / (x @ x) for f in frequencies] for t, x in parts]
+        [[1.0 - leave(make_waves(t, f), x, np.ones(1)) / (x @ x) for f in frequencies] for t, x in parts]
     )
     best = int(np.argmax(held.sum(axis=0)))
     near = frequencies[max(best - _NEAR, 0) : best + _NEAR + 1]
     deviance = np.zeros(len(near))
     for t, x in parts:
-        wave = _wave(t, frequencies[best])
+        wave = make_waves(t, frequencies[best])
         level = np.ones((len(x), 1))
         each = []
         for noise in (x, x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0]):
             whiten = find_whitening(noise)
             alone = leave(level, x, whiten)
-            left = np.array([leave(np.column_stack([level, _wave(t, f)]), x, whiten) for f in near])
+            left = np.array([leave(np.column_stack([level, make_waves(t, f)]), x, whiten) for f in near])
             each.append((alone / np.maximum(left, 1e-300) - 1.0) * (len(x) - len(whiten) - 2))
         deviance += np.minimum(*each)
     k = int(np.argmax(deviance))
@@ -139,6 +139,7 @@ def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())
 
 
-def _wave(t: np.ndarray, frequency: float) -> np.ndarray:
-    phase = 2.0 * np.pi * frequency * t
-    return np.column_stack([np.cos(phase), np.sin(phase)])
+def make_waves(t: np.ndarray, frequencies: float | np.ndarray) -> np.ndarray:
+    """Cosines and sines (M, 2 K) of frequencies (K,), or of one, [Hz] at times (M,) [s]."""
+    phase = 2.0 * np.pi * np.outer(t, frequencies)
+    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
