@@ -5,6 +5,8 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.estimation import estimate, estimate_jointly
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
@@ -84,6 +86,28 @@ def test_where_the_forms_cannot_be_told_apart_the_interval_is_wide(record_at, tm
         assert low <= 6.0 <= high
         widths.append(high - low)
     assert widths[1] > 3.0 * widths[0]
+
+
+@pytest.mark.parametrize(("width", "told"), [(0.1, True), (0.3, False)])
+def test_a_level_that_another_form_would_take_away_is_not_told_from_zero(record, pose, width, told):
+    """Bent friction, taken for plain friction that reverses slowly: p-value and interval say the same."""
+
+    def bend(t, q, v, a, rng):
+        bent = 3.0 * np.sign(v[:, 0]) * (np.sqrt(np.abs(v[:, 0])) - 2.0)
+        return np.column_stack([bent, 0.0 * bent])
+
+    problem = pose(record(noise=0.05, extra_torque=bend, seed=6))
+    problem = problem.reverse_over(Reversals.over(np.array([width, WIDTHS[1]])))
+    model = fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
+    at = next(k for k, e in enumerate(model.entries) if (e.effect.name, e.joint) == ("coulomb", 0))
+    joint, one = estimate_jointly(model), estimate(model)[at]
+    level, half, moved = (x[model.spans[at].start] for x in (joint.theta, joint.width, joint.moved))
+    assert level > 2.0 * (half - moved)
+    low, high = one.intervals["level"]
+    assert (low > 0.0 or high < 0.0) == told
+    assert (one.p_value <= 0.05) == told
 
 
 @pytest.mark.parametrize("form", FORMS)

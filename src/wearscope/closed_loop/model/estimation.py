@@ -27,6 +27,8 @@ class JointFit:
         Of the coefficients, then of the free shapes and of the reversals' widths and forms.
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
+    moved : ndarray (p + s,)
+        The part of it by which another form of a reversal would move the value.
     owners : list of (int, int)
         Entry and shape parameter of each free shape.
     told, carried : ndarray (p + s,)
@@ -36,6 +38,7 @@ class JointFit:
     theta: np.ndarray
     covariance: np.ndarray
     width: np.ndarray
+    moved: np.ndarray
     owners: list[tuple[int, int]]
     told: np.ndarray
     carried: np.ndarray
@@ -53,8 +56,8 @@ class Estimate:
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
     p_value : float
-        That all its coefficients are zero (Wald's F with the clusters that inform, less one, as degrees of
-        freedom).
+        That all its coefficients are zero, or what another form of a reversal would take away (Wald's F with
+        the clusters that inform, less one, as degrees of freedom).
     """
 
     entry: ModelTerm
@@ -183,7 +186,7 @@ def estimate_jointly(model: Regression) -> JointFit:
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error + moved
-    return JointFit(theta, covariance, width, owners, told, carried)
+    return JointFit(theta, covariance, width, moved, owners, told, carried)
 
 
 def _invert(matrix: np.ndarray) -> np.ndarray:
@@ -215,9 +218,10 @@ def estimate(model: Regression) -> list[Estimate]:
                     float(entry.shape[k] + width[index]),
                 )
         own = joint.covariance[span, span]
-        wald = float(theta[span] @ np.linalg.pinv(own, hermitian=True) @ theta[span]) / len(theta[span])
+        sure = np.sign(theta[span]) * np.maximum(np.abs(theta[span]) - joint.moved[span], 0.0)
+        wald = float(sure @ np.linalg.pinv(own, hermitian=True) @ sure) / len(sure)
         clusters = max(float(joint.carried[span].max()) - 1.0, 1.0)
-        p_value = float(stats.f.sf(wald, len(theta[span]), clusters))
+        p_value = float(stats.f.sf(wald, len(sure), clusters))
         estimates.append(Estimate(entry, values, intervals, p_value))
     return estimates
 
