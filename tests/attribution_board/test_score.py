@@ -13,7 +13,7 @@ from wearscope.attribution_board.detection import find_size, fit_detection
 from wearscope.attribution_board.regimes import list_cases
 from wearscope.attribution_board.score import read_verdict, score_case
 from wearscope.attribution_board.separability import CONTAINED
-from wearscope.attribution_board.summary import tell_share
+from wearscope.attribution_board.summary import SCORES, tell_share
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 
@@ -103,6 +103,15 @@ def test_harm_and_refutation_are_counted():
     assert case["worse"] and case["worst_ratio"] == pytest.approx(1.04)
     assert case["refuted"] == case["statuses"] == 1
     assert score([plant("coulomb")], said("coulomb"))[0]["statuses"] == 0
+
+
+def test_a_refuted_name_counts_once_whatever_it_accounts_for():
+    gain = plant("torque_constant_error", also_accepted=["coulomb"], separable=False, rivals={"coulomb": 0.1})
+    entries = said("coulomb", status="refuted"), said("viscous", status="confirmed")
+    case, rows = score([plant("coulomb"), gain], *entries)
+    assert [row["status"] for row in rows] == ["refuted", "refuted", "confirmed"]
+    refuted = SCORES["refuted"][1](pd.DataFrame([case]), pd.DataFrame(rows))
+    assert tell_share(refuted)["share"] == 0.5
 
 
 def test_parameters_are_compared_with_their_interval():

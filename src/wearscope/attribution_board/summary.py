@@ -96,8 +96,9 @@ def _worse(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
 
 
 def _refuted(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    said = entries[_column(entries, "status").notna()] if len(entries) else entries
-    return _column(said, "status") == "refuted"
+    """By name that a verdict gives, whichever planted effects it accounts for."""
+    refuted, said = (int(_column(cases, key).fillna(0).sum()) for key in ("refuted", "statuses"))
+    return pd.Series([True] * refuted + [False] * (said - refuted), dtype=bool)
 
 
 def _in_set(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
