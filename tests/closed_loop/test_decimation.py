@@ -62,6 +62,8 @@ def test_rows_are_those_of_the_full_rate(record, monkeypatch):
     assert full.band.rate == RATE
     assert full.band.torque == pytest.approx(thin.band.torque, rel=0.1)
     for a, b in zip(full.runs, thin.runs, strict=True):
+        assert a.signals.factor == 1
+        assert b.signals.factor == pytest.approx(RATE / thin.band.rate)
         same = filtering.Band(RATE, a.band.motion, b.band.torque)
         for x, y in (
             (a.tau, b.tau), (a.known, b.known), (a.signals.q, b.signals.q), (a.signals.v, b.signals.v),

@@ -1,5 +1,7 @@
 """What effects say of themselves is complete, and fits the columns that they give."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -224,6 +226,8 @@ def test_effects_apply_where_the_signals_hold_what_they_need(signals):
 
 def test_a_delay_below_a_tenth_of_a_sample_is_not_believed(signals):
     assert EFFECTS["time_delay"].least_size(signals) == pytest.approx(0.1 * 2e-3)
+    # Of a recording's sample, also where it is thinned.
+    assert EFFECTS["time_delay"].least_size(replace(signals, factor=4)) == pytest.approx(0.1 * 0.5e-3)
     assert EFFECTS["coulomb"].least_size(signals) == 0.0
 
 

@@ -35,6 +35,8 @@ class Signals:
         Torque predicted by the model without the effect, for errors of the measurement itself.
     bandwidth : float
         Frequency [Hz] above which the signals are not used.
+    factor : int
+        How many of the recording's samples one of these stands for.
     transmitted : ndarray (N, n) or None
         Torque through each gear, where more is known of it than `load`.
     lag : ndarray (n,) or None
@@ -59,6 +61,7 @@ class Signals:
     rigid_body: Any = None
     torque: np.ndarray | None = None
     bandwidth: float = np.inf
+    factor: int = 1
     transmitted: np.ndarray | None = None
     lag: np.ndarray | None = None
     reversal: np.ndarray | None = None

@@ -3,12 +3,12 @@
 from wearscope.effects.base import MeasurementEffect, Parameter, Signals
 from wearscope.effects.motions import QUICK
 
-#: Smallest delay that is believed, in samples: clocks of two channels agree no better.
+#: Smallest delay that is believed, in samples of the recording: clocks of two channels agree no better.
 _LEAST_SAMPLES = 0.1
 
 
 def _least(signals: Signals) -> float:
-    return _LEAST_SAMPLES * signals.dt
+    return _LEAST_SAMPLES * signals.dt / signals.factor
 
 
 EFFECT = MeasurementEffect(

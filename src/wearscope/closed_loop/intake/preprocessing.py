@@ -280,6 +280,7 @@ def _make_signals(
         rigid_body=source.body,
         torque=known,
         bandwidth=band.torque,
+        factor=factor,
         carries=source.carries,
         channels={name: decimate(x, factor) for name, x in source.run.channels.items()},
     )
