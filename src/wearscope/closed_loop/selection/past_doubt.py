@@ -14,6 +14,8 @@ from wearscope.effects.vocabulary import empirical_effect
 
 #: Hat functions: a line's too, which alone carries over to runs whose joint turns round at other places.
 _LEVELS = (2, LEVELS[0])
+#: Of names of the position alone: finer ones, with a short memory, are any friction law.
+_FINE_LEVELS = (*_LEVELS, *LEVELS[1:3])
 
 
 def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
@@ -53,7 +55,8 @@ def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[st
     joint, effect = own.joint, empirical_effect()
     best: tuple[list[str], Evidence] | None = None
     least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
-    for codes, columns in list_past(search.problem.train, joint, _LEVELS):
+    levels = _FINE_LEVELS if set(own.term.effect.depends_on) == {"q_{joint}"} else _LEVELS
+    for codes, columns in list_past(search.problem.train, joint, levels):
         penalty = penalise(columns) / beside.sigma[joint] ** 2
         candidate = Candidate(effect, joint, ((),), (joint,), [columns], penalty)
         if float(beside.add(beside.sum_products(candidate)).gain[0]) <= least:
