@@ -69,6 +69,29 @@ def fit(x, y, precision):
     return np.linalg.lstsq(a / scale, np.concatenate([y, np.zeros(len(root))]), rcond=1e-13)[0] / scale
 
 
+@pytest.mark.parametrize("start", [(1.0, 1.0), (1.0, 1e4), (1e4, 1.0)])
+def test_the_scale_that_weighs_a_model_is_the_one_it_leaves(assembly, start):
+    """Wherever it starts from; where nothing couples the joints no weight matters."""
+    counted, n = assembly.layout.keep, assembly.target.shape[1]
+    target = assembly.target.copy()
+    # What is missing at the second joint is a thousandth of what is missing at the first one.
+    target[:, 0] += 50.0 * np.sin(7.0 * np.arange(len(target)) ** 1.3)
+    model = Assembly(assembly.layout, target, assembly.chosen, assembly.sigma * np.array(start))
+    settled = model.settle_scale()
+    again = Assembly(assembly.layout, target, assembly.chosen, settled)
+    left = np.sqrt((again.residual**2 * counted).sum(axis=0) / counted.sum(axis=0))
+    assert settled == pytest.approx(left, rel=0.02)
+    reference = Assembly(assembly.layout, target, assembly.chosen, assembly.sigma).settle_scale()
+    assert settled == pytest.approx(reference, rel=0.02)
+    # By hand, on the rows.
+    sigma = np.ones(n)
+    for _ in range(50):
+        x, y, precision, _ = dense(Assembly(assembly.layout, target, assembly.chosen, sigma))
+        off = (y - x @ fit(x, y, precision)).reshape(-1, n) * sigma
+        sigma = np.sqrt((off**2).sum(axis=0) / counted.sum(axis=0))
+    assert settled == pytest.approx(sigma, rel=0.02)
+
+
 def losses_by_block(left, block):
     return np.bincount(block, left**2)
 

@@ -7,7 +7,7 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.regression import ROUNDS, SETTLED, Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, RigidBodyEffect, Signals
 
@@ -81,9 +81,13 @@ def fit_declared_model(
             for j in range(prepared.n)
         ]
     )
-    for _ in range(2):
-        sigma = residual_scale(Regression(prepared, terms, sigma, inertial, blocks))
-    return Regression(prepared, terms, sigma, inertial, blocks)
+    model = Regression(prepared, terms, sigma, inertial, blocks)
+    for _ in range(ROUNDS):
+        before = model.sigma
+        model.weigh_by(residual_scale(model))
+        if np.all(np.abs(model.sigma - before) <= SETTLED * before):
+            break
+    return model
 
 
 def residual_scale(model: Regression) -> np.ndarray:

@@ -11,6 +11,8 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
 
+#: Change of a joint's residual scale below which the weights that it gives are settled, and most rounds.
+SETTLED, ROUNDS = 0.01, 30
 #: Weight with which a coefficient is held, of the runs' own information on it.
 _HOLD = 1e8
 #: Weights against the mean square of a hat function: of the squared differences of neighbouring heights of a
@@ -98,7 +100,6 @@ class Regression:
     def __post_init__(self) -> None:
         if self.signals is None:
             self.signals = [run.signals for run in self.prepared.runs_for("train")]
-        self.weights = [run.keep / self.sigma for run in self.prepared.runs_for("train")]
         self.spans: list[slice] = []
         self._assemble()
 
@@ -111,7 +112,7 @@ class Regression:
             start += len(entry.subset)
         self.columns = [self.take_columns(run, s) for run, s in zip(runs, self.signals or [], strict=True)]
         self.target = [run.measured - run.reduce(run.known) for run in runs]
-        self.sum_blocks()
+        self.weigh_by(self.sigma)
 
     def take_columns(self, run: PreparedRun, signals: Signals) -> np.ndarray:
         """Reduced regressors (M, n, P) of all terms along one run's signals."""
@@ -128,6 +129,12 @@ class Regression:
             full[:, entry.joint] = run.reduce(own)
             parts.append(full)
         return np.concatenate(parts, axis=2)
+
+    def weigh_by(self, sigma: np.ndarray) -> None:
+        """Weigh the rows by another residual scale (n,)."""
+        self.sigma = sigma
+        self.weights = [run.keep / sigma for run in self.prepared.runs_for("train")]
+        self.sum_blocks()
 
     def sum_blocks(self) -> None:
         """Sum products of columns and target by block."""

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
 from wearscope.closed_loop.selection.layout import Layout
 
 #: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
@@ -177,6 +178,38 @@ class Assembly:
     def by_fold(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The same on each fold's training blocks."""
         return [self._solve(mask) for mask in self.layout.folds.train]
+
+    def settle_scale(self) -> np.ndarray:
+        """Residual scale (n,) by which the model is weighed and which it then leaves.
+
+        What is felt at several joints is fitted to each of them by its weight, which is what that leaves
+        there: the likelihood's maximum over both, by turns (Oberhofer and Kmenta 1974, Econometrica 42(3)).
+        Where joints leave a thousandth of each other's torque, that takes several rounds.
+        """
+        count = np.maximum(self.layout.keep.sum(axis=0), 1)
+        if not any(len(chosen.candidate.joints) > 1 for chosen in self.chosen):
+            mean = np.sum(self.residual**2 * self.layout.keep, axis=0) / count
+            return np.asarray(np.sqrt(np.maximum(mean, 1e-18)))
+        sums = [
+            (np.einsum("blp,blq->pq", x, x), np.einsum("blp,bl->p", x, y), float((y**2).sum()))
+            for x, y in self._packed
+        ]
+        relative = np.ones(len(sums))
+        for _ in range(ROUNDS):
+            a, b = self.prior.copy(), np.zeros(self.p)
+            for k, (gram, score, _), width in zip(self.at, sums, relative, strict=True):
+                a[np.ix_(k, k)] += gram / width**2
+                b[k] += score / width**2
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+            theta = scale * np.linalg.solve(a * np.outer(scale, scale), scale * b)
+            left = [
+                power - 2.0 * score @ theta[k] + theta[k] @ gram @ theta[k]
+                for k, (gram, score, power) in zip(self.at, sums, strict=True)
+            ]
+            before, relative = relative, np.sqrt(np.maximum(np.array(left) / count, 1e-18))
+            if np.all(np.abs(relative - before) <= SETTLED * before):
+                break
+        return np.maximum(relative * self.sigma, 1e-9)
 
     def know_elsewhere(self, joint: int) -> np.ndarray:
         """Information on the parameters felt at a joint, by the prior and by all other joints' rows."""

@@ -97,12 +97,7 @@ class Search:
         """Residual scale (n,) of the model with the terms found."""
         problem = self.problem
         sigma = np.maximum(np.sqrt(np.mean(problem.target**2, axis=0)), 1e-9)
-        keep = problem.layout.keep
-        for _ in range(2 if problem.inertial or any(f.effect.spread for f in found) else 1):
-            residual = Assembly(problem.layout, problem.target, self._chosen(found), sigma).residual
-            mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
-            sigma = np.sqrt(np.maximum(mean, 1e-18))
-        return sigma
+        return Assembly(problem.layout, problem.target, self._chosen(found), sigma).settle_scale()
 
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))

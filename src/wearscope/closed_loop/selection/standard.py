@@ -53,9 +53,5 @@ def find_standard(search: "Search") -> list[Found]:
 
 
 def _scale_of(problem: Problem, chosen: Sequence[Chosen], sigma: np.ndarray) -> np.ndarray:
-    """Residual scale (n,) of the declared model with these terms, weighed by the scale before."""
-    keep = problem.layout.keep
-    every = (*problem.base, *chosen)
-    residual = Assembly(problem.layout, problem.target, every, sigma).residual
-    mean = np.sum(residual**2 * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
-    return np.sqrt(np.maximum(mean, 1e-18))
+    """Residual scale (n,) of the declared model with these terms, from the scale before on."""
+    return Assembly(problem.layout, problem.target, (*problem.base, *chosen), sigma).settle_scale()
