@@ -249,6 +249,19 @@ def test_a_quick_move_in_a_slow_record_is_no_step(took):
         clean(make_run(q + 0.1 * (t > 14.5), t=t))
 
 
+@pytest.mark.parametrize("size", [0.07, 0.08, 0.1])
+def test_a_joint_that_is_pushed_comes_back(size):
+    """A light joint that a knock moves in one sample and its controller brings back; a step stays."""
+    t = np.arange(1500) / 50.0
+    q = np.sin(t**2 / 60.0) + 1e-3 * np.random.default_rng(5).normal(size=len(t))
+    pushed = q.copy()
+    pushed[375:379] -= size * np.array([1.0, 0.67, 0.34, 0.02])
+    cleaned = clean(make_run(pushed, t=t))
+    assert len(cleaned.run.q) == len(t) and not cleaned.faulty.any()
+    with pytest.raises(InputError, match=r"steps by -0\.\d+ at t = 7\.5 s"):
+        clean(make_run(q - size * (t > 7.49), t=t))
+
+
 def test_a_recorded_speed_tells_a_move_from_a_step():
     """One sample from rest to rest: only the speed says that the joint went there."""
     q = np.where(T < 5.6, 0.0, 0.4) + np.sin(T)

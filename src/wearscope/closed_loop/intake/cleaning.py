@@ -97,6 +97,14 @@ def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
     return bool(edge >= _ABRUPT * np.abs(odd[low : high + 1]).max())
 
 
+def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
+    """Whether a position comes back beside odd differences, as what is pushed does; a lost count does not."""
+    step = np.diff(q)
+    rest = step - ndimage.median_filter(step, 11, mode="nearest")
+    beside = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
+    return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in beside)
+
+
 def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool:
     """Whether the recorded speed says that joint `j` moved as far in odd differences."""
     if run.qd is None:
@@ -171,6 +179,8 @@ def _clean_position(
         elif abs(net) <= _STEP * float(np.ptp(q)) or (high > low and _returns(net, nets)):
             continue
         elif not _is_abrupt(q, odd, low, high) or _is_recorded(run, odd, j, low, high):
+            continue
+        elif _comes_back(q, net, low, high):
             continue
         elif accepted.accepts(f"step q_{joint}"):
             told = f"column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s."
