@@ -73,13 +73,19 @@ def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
     return max(_QUANTA * quantum, 2.0 * usual if rests else 0.0, 1e-9)
 
 
+def _depart(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each difference (N-1,) of a position is from those around it, and what they are (N-1,)."""
+    step = np.diff(q)
+    around = ndimage.median_filter(step, 11, mode="nearest")
+    return step - around, around
+
+
 def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
     """How far each difference of a position (N,) is from those around it; 0 (N-1,) where that is no fault."""
     step = np.diff(q)
     sizes = np.abs(step[step != 0.0])
     resolution = float(sizes.min()) if len(sizes) >= LEAST_CHANGES else 0.0
-    around = ndimage.median_filter(step, 11, mode="nearest")
-    odd = step - around
+    odd, around = _depart(q)
     least = max(
         _ODD * float(np.percentile(np.abs(odd), _USUAL)),
         _OF_SPEED * float(np.percentile(np.abs(around), 99.5)),
@@ -99,8 +105,7 @@ def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
 
 def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
     """Whether a position comes back beside odd differences, as what is pushed does; a lost count does not."""
-    step = np.diff(q)
-    rest = step - ndimage.median_filter(step, 11, mode="nearest")
+    rest, _ = _depart(q)
     beside = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
     return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in beside)
 
