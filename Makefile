@@ -79,7 +79,7 @@ $(VENV)/locked: $(LOCKS)
 # The site, in site/; a warning is an error.
 docs: setup
 	$(BIN)/python -m mkdocs build --strict --quiet
-	@echo "Open site/index.html."
+	@echo "Open site/index.html; with its search: $(BIN)/python -m http.server --directory site 8000"
 
 lint: setup
 	$(BIN)/ruff check
@@ -87,6 +87,7 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+	$(BIN)/python tools/lint_words.py
 
 format: setup
 	$(BIN)/ruff check --fix

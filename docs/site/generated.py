@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import yaml
 from dictionary import columns_of, read_dictionary, split_meaning
+from measured import write_table
 
 from wearscope import plugins
 from wearscope.effects.base import Effect, Parameter, load_effect
@@ -43,6 +44,7 @@ def make_pages(root: Path) -> dict[str, str]:
         "tables.md": tables_page(),
         "reference.md": reference_page(),
         "cite.md": cite_page(root / "CITATION.cff"),
+        "gallery.md": gallery_page(root / "docs" / "gallery"),
         **{
             f"notebooks/{file.stem}.md": notebook_page(file)
             for file in sorted((root / "docs" / "notebooks").glob("*.ipynb"))
@@ -62,6 +64,23 @@ def notebook_page(file: Path) -> str:
             parts.append(f"```{'sh' if shell else 'python'}\n{code}\n```")
     head, *rest = parts[1:]
     return "\n\n".join([head, parts[0], *rest]) + "\n"
+
+
+def gallery_page(folder: Path) -> str:
+    """Each example: its text, picture and code; `pages.py` runs it."""
+    parts = [
+        "# Gallery",
+        "",
+        'One figure and a few lines of Python each. `Study("results/quick")` needs a finished study:',
+        "`wearscope run quick`.",
+    ]
+    for file in sorted(folder.glob("*.py")):
+        heading, _, code = file.read_text(encoding="utf-8").partition('\n"""\n')
+        title, _, text = heading.strip('"').partition("\n")
+        parts += ["", f"## {title.rstrip('.')}", "", " ".join(text.split())]
+        picture = f"figures/gallery/{file.stem}.png"
+        parts += ["", f"![{title.rstrip('.')}]({picture})", "", f"```python\n{code.strip()}\n```"]
+    return "\n".join(parts) + "\n"
 
 
 def reference_page() -> str:
@@ -84,10 +103,9 @@ def effects_page() -> str:
         "# Effects",
         "",
         "Each is one formula, which identification fits and the simulator applies. q, v, a: position, speed",
-        "and acceleration of the joint; T its temperature [deg C]; f its wear [-]. Pictures: the effect",
-        "alone along a sinusoid, with parameters that fit a joint of some 100 N m; or what it adds to the",
-        "simulated torque of the medium robot's second axis (`docs/site/pictures.py`, drawn when this site",
-        "is built).",
+        "and acceleration of the joint; T its temperature [deg C]; f its wear [-]. The pictures show the",
+        "effect alone along a sinusoid, at a joint of some 100 N m. Where this is not possible they show",
+        "what it adds to the simulated torque of the medium robot's second axis.",
     ]
     for name in plugins.list_names("effects", "EFFECT"):
         parts += ["", *describe_effect(load_effect(name), _module("effects", name))]
@@ -201,5 +219,4 @@ def _parameter_row(p: Parameter, linear: bool) -> list[str]:
 
 
 def _table(header: list[str], rows: list[list[str]]) -> list[str]:
-    lines = [header, ["---"] * len(header), *rows]
-    return [f"| {' | '.join(cell.replace('|', '&#124;') for cell in line)} |" for line in lines]
+    return write_table(header, rows).split("\n")

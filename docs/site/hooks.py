@@ -15,7 +15,9 @@ from mkdocs.structure.files import File, Files
 
 sys.path.insert(0, str(Path(__file__).parent))
 import generated
+import measured
 import pictures
+import torque_pictures
 
 ROOT = Path(__file__).parents[2]
 #: Page by the file of the repository that it shows.
@@ -69,11 +71,16 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for source, page in SHOWN.items():
         if (ROOT / source).is_file():
             pages[page] = move_links((ROOT / source).read_text(encoding="utf-8"), Path(source))
-    for name, picture in pictures.make_pictures().items():
+    for name, picture in {**pictures.make_pictures(), **torque_pictures.make_pictures()}.items():
         files.append(File.generated(config, name, content=picture))
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
+
+
+def on_page_markdown(text: str, **_: Any) -> str:
+    """Tables that a page asks for."""
+    return measured.fill_places(text)
 
 
 def on_page_content(text: str, **_: Any) -> str:

@@ -1,6 +1,6 @@
 """The numbers of the rule that accepts, ties and names: all of them, each with its unit and its reason.
 
-What changes on the board when each is halved, doubled or taken out: ``docs/closed-loop.md``.
+The documentation lists them from here: ``docs/closed-loop-reference.md``.
 """
 
 from pydantic import BaseModel, ConfigDict, Field
