@@ -21,7 +21,7 @@ def test_pages_keep_to_the_words():
         ("Measured on commit 5c69a3a of the code.", "5c69a3a"),
         ("So it was on seed 51 too.", "seed 51"),
         ("A spring stands for a balancer.", "stands for"),
-        ("It says " + "one word after another and " * 10 + "then ends.", "a sentence of 53 words"),
+        ("It says " + "one word after another and " * 10 + "then ends.", "a sentence of 54 words"),
         ("This sentence " + "has a word more " * 6 + "than is good here.", "the mean sentence has"),
     ],
 )
