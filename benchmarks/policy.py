@@ -18,7 +18,6 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,7 @@ _WITHOUT = {
     "agreeing": 0.0, "alike": float("inf"), "beyond_chance": float("inf"),
     "beyond_doubt": Policy().beyond_chance, "fewest_blocks": 0.0, "large_share": Policy().material_share,
     "material_alone": Policy().material_whole, "material_apart": 0.0, "material_torque": 0.0,
-    "material_whole": 0.0, "octaves": 0.0,
+    "material_whole": 0.0,
     "unexpected": Policy().told_apart, "unknown_level": Policy().family_level, "zero_level": 1.0,
 }  # fmt: skip
 
@@ -102,7 +101,6 @@ def diagnose_variants(
     TakesTooLong
     """
     problem = diagnosis.pose_problem(path)
-    pose = cache(answer.pose_again)
     started = time.process_time()
 
     def stop(_: str) -> None:
@@ -115,7 +113,7 @@ def diagnose_variants(
         for name, policy in variants.items():
             begun = time.process_time()
             tried = search.Search(problem, policy, stop)
-            found = answer.find_terms(tried, pose)
+            found = answer.find_terms(tried)
             stop("")
             key = tell_answer(tried, found)
             if key not in scores:

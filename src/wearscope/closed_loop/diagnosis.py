@@ -79,7 +79,7 @@ class Diagnosis:
     full : list of str
         Joints that reached the most terms asked for.
     notes : list of str
-        On names that stand at some common cut-offs alone.
+        On a hum that was left out.
     problem : Problem
     """
 

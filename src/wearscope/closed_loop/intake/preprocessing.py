@@ -43,7 +43,7 @@ _END_PERIODS = 1.0
 _LEAST_ROWS = 40
 
 
-def prepare(dataset: Dataset, urdf_source: str | Path | None = None, widened: float = 1.0) -> Prepared:
+def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared:
     """Make a data set ready for regression.
 
     Parameters
@@ -51,8 +51,6 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None, widened: fl
     dataset : Dataset
     urdf_source : path-like, optional
         Instead of the data set's own URDF.
-    widened : float
-        Common cut-off, of the one that is chosen.
 
     Raises
     ------
@@ -68,7 +66,7 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None, widened: fl
     factor = choose_factor(rate, edge, 0.0)
     rough = [make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
     sources, rough = bridge_gaps(dataset, sources, rough, factor, notes)
-    band = _choose_band(rough, motion.moving, rate, edge, factor, widened)
+    band = _choose_band(rough, motion.moving, rate, edge, factor)
     reversals = Reversals.over(_choose_widths(rough, motion.moving, band, factor))
     del rough
     factor = choose_factor(rate, band.motion, band.torque)
@@ -161,15 +159,12 @@ def _check_share(dataset: Dataset, sources: list[Source], notes: list[str]) -> N
             notes.append(dataset.accepted.refuse(str(dataset.folder), told, f"clipped tau_{joint}"))
 
 
-def _choose_band(
-    rough: list[RoughRun], moving: np.ndarray, rate: float, edge: float, factor: int, widened: float
-) -> Band:
-    """Cut-offs of both filters; the common one `widened`, as far as the motion is known."""
+def _choose_band(rough: list[RoughRun], moving: np.ndarray, rate: float, edge: float, factor: int) -> Band:
+    """Cut-offs of both filters."""
     train = [run for run in rough if run.use == "train"]
     predicted = predict_rough(train, inner=False)
     pairs = [(run.tau[:, moving], out[:, moving]) for run, out in zip(train, predicted, strict=True)]
-    chosen = choose_torque_cutoff(pairs, rate / factor, edge)
-    torque = min(widened * chosen, max(chosen, edge))
+    torque = choose_torque_cutoff(pairs, rate / factor, edge)
     # The motion filter must not be felt below the common cut-off, where the torque does not have it.
     return Band(rate, min(max(edge, 3.0 * torque), 0.4 * rate), torque)
 

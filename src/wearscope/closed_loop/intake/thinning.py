@@ -84,15 +84,15 @@ class Stretch:
         return self.stop - self.start
 
 
-def prepare_thinned(dataset: Dataset, budget: Budget | None = None, widened: float = 1.0) -> Prepared:
+def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
     """`prepare` of what `thin_dataset` leaves, thinned again where the common filter keeps too many rows."""
     budget = budget or Budget()
-    prepared = prepare(thin_dataset(dataset, budget), widened=widened)
+    prepared = prepare(thin_dataset(dataset, budget))
     if prepared.n * sum(len(run.t) for run in prepared.runs_for("train")) <= budget.joint_rows:
         return prepared
     by_second = prepared.band.rate / prepared.band.stride
     fewer = replace(budget, joint_seconds=budget.joint_rows / by_second)
-    return prepare(thin_dataset(dataset, fewer), widened=widened)
+    return prepare(thin_dataset(dataset, fewer))
 
 
 def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:

@@ -114,11 +114,6 @@ class Policy(BaseModel):
     where it depends on the motion, trees predict it, it repeats or it is a line: less is a tenth of the RMS
     error. As `material_share`, for the generic term."""
 
-    octaves: float = Field(0.5, ge=0, le=2)
-    """Distance of two other common cut-offs, a lower and a higher one, at which all is asked again where a
-    name removes less than `beyond_doubt` of its joint's loss, or structure has no name: it must stand at one
-    of them too. Closer by, the same noise is heard; further off, other effects. Zero asks none."""
-
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in
     the verdict."""
