@@ -19,6 +19,7 @@ COMMANDS = {
     "detect": "stages:detect",
     "reevaluate": "stages:reevaluate",
     "export": "stages:export",
+    "evaluate": "evaluate:evaluate",
     "report": "stages:report",
     "show": "show:show",
     "compare": "compare:compare",

@@ -146,10 +146,12 @@ def trace_forward(
     longest_step: float = LONGEST_STEP,
     feedforward: Array | None = None,
     by_effect: bool = False,
+    feedback: bool = True,
 ) -> tuple[Trace, float]:
     """As `simulate_forward`, before the sensors: the run at every step, and the step [s].
 
-    With `by_effect` the trace also tells what the torque for PyBullet is made of.
+    With `by_effect` the trace also tells what the torque for PyBullet is made of. Without `feedback` the
+    motors give the torque fed forward and nothing else.
     """
     declared = model if declared is None else declared
     if declared.joints != model.joints:
@@ -169,6 +171,8 @@ def trace_forward(
         given = np.asarray(feedforward, dtype=float)
         feedforward = np.column_stack([np.interp(fine.t, reference.t, torque) for torque in given.T])
     law = make_law(declared, fine, feedforward, known_body, known_plant.armature, model.torque_limit)
+    if not feedback:
+        law = law._replace(stiffness=np.zeros(model.n), damping=np.zeros(model.n))
     parts = (len(fine.t) - 1) // (len(reference.t) - 1)
     repeat = lambda x: np.repeat(x, parts, axis=0) if np.ndim(x) == 2 else x  # noqa: E731
     start = (fine.q[0], fine.v[0])

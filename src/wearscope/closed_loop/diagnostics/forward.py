@@ -41,11 +41,17 @@ def _needed(model: RobotModel) -> set[str]:
     return {entry.joint for entry in model.effects if "temperature" in entry.effect}
 
 
-def _temperature(
-    prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], count: int
+def recorded_temperature(
+    prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], count: int, start: int = 0
 ) -> np.ndarray:
-    """Joint temperatures along the reference."""
-    temperature = run.signals.temperature[:count]
+    """Joint temperatures (count, n) of a run from a sample on [deg C], for models by what messages call them.
+
+    Raises
+    ------
+    InputError
+        Where a model needs a temperature that was not recorded.
+    """
+    temperature = run.signals.temperature[start : start + count]
     for stage, model in models.items():
         for name in _needed(model):
             if not np.isfinite(temperature[:, prepared.dataset.joints.index(name)]).all():
@@ -138,8 +144,8 @@ def _simulate_run(
             loaded = {key: with_payload(model, prepared, run) for key, model in models.items()}
             conditions: dict[str, Any] = {
                 "declared": loaded["before"],
-                "temperature": _temperature(prepared, run, {stage: loaded[stage]}, count),
-                "controller_temperature": _mean_temperature(run),
+                "temperature": recorded_temperature(prepared, run, {stage: loaded[stage]}, count),
+                "controller_temperature": mean_temperature(run),
             }
             torque = simulate_forward(loaded[stage], reference, **conditions)
             motor = measured_motor_torque(loaded[stage], run)[:count]
@@ -162,7 +168,7 @@ def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
     return np.column_stack(late) / (1.0 + plant.torque_gain)
 
 
-def _mean_temperature(run: PreparedRun) -> np.ndarray:
+def mean_temperature(run: PreparedRun) -> np.ndarray:
     """What the controller assumes: a joint's mean temperature, 50 where it is not measured."""
     mean = run.signals.temperature.mean(axis=0)
     return np.where(np.isfinite(mean), mean, 50.0)

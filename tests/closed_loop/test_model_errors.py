@@ -1,0 +1,91 @@
+"""A model's errors on recordings whose truth is known."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.model_errors import evaluate_model
+from wearscope.errors import InputError
+from wearscope.robots.model import make_model
+
+INERTIA, COULOMB, VISCOUS = [1.5, 0.6], [6.0, 3.0], [4.0, 2.0]
+NOISE = np.array([1.0, 0.5])
+
+
+def make_duo(folder, coulomb=COULOMB, joints=("a", "b")):
+    """The arm that the recordings are of, with its own friction unless told otherwise."""
+    effects = [
+        {"joint": joint, "effect": effect, "parameters": {name: value[k]}, "source": "planted"}
+        for k, joint in enumerate(joints)
+        for effect, name, value in (("coulomb", "level", coulomb), ("viscous", "slope", VISCOUS))
+    ]
+    fields = {
+        "name": "duo",
+        "source": "planted",
+        "urdf": "robot.urdf",
+        "joints": list(joints),
+        "drive": {"rotor_inertia": INERTIA, "torque_limit": [500.0, 300.0]},
+        "effects": effects,
+    }
+    return make_model(fields, folder / "robot.urdf", "duo")
+
+
+@pytest.fixture(scope="module")
+def recorded(record_at, tmp_path_factory):
+    """Two recordings of it."""
+    return record_at(tmp_path_factory.mktemp("errors") / "duo", runs=2, duration=8.0, noise=0.1)
+
+
+@pytest.fixture(scope="module")
+def right(recorded):
+    return evaluate_model(make_duo(recorded), recorded)
+
+
+@pytest.fixture(scope="module")
+def wrong(recorded):
+    """At joint `a` a third of the Coulomb friction is missing."""
+    return evaluate_model(make_duo(recorded, [4.0, 3.0]), recorded)
+
+
+def test_true_model_leaves_the_noise(right):
+    assert set(right.torque["outcome"]) == {"ok"}
+    for k, joint in enumerate("ab"):
+        left = right.torque.loc[right.torque["joint"] == joint, "error_rms"]
+        # The white noise is 0.1 NOISE before the common filter; the rest is the simulator's own.
+        assert (left < 0.1 * NOISE[k] + 0.01 * COULOMB[k]).all()
+
+
+def test_missing_friction_is_the_torque_error(right, wrong):
+    """A Coulomb level that is 2 N m too low leaves 2 N m wherever the joint moves."""
+    left = wrong.torque.loc[wrong.torque["joint"] == "a", "error_rms"]
+    assert np.allclose(left, 2.0, rtol=0.05)
+    same = wrong.torque["joint"] == "b"
+    assert np.allclose(wrong.torque.loc[same, "error_rms"], right.torque.loc[same, "error_rms"], atol=0.02)
+
+
+def test_percent_is_of_the_measured_torque(wrong):
+    table = wrong.torque
+    assert np.allclose(table["error_percent"], 100 * table["error_rms"] / table["torque_rms"])
+
+
+def test_rollouts_of_the_true_model_stay_on_the_measured_motion(right, wrong):
+    """After 0.1 s a torque error e moves a joint of inertia M by e t^2 / 2 M: some 6 mrad for 2 N m."""
+    at = [table.rollouts.query("joint == 'a' and seconds == 0.1") for table in (right, wrong)]
+    assert (at[0]["error_median"] < 1e-3).all() and (at[0]["failed"] == 0).all()
+    assert (at[1]["error_median"] > 3 * at[0]["error_median"]).all()
+    assert ((1e-3 < at[1]["error_median"]) & (at[1]["error_median"] < 10e-3)).all()
+    for table in (right.rollouts, wrong.rollouts):
+        low, mid, high = (table[f"error_median{end}"] for end in ("_low", "", "_high"))
+        assert ((low <= mid) & (mid <= high)).all() and (table["count"] > 0).all()
+
+
+def test_model_of_other_joints_is_refused(recorded):
+    with pytest.raises(InputError, match="records the joints a, b, and model 'duo' has b, a"):
+        evaluate_model(make_duo(recorded, joints=("b", "a")), recorded)
+
+
+def test_tables_keep_their_units(right, tmp_path):
+    from wearscope import tables
+
+    right.write(tmp_path)
+    assert tables.read_units(tmp_path / "torque_errors.parquet")["error_percent"] == "%"
+    assert len(tables.read_table(tmp_path / "rollout_errors.parquet")) == 2 * 2 * 3
