@@ -12,6 +12,7 @@ from dictionary import columns_of, read_dictionary, split_meaning
 from measured import write_table
 
 from wearscope import plugins
+from wearscope.detectors.base import name_knowledge
 from wearscope.effects.base import Effect, Parameter, load_effect
 
 #: Modules of the reference by heading.
@@ -29,7 +30,8 @@ REFERENCE = {
         "wearscope.surrogates.fitting", "wearscope.surrogates.goodness", "wearscope.surrogates.validation",
     ],
     "Evaluation": [
-        "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.scope",
+        "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.ranking",
+        "wearscope.evaluation.scope",
         "wearscope.evaluation.scope_exact", "wearscope.evaluation.scope_kde",
     ],
     "Tables and errors": ["wearscope.tables", "wearscope.errors"],
@@ -150,7 +152,7 @@ def detectors_page() -> str:
         ]
         picture = f"![{name}: test quantity over wear](pictures/detectors/{name}.svg)"
         parts += ["", f"## `{name}`", "", *_sections(text), "", picture, ""]
-        parts += [f"- Unit of the test quantity: {unit}"]
+        parts += [f"- Unit of the test quantity: {unit}", f"- It is told: {name_knowledge(name)}"]
         if options:
             parts += ["", *_table(["option", "default"], options)]
     return "\n".join(parts) + "\n"

@@ -166,7 +166,7 @@ class Study:
         raise InputError(f"there is no figure '{name}'; choose one of {', '.join(_FIGURES)}.")
 
     def _rank(self, by: Sequence[str]) -> pd.DataFrame:
-        from wearscope.evaluation.snr import rank_by_median
+        from wearscope.evaluation.ranking import rank_by_median
 
         ranking = self.ranking()
         grouped = [name for name in ranking.columns if name in _KEYS]

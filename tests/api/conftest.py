@@ -6,9 +6,10 @@ import pytest
 from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
+from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
-from wearscope.evaluation.snr import rank_by_median, snr_table
+from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
 from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates

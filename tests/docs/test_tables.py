@@ -10,9 +10,10 @@ import pytest
 from wearscope.designs.checks import describe_design
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
+from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.scope import group_scope, scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
-from wearscope.evaluation.snr import rank_by_median, snr_table
+from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
 from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates

@@ -35,7 +35,12 @@ def make_scope(limit, axes=(1, 2), robots=("r",), confidence=None):
 def make_ranking(first="A", tied=""):
     other = "B" if first == "A" else "A"
     return pd.DataFrame(
-        {"fda": [first, other], "median": [5.0, 2.0], "tied_with": [tied, first if tied else ""]}
+        {
+            "fda": [first, other],
+            "median": [5.0, 2.0],
+            "rank": [1.0, 2.0],
+            "tied_with": [tied, first if tied else ""],
+        }
     )
 
 
@@ -102,6 +107,16 @@ def test_withheld_and_blind_detectors_are_not_recommended():
     assert conclude(scope, make_ranking(), withheld=["A"]).detector == "B"
     assert conclude(scope, make_ranking(), withheld=["A", "B"]).detector == ""
     assert conclude(scope, make_ranking().assign(median=-1.0)).detector == ""
+
+
+def test_an_upper_bound_is_never_recommended():
+    scope = make_scope(lambda *_: 0.25)
+    bound = make_ranking().assign(rank=[np.nan, 1.0])
+    found = conclude(scope, bound)
+    assert found.detector == "B" and found.upper == ["A"]
+    assert read_conclusion(found.to_mapping()) == found
+    alone = conclude(scope, make_ranking().assign(rank=np.nan))
+    assert alone.detector == "" and alone.upper == ["A", "B"]
 
 
 def test_a_conclusion_survives_its_file():

@@ -5,13 +5,13 @@ from scipy import stats
 
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
+from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.snr import (
     exact_snr,
     monte_carlo_error,
     monte_carlo_snr,
     parametric_interval,
     quadratic_moments,
-    rank_by_median,
     ratio,
     snr_boxes,
     snr_table,

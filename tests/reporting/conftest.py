@@ -23,10 +23,11 @@ from wearscope.evaluation.audit import (
 )
 from wearscope.evaluation.conclusion import conclude_study, threshold_table
 from wearscope.evaluation.detection import detection_table
+from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.responses import response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
-from wearscope.evaluation.snr import rank_by_median, snr_table
+from wearscope.evaluation.snr import snr_table
 from wearscope.reporting.study import Study
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model

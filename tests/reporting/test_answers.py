@@ -1,8 +1,8 @@
 import numpy as np
 import pandas as pd
 
+from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.sensitivity import sensitivity_table
-from wearscope.evaluation.snr import rank_by_median
 from wearscope.reporting.answers import (
     best_detector,
     effective_scope,
@@ -64,7 +64,7 @@ def ranked(study, levels, spread=0.01):
 
 def test_the_best_detector_follows_the_ranking(study, change):
     clear = best_detector(change(ranking=ranked(study, {"A": 1.0, "B": 9.0, "C": 3.0})))
-    assert clear[0].startswith("B has the highest median SNR") and "keeps the first place" in clear[1]
+    assert clear[0].startswith("Distribution distance (B) has the highest") and "first in 95 %" in clear[1]
     tied = best_detector(change(ranking=ranked(study, {"A": 3.0, "B": 1.0, "C": 3.0}, spread=5.0)))
     assert tied[1].startswith("The choice of cells leaves open whether it beats")
     useless = best_detector(change(ranking=ranked(study, {"A": -1.0, "B": -9.0, "C": -3.0})))
@@ -73,7 +73,7 @@ def test_the_best_detector_follows_the_ranking(study, change):
 
 def test_odd_cells_are_counted(study):
     said = best_detector(study)
-    assert "In 1 cell y falls with wear; their sign is not turned." in said
+    assert "In 1 cell y falls with wear; their sign is not reversed." in said
     assert "In 1 cell y is always the same; they have no SNR." in said
 
 
@@ -115,7 +115,8 @@ def test_scope_sentences_rank_the_detectors(study, change):
     said = effective_scope(change(scope=scope))
     assert "B 100 %, A 40 %, C 0 %" in said[0]
     assert (
-        said[1] == "With a change of wear of 50, half the cells of B bear σ up to 10 °C, the end of the grid."
+        said[1]
+        == "With a change of wear of 50, half the cells of B tolerate σ up to 10 °C, the end of the grid."
     )
 
 

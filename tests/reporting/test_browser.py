@@ -120,7 +120,9 @@ def test_filters_reach_charts_and_tables(file, asked):
         assert set(rows_of(page, "weights")["robot"]) == {"large"}
         assert set(rows_of(page, "weights")["fda"]) == {"C"}
         assert "large" in page.locator("#response .shown").inner_text()
-        assert "detector C" in page.locator("#response .shown").inner_text()
+        assert "Friction fit (C)" in page.locator("#response .shown").inner_text()
+        assert page.url.endswith("?robot=large&fda=C")
+        assert page.locator(".filtered").is_visible()
         robots = page.locator("#summary tr[data-cell]:visible td:first-child").all_inner_texts()
         assert robots == ["large"]
         points = page.locator("#fits .view .mark-symbol path").count()
@@ -128,6 +130,7 @@ def test_filters_reach_charts_and_tables(file, asked):
         page.click(".filters .reset")
         page.wait_for_function("wearscope.rows('snr').length === 24")
         assert page.locator("#summary tr[data-cell]:visible").count() == 2
+        assert "?" not in page.url and not page.locator(".filtered").is_visible()
 
 
 def test_tables_sort_and_export(file, asked, tmp_path):

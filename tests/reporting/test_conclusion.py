@@ -5,8 +5,17 @@ import pandas as pd
 import pytest
 
 from wearscope.evaluation.conclusion import Bound, Conclusion
-from wearscope.reporting.conclusion import certainty, conclude, qualify
+from wearscope.reporting.conclusion import (
+    certainty,
+    conclude,
+    friction_rise,
+    qualify,
+    tell_sure,
+    tell_wear,
+    thresholds_of,
+)  # fmt: skip
 from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study_page import render_study
 
 
@@ -30,40 +39,90 @@ def told(study):
 
 def test_the_conclusion_is_one_sentence_with_units(told, found):
     assert conclude(told, found) == (
-        "Use C: it finds a change of wear of 20 or more while temperature stays within ±4 °C or payload "
-        "error stays within at least ±9.8 %; alarm threshold 3.1 to 4 N m by cell."
+        "Use Friction fit (C): it finds wear of 20 or more while temperature stays within ±4 °C or payload "
+        "error stays within at least ±9.8 %."
     )
     assert certainty(found) == "good"
 
 
 def test_it_is_only_as_certain_as_its_parts(told, found):
     tied = replace(found, tied_with=["A"])
-    assert "Use C (SNR not told apart from A): it finds" in conclude(told, tied)
+    assert "not told apart from that of Residual energy (A): it finds" in conclude(told, tied)
     assert certainty(tied) == "unsure" and "not told apart at 95 %" in qualify(told, tied)[0]
     some = replace(found, cells_sure=5)
     assert "20 or more in 5 of 8 cells while" in conclude(told, some) and certainty(some) == "unsure"
     guess = replace(found, shown_sure=False)
-    assert "Use C: by the estimates alone, it finds" in conclude(told, guess)
-    assert certainty(guess) == "unsure" and "not counted" in " ".join(qualify(told, guess))
+    assert "(C): by the estimates alone, it finds" in conclude(told, guess)
+    assert certainty(guess) == "unsure" and "not counted" in tell_sure(guess)
 
 
 def test_nothing_found_and_nothing_recommended_are_answers(told, found):
     blind = replace(found, wear=np.nan, bounds=[])
-    assert "no change of wear that was asked is surely found" in conclude(told, blind)
+    assert "no change of wear that was simulated is surely found" in conclude(told, blind)
     assert certainty(blind) == "bad"
     none = replace(blind, detector="", withheld=["A", "C"])
     assert conclude(told, none) == ("No detector can be recommended: the answers of A and C are withheld.")
     assert "none sees wear" in conclude(told, replace(none, withheld=[]))
 
 
-def test_a_robot_s_conclusion_has_its_own_threshold(told, found):
-    text = conclude(told, replace(found, robot="large"))
-    assert text.startswith("On large: Use C") and text.endswith("alarm threshold 9 N m.")
+def test_a_robot_s_conclusion_names_it(told, found):
+    assert conclude(told, replace(found, robot="large")).startswith("On large: Use Friction fit (C)")
+    assert list(thresholds_of(told, replace(found, robot="large"))["threshold"]) == [9]
+
+
+def test_wear_is_told_as_friction(told):
+    speeds = np.array([0.1, 0.5, 1.0])
+    rows = [
+        ("medium", joint, speed, 50.0, wear, torque * (1 + rise * wear / 50))
+        for joint, torque, rise in (("a", 10.0, 0.2), ("b", 40.0, 0.5))
+        for speed in speeds
+        for wear in (0.0, 25.0, 50.0)
+    ]
+    columns = ["robot", "joint", "speed", "temperature", "wear", "torque"]
+    study = replace(told, friction=pd.DataFrame(rows, columns=columns))
+    assert friction_rise(study, 20.0) == pytest.approx((0.08, 0.2))
+    assert tell_wear(study, 20.0) == "wear of 20 (8 to 20 % more friction at a tenth of the top speed)"
+    assert friction_rise(told, 20.0) is None and tell_wear(told, 20.0) == "wear of 20"
+
+
+def test_an_upper_bound_is_told_and_not_recommended(told, found):
+    bound = replace(found, upper=["A"])
+    assert "Residual energy (A) is told the friction law" in " ".join(qualify(told, bound))
+    alone = replace(found, detector="", wear=np.nan, bounds=[], upper=["A", "C"])
+    assert conclude(told, alone) == (
+        "No detector can be recommended: apart from A and C, which are told the simulator's law, none sees "
+        "wear."
+    )
 
 
 def test_the_page_begins_with_it(asked):
     page = render_study(asked, compare_with_paper(asked))
-    first = page[page.index('<section id="summary"') :]
-    place = first.index('class="answer"')
-    assert first.index("Use ") > place and place < first.index('class="card"')
-    assert "not asked" not in page[: page.index('<script type="application/json" id="settings">')]
+    top = page[page.index("<header>") : page.index("<main")]
+    assert 'class="answer">Use Friction fit (C)' in top or 'class="answer">Use ' in top
+    for heading in ("How sure", "Mind", "Next"):
+        assert f"<dt>{heading}</dt>" in top
+    assert 'href="#thresholds"' in top and 'id="thresholds"' in page
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({}, "Everything is simulated"),
+        ({"sources": {"arm": ["URDF given; friction assumed"]}}, "a robot like arm, not about yours"),
+        ({"sources": {"arm": ["assumed"], "medium": ["paper"]}}, "arm has assumed numbers"),
+    ],
+)
+def test_the_strip_names_the_caveat_that_matters(told, found, fields, said):
+    study = replace(told, conclusions=[found], audit=None, audit_answers=None, **fields)
+    assert said in study_strip(study).caveat
+
+
+def test_a_direct_value_that_disagrees_is_the_answer(told, found):
+    direct = pd.DataFrame(
+        {"robot": "medium", "cycle": "a", "axis": 1, "fda": ["C"], "snr_direct": [42.0], "direct_low": [40.0],
+         "direct_high": [45.0], "snr_surrogate": [32.0], "agrees": [False]}
+    )  # fmt: skip
+    study = replace(told, conclusions=[found], direct=direct, audit=None)
+    assert "is 42 (40 to 45); the surrogate says 32. The direct value" in study_strip(study).caveat
+    agreed = replace(study, direct=direct.assign(agrees=True))
+    assert "direct value" not in study_strip(agreed).caveat

@@ -84,6 +84,8 @@ def test_the_page_stands_alone_and_escapes(one):
     page = render_reevaluation(one, chosen)
     assert "twin&lt;1&gt;" in page and "<fell>" not in page
     assert "wear at axis_2" in page and "1 more left out" in page
+    assert '<span class="badge good">nearer: SNR, rank and scope</span>' in page
+    assert "&lt;span" not in page
     assert page.count("<img ") == 1 and "http://" not in page.replace("http://www.w3.org", "")
 
 

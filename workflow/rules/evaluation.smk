@@ -51,6 +51,7 @@ rule compute_snr:
         ENV
     params:
         settings=config["snr"],
+        detectors=config["detectors"],
         seed=STUDY.seed,
     message:
         "Compare the detectors (Q-2)"
@@ -153,6 +154,7 @@ rule draw_conclusion:
     params:
         scope=config["scope"],
         factors=FACTORS,
+        detectors=config["detectors"],
         seed=STUDY.seed,
     message:
         "Conclude which detector to use, what it finds and what it bears"

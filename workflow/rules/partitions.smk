@@ -94,6 +94,7 @@ if PARTITIONS:
             ENV
         params:
             group_by=STUDY.snr.group_by,
+            detectors=config["detectors"],
             seed=STUDY.seed,
         message:
             "Rank the detectors (Q-2)"

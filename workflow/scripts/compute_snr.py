@@ -2,8 +2,10 @@
 
 from job import run_job
 from wearscope import tables
+from wearscope.detectors.base import list_bounds
+from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.sampled_snr import sampled_snr_table
-from wearscope.evaluation.snr import rank_by_median, snr_table
+from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.chosen import read_chosen, read_noise
 
 with run_job(snakemake):
@@ -20,5 +22,6 @@ with run_job(snakemake):
         quadratic = tables.read_table(snakemake.input.surrogates)
         snr = snr_table(quadratic, **settings, seed=snakemake.params.seed, noise=noise)
     tables.join_tables(snakemake.output.snr, (rows for _, rows in snr.groupby("robot", sort=False)))
-    ranking = rank_by_median(snr, by=group_by, seed=snakemake.params.seed)
+    upper = list_bounds(snakemake.params.detectors)
+    ranking = rank_deployable(snr, upper, by=group_by, seed=snakemake.params.seed)
     tables.write_table(snakemake.output.ranking, ranking)

@@ -5,6 +5,7 @@ import json
 from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
+from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.audit import withheld_answers
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.surrogates.chosen import read_cells
@@ -24,6 +25,7 @@ with run_job(snakemake):
         params.scope["p_d"],
         withheld_answers(tables.read_table(given.answers)) if given.get("answers") else [],
         params.seed,
+        list_bounds(params.detectors),
     )
     cells = (
         read_cells(params.scope["model"], *asked)

@@ -2,9 +2,11 @@
 
 from job import run_job
 from wearscope import tables
-from wearscope.evaluation.snr import rank_by_median
+from wearscope.detectors.base import list_bounds
+from wearscope.evaluation.ranking import rank_deployable
 
 with run_job(snakemake):
     params = snakemake.params
-    ranking = rank_by_median(tables.read_table(snakemake.input.snr), by=params.group_by, seed=params.seed)
+    snr, upper = tables.read_table(snakemake.input.snr), list_bounds(params.detectors)
+    ranking = rank_deployable(snr, upper, by=params.group_by, seed=params.seed)
     tables.write_table(snakemake.output[0], ranking)

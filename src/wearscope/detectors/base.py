@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 Array = NDArray[np.float64]
+#: What a detector may be told: nominal recordings alone, the declared model too, or the law that the
+#: simulator itself uses. The last one exists in no plant, so its result is an upper bound.
+KNOWLEDGE = ("nothing", "nominal model", "simulator's law")
 #: Relative difference of sample rates that is none.
 SAME_RATE = 1e-3
 
@@ -69,7 +72,8 @@ class Detector(Protocol):
 
     A detector is made with its options as keyword arguments, fitted once for a robot, test-cycle and axis,
     and then asked for one number a batch. Any class with these two methods is a detector. A class attribute
-    `unit` may say the unit of that number; ``torque`` stands for that of the tested joint, N m or N.
+    `unit` may say the unit of that number; ``torque`` is that of the tested joint, N m or N. A class
+    attribute `knows` may say what it is told, one of `KNOWLEDGE`; one that does not say knows nothing.
     """
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: "RobotModel") -> None:
@@ -102,6 +106,30 @@ def name_unit(detector: Any, models: "Iterable[RobotModel]") -> str:
         return unit
     units = {model.torque_units[model.joints.index(joint)] for model in models for joint in model.wear_joints}
     return " or ".join(sorted(units, reverse=True))
+
+
+def name_knowledge(reference: str) -> str:
+    """What a detector is told, one of `KNOWLEDGE`.
+
+    Parameters
+    ----------
+    reference : str
+        As in `load_detector`.
+
+    Raises
+    ------
+    InputError
+        Where there is no such detector, or it says something else.
+    """
+    told = str(getattr(plugins.load(reference, "detectors", "DETECTOR"), "knows", KNOWLEDGE[0]))
+    if told not in KNOWLEDGE:
+        raise InputError(f"{reference}: knows: '{told}' is not known; say one of {', '.join(KNOWLEDGE)}.")
+    return told
+
+
+def list_bounds(detectors: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Detectors of a configuration that are told the simulator's law: upper bounds, not to be deployed."""
+    return [name for name, one in detectors.items() if name_knowledge(one["use"]) == KNOWLEDGE[2]]
 
 
 def load_detector(reference: str, options: Mapping[str, Any] | None = None) -> Detector:

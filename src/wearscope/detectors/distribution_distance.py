@@ -44,6 +44,7 @@ class DistributionDistance:
     margin: float = 0.25
     floor: float = 1e-3
     unit: ClassVar[str] = "nat"
+    knows: ClassVar[str] = "nothing"
     axis: int = field(default=0, init=False)
     grid: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     kernel: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)

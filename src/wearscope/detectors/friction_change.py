@@ -51,6 +51,7 @@ class FrictionChange:
     block: float = 0.5
     window: float = 0.03
     unit: ClassVar[str] = "torque"
+    knows: ClassVar[str] = "nominal model"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     top_speed: float = field(default=0.0, init=False)

@@ -50,6 +50,7 @@ class FrictionFit:
     rest_share: float = 0.01
     window: float = 0.03
     unit: ClassVar[str] = "torque"
+    knows: ClassVar[str] = "nominal model"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     top_speed: float = field(default=0.0, init=False)

@@ -40,6 +40,7 @@ class ResidualEnergy:
     rest_share: float = 0.01
     min_overlap: float = 0.5
     unit: ClassVar[str] = "1"
+    knows: ClassVar[str] = "nothing"
     axis: int = field(default=0, init=False)
     signature: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
     path: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)

@@ -21,6 +21,7 @@ class Wasserstein:
     """
 
     unit: ClassVar[str] = "torque"
+    knows: ClassVar[str] = "nothing"
     axis: int = field(default=0, init=False)
     nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 

@@ -89,6 +89,7 @@ class WearTemperatureFit:
     window: float = 0.03
     max_iterations: int = 60
     unit: ClassVar[str] = "1"
+    knows: ClassVar[str] = "simulator's law"
     axis: int = field(default=0, init=False)
     model: Any = field(default=None, init=False, repr=False)
     law: dict[str, float] = field(default_factory=dict, init=False, repr=False)

@@ -1,7 +1,7 @@
 """Which detector to use, what it finds and what it bears: the study's answer in numbers, not yet in words."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.detection import detection_table
+from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
-from wearscope.evaluation.snr import rank_by_median
 from wearscope.surrogates.fitting import CELL
 
 Array = NDArray[np.float64]
@@ -63,6 +63,8 @@ class Conclusion:
         Whether the surrogates' uncertainty was counted; else the estimates alone say so.
     p_f, p_d : float
         Probability of false alarm at most, of detection at least.
+    upper : list of str
+        Detectors that are told the simulator's law: upper bounds, never recommended.
     """
 
     robot: str
@@ -76,6 +78,7 @@ class Conclusion:
     shown_sure: bool
     p_f: float
     p_d: float
+    upper: list[str] = field(default_factory=list)
 
     def to_mapping(self) -> dict[str, object]:
         """Fields as JSON holds them; NaN is null."""
@@ -113,7 +116,7 @@ def draw_conclusion(
         Parts of the table from `wearscope.evaluation.scope`, each of other cells; one factor varies at a
         time. Gone through twice, one part held at a time.
     ranking : DataFrame
-        Of these cells, by detector.
+        Of these cells, by detector; an upper bound has no rank (`rank_deployable`).
     factors : sequence of Factor
     p_f, p_d : float
         What the scope asks.
@@ -125,9 +128,11 @@ def draw_conclusion(
     shown_sure = bool(counts["known"].any())
     # Where no confidence was asked, the estimates alone decide.
     counts = counts.assign(sure=counts["sure" if shown_sure else "passes"])
-    kept = ranking[~ranking["fda"].isin(list(withheld)) & (ranking["median"] > 0)]
+    ranked = ranking["rank"].notna()
+    upper = sorted(ranking.loc[~ranked, "fda"])
+    kept = ranking[ranked & ~ranking["fda"].isin(list(withheld)) & (ranking["median"] > 0)]
     if kept.empty:
-        return Conclusion(robot, "", [], sorted(withheld), np.nan, [], 0, 0, shown_sure, p_f, p_d)
+        return Conclusion(robot, "", [], sorted(withheld), np.nan, [], 0, 0, shown_sure, p_f, p_d, upper)
     best = kept.iloc[0]
     tied = [name for name in str(best["tied_with"]).split(", ") if name in set(kept["fda"])]
     candidates = [str(best["fda"]), *tied]
@@ -147,7 +152,7 @@ def draw_conclusion(
     ]
     return Conclusion(
         robot, chosen, sorted(set(candidates) - {chosen}), sorted(withheld), float(delta * steps[FAULT]),
-        bounds, cells, sure, shown_sure, p_f, p_d,
+        bounds, cells, sure, shown_sure, p_f, p_d, upper,
     )  # fmt: skip
 
 
@@ -276,6 +281,7 @@ def conclude_study(
     p_d: float,
     withheld: Collection[str] = (),
     seed: int = 0,
+    upper: Collection[str] = (),
 ) -> tuple[list[Conclusion], pd.DataFrame]:
     """Conclusions of all robots together and, where there are several, of each; and their rankings.
 
@@ -287,20 +293,20 @@ def conclude_study(
     factors, p_f, p_d, withheld
         As in `draw_conclusion`.
     seed : int
+    upper : collection of str
+        Detectors that are told the simulator's law; they get no rank.
 
     Returns
     -------
     conclusions : list of Conclusion
         That of all robots first.
     rankings : DataFrame
-        ``robot`` (empty for all together) and the columns of `wearscope.evaluation.snr.rank_by_median`.
+        ``robot`` (empty for all together) and the columns of `wearscope.evaluation.ranking.rank_by_median`.
     """
     robots = sorted(snr["robot"].unique())
     robots = robots if len(robots) > 1 else []
-    rankings = {"": rank_by_median(snr, by=("fda",), seed=seed)}
-    rankings |= {
-        robot: rank_by_median(snr[snr["robot"] == robot], by=("fda",), seed=seed) for robot in robots
-    }
+    rankings = {"": rank_deployable(snr, upper, seed=seed)}
+    rankings |= {robot: rank_deployable(snr[snr["robot"] == robot], upper, seed=seed) for robot in robots}
     asked = (factors, p_f, p_d, withheld)
     found = {"": draw_conclusion(scope, rankings[""], *asked)}
     for part in scope if robots else ():

@@ -1,7 +1,6 @@
 """Comparing detectors (Q-2): the signal-to-noise ratio (11) under (20), by Monte Carlo and exactly."""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -9,13 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import bootstrap_indices, box_statistics, check_group, groups_of
+from wearscope.evaluation.grouping import box_statistics, groups_of
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 
 Array = NDArray[np.float64]
-#: Fewer cells than these say nothing by being resampled.
-FEW = 5
 #: Noise of a run, over the size of y, below which a robot's model counts as free of noise.
 NOISE_FREE = 1e-12
 
@@ -261,143 +258,3 @@ def snr_boxes(snr: pd.DataFrame, by: Sequence[str] = ("fda",), value: str = "snr
             for key, rows in groups_of(snr, by)
         ]
     )
-
-
-def rank_by_median(
-    table: pd.DataFrame,
-    value: str = "snr_exact",
-    by: Sequence[str] = ("fda",),
-    draws: int = 2000,
-    seed: int = 0,
-    level: float = 0.95,
-) -> pd.DataFrame:
-    """Rank groups by their median, with what the choice of cells leaves open.
-
-    The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
-    them at once), so that differences between groups are paired. Where a group has values in fewer than `FEW`
-    of them, resampling says nothing: there the cells' own intervals decide, a group's being the medians of
-    its cells' ends, and a group without intervals is tied with every other.
-
-    Parameters
-    ----------
-    table : DataFrame
-        One row a cell.
-    value : str
-        Column to rank by, larger is better; NaN rows are left out and counted.
-    by : sequence of str
-        Design parameters that form the groups.
-    draws : int
-        Bootstrap draws.
-    seed : int
-    level : float
-
-    Returns
-    -------
-    DataFrame
-        Best first: the group columns, ``n``, ``n_nan``, ``median``, ``median_low``, ``median_high``,
-        ``rank`` (1 is best), ``rank_low``, ``rank_high`` (interval), ``tied_with`` (groups whose median
-        difference has an interval that holds 0, or whose own interval overlaps), ``interval_from``: ``choice
-        of cells`` or ``each cell``.
-
-    Raises
-    ------
-    InputError
-        Where `by` is empty or leaves no cell to compare over.
-    """
-    by = check_group(by)
-    rest = [name for name in CELL if name not in by]
-    if not by or not rest:
-        raise InputError("ranking: group by some, not all, of robot, cycle, axis and fda.")
-    wide = table.pivot(index=rest, columns=by, values=value).sort_index(axis=0).sort_index(axis=1)
-    values = wide.to_numpy(dtype=float)
-    keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
-    held = np.sum(~np.isnan(values), axis=0)
-    if len(values) < FEW or np.any((held > 0) & (held < FEW)):
-        low, high = (
-            table.pivot(index=rest, columns=by, values=name).reindex_like(wide).to_numpy(dtype=float)
-            if name in table.columns
-            else np.full_like(values, np.nan)
-            for name in ("snr_low", "snr_high")
-        )
-        return _rank_few(values, low, high, keys, by)
-    stream = generator_for(seed, "rank", value, *by)
-    median = _median(values)
-    # Drawn one at a time: all at once they would take draws times the memory of the values.
-    boot = np.stack([_median(values[bootstrap_indices(len(values), 1, stream)[0]]) for _ in range(draws)])
-    tail = 0.5 - level / 2
-    order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
-    filled = np.where(np.isnan(boot), -np.inf, boot)
-    ranks = 1 + np.sum(filled[:, None, :] > filled[:, :, None], axis=2)  # equals share the better rank
-    tied: list[list[str]] = [[] for _ in keys]
-    for i, j in combinations(range(len(keys)), 2):
-        difference = boot[:, i] - boot[:, j]
-        difference = difference[np.isfinite(difference)]
-        if difference.size == 0:
-            continue
-        low, high = np.quantile(difference, [tail, 1 - tail])
-        if low <= 0 <= high:
-            tied[i].append(cell_name(keys[j]))
-            tied[j].append(cell_name(keys[i]))
-    records = []
-    for position, k in enumerate(order):
-        good = boot[:, k][np.isfinite(boot[:, k])]
-        low, high = np.quantile(good, [tail, 1 - tail]) if good.size else (np.nan, np.nan)
-        best, worst = np.quantile(ranks[:, k], [tail, 1 - tail], method="nearest")
-        records.append(
-            {
-                **dict(zip(by, keys[k], strict=True)),
-                "n": int(np.sum(~np.isnan(values[:, k]))),
-                "n_nan": int(np.sum(np.isnan(values[:, k]))),
-                "median": float(median[k]),
-                "median_low": float(low),
-                "median_high": float(high),
-                "rank": position + 1,
-                "rank_low": int(best),
-                "rank_high": int(worst),
-                "tied_with": ", ".join(tied[k]),
-                "interval_from": "choice of cells",
-            }
-        )
-    return pd.DataFrame(records)
-
-
-def _rank_few(values: Array, low: Array, high: Array, keys: list[tuple], by: Sequence[str]) -> pd.DataFrame:
-    """Ranking of few cells (N, G) by their own intervals; a group without one is tied with every other."""
-    median, low, high = _median(values), _median(low), _median(high)
-    known = np.isfinite(median)
-    bottom, top = np.where(np.isfinite(low), low, -np.inf), np.where(np.isfinite(high), high, np.inf)
-    records = []
-    for position, k in enumerate(np.argsort(-np.where(known, median, -np.inf), kind="stable")):
-        others = [j for j in range(len(keys)) if j != k and known[j]]
-        above = [j for j in others if bottom[j] > top[k]]
-        below = [j for j in others if top[j] < bottom[k]]
-        tied = [j for j in others if j not in above and j not in below] if known[k] else []
-        records.append(
-            {
-                **dict(zip(by, keys[k], strict=True)),
-                "n": int(np.sum(~np.isnan(values[:, k]))),
-                "n_nan": int(np.sum(np.isnan(values[:, k]))),
-                "median": float(median[k]),
-                "median_low": float(low[k]),
-                "median_high": float(high[k]),
-                "rank": position + 1,
-                "rank_low": 1 + len(above) if known[k] else position + 1,
-                "rank_high": len(others) + 1 - len(below) if known[k] else len(keys),
-                "tied_with": ", ".join(cell_name(keys[j]) for j in tied),
-                "interval_from": "each cell",
-            }
-        )
-    return pd.DataFrame(records)
-
-
-def _median(values: Array) -> Array:
-    """Median of each column, NaN left out; NaN where nothing is left."""
-    missing = np.isnan(values)
-    if len(values) and not missing.any():  # a ranking asks thousands of times
-        return np.asarray(np.median(values, axis=0))
-    result = np.full(values.shape[1], np.nan)
-    for k in range(values.shape[1]):
-        good = values[:, k][~missing[:, k]]
-        if good.size:
-            result[k] = np.median(good)
-    return result

@@ -131,8 +131,9 @@ def best_detector(study: Study) -> list[str]:
     """Answer to Q-2: the ranking with intervals, ties, and the cells without an SNR or with a falling y."""
     table, away = study.ranking, study.withheld()
     by = group_columns(table)
+    upper = table[table["rank"].isna()] if "fda" in by else table.head(0)
     if "fda" in by:
-        table = table[~table["fda"].isin(away)]
+        table = table[~table["fda"].isin([*away, *upper["fda"]])]
     said = (
         [f"The answer is withheld for {join_words(away)}: direct simulation contradicts the surrogates."]
         if away
@@ -144,6 +145,7 @@ def best_detector(study: Study) -> list[str]:
         return [*said, "Unknown: no group has a median SNR."]
     few = "interval_from" in table and (table["interval_from"] == "each cell").any()
     best, row = known[0]
+    best = study.detector_name(best) if by == ["fda"] else best
     medians = ", ".join(
         f"{name} {format_number(float(one['median']))} ({format_number(float(one['median_low']))} to "
         f"{format_number(float(one['median_high']))})"
@@ -161,14 +163,19 @@ def best_detector(study: Study) -> list[str]:
     elif len(known) > 1 and few:
         sentences.append("Its interval lies above all others, at 95 %; other cells were not asked.")
     elif len(known) > 1:
-        sentences.append("It keeps the first place whatever cells are drawn, at 95 %.")
+        sentences.append("It is first in 95 % of random choices of the cells.")
     sentences += [
         f"{name}: unknown, no cell has an SNR." for name, one in rows if not np.isfinite(one["median"])
+    ]
+    sentences += [
+        f"{study.detector_name(str(one['fda']))} has {format_number(float(one['median']))}, an upper bound: "
+        "it is told the simulator's own law."
+        for _, one in upper.iterrows()
     ]
     falling = int((study.snr["status"] == "decreasing").sum())
     constant = int((study.snr["status"] == "constant").sum())
     if falling:
-        sentences.append(f"In {count_text(falling, 'cell')} y falls with wear; their sign is not turned.")
+        sentences.append(f"In {count_text(falling, 'cell')} y falls with wear; their sign is not reversed.")
     quiet = int((study.snr["status"] == "noise-free").sum())
     if quiet:
         sentences.append(
@@ -185,7 +192,8 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
     found = []
     by = list(study.config["scope"]["group_by"])
     asked = study.exact_scope(factor)
-    for name, rows in split_groups(asked[~asked["fda"].isin(study.withheld())], by):
+    left_out = [*study.withheld(), *study.upper()]
+    for name, rows in split_groups(asked[~asked["fda"].isin(left_out)], by):
         cells = len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
         sigma, grid, count = count_matrix(rows, rows["passes"])
         share = float(rows["passes"].mean())
@@ -209,7 +217,7 @@ def tolerance_table(study: Study) -> pd.DataFrame:
         step = natural_step(study.factor(factor))
         for one in tolerances(study, factor):
             change = quantity_text(one.delta * natural_step(fault), fault.unit, 3)
-            column = f"σ borne, wear changed by {change}"
+            column = f"σ tolerated, wear changed by {change}"
             if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, name):
                 records.append(
                     {"group": one.group, "factor": name, "cells": one.cells}
@@ -263,4 +271,4 @@ def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance
         )
     size = f"{format_number(one.sigma * step, 2)} {unit_text(study.factor(factor).unit)}".strip()
     end = ", the end of the grid" if one.largest else ""
-    return f"With a change of wear of {change}, half the cells of {group} bear σ up to {size}{end}."
+    return f"With a change of wear of {change}, half the cells of {group} tolerate σ up to {size}{end}."

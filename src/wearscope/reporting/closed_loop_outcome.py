@@ -25,14 +25,9 @@ _WORSE = 1.03
 def describe_outcome(loop: ClosedLoop) -> Markup:
     """What is refuted, alarms, the other effects by status, states of the joints, parameters, the rule."""
     effects = {status: _effects(loop, status) for status in STATUSES}
-    parts = [_conclusion(loop), effects.pop("refuted"), _alarms(loop), *effects.values()]
+    parts = [effects.pop("refuted"), _alarms(loop), *effects.values()]
     parts.append(_explain_statuses(loop))
     return Markup("").join([*parts, _joints(loop), _parameters(loop), _rule(loop)])
-
-
-def _conclusion(loop: ClosedLoop) -> Markup:
-    kind, text = conclude_loop(loop)
-    return Markup('<div class="conclusion {}"><p class="answer">{}</p></div>').format(kind, unbreak(text))
 
 
 def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:

@@ -31,6 +31,7 @@ from wearscope.reporting.closed_loop_details import (
 from wearscope.reporting.closed_loop_outcome import describe_outcome, tell_size, tell_version
 from wearscope.reporting.next_measurement import describe_measurements
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
+from wearscope.reporting.strips import loop_strip
 
 #: Column of the joint, and the filter that it follows.
 _JOINT = {"joint": "joint"}
@@ -51,6 +52,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
     """Page of a closed loop, with nothing from elsewhere."""
     sections = [
         Section("Outcome", describe_outcome(loop), "outcome"),
+        Section("The next measurement", describe_measurements(loop.verdict), "next-measurement"),
         Section("Errors on the test runs", _errors(loop), "errors"),
         Section("Residual", _residual(loop), "residual"),
         Section("Candidates", describe_candidates(loop), "candidates"),
@@ -58,7 +60,6 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Simulated forward", describe_forward(loop), "forward"),
         Section("What is left unnamed", describe_rest(loop), "unnamed"),
         Section("Not determined, and which motion would help", describe_undetermined(loop), "undetermined"),
-        Section("The next measurement", describe_measurements(loop.verdict), "next-measurement"),
         Section("Notes", describe_notes(loop), "notes"),
     ]
     title = f"Closed loop: {loop.verdict['dataset']}"
@@ -70,6 +71,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         loop_filters(loop),
         loop_tables(loop),
         loop_labels(loop),
+        loop_strip(loop),
     )
 
 
@@ -83,18 +85,16 @@ def _errors(loop: ClosedLoop) -> Markup:
         record["noise floor"] = number(one.get("noise_floor"))
         record["gap closed"] = gap_closed(one)[1]
         records.append(record)
-    relative = [
-        (joint, run, number(values[0]), number(values[1]))
-        for joint, one in loop.verdict["joints"].items()
-        for run, values in one.get("relative_error_percent", {}).items()
-    ]
-    table = pd.DataFrame(relative, columns=["joint", "test run", "before [%]", "after [%]"])
-    # As objects: a column of strings would forget that these are HTML.
-    table["error"] = pd.Series([_change(*values) for _, _, *values in relative], dtype=object)
+    relative = []
+    for joint, one in loop.verdict["joints"].items():
+        for run, values in one.get("relative_error_percent", {}).items():
+            before, after = (number(value) for value in values)
+            row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after}
+            relative.append(row | {"error": _change(before, after)})
     rest = Markup("<details{}><summary>Relative error of every test run</summary>{}</details>").format(
         Markup(" open") if len(relative) <= MOST_SHOWN else "",
         render_table(
-            table,
+            relative,
             "100 |residual| / |torque| over the rows that count.",
             filter_by=_JOINT | {"test run": "run"},
         ),

@@ -1,60 +1,113 @@
-"""The conclusion of a study in one plain sentence, only as certain as its intervals allow."""
+"""The conclusion of a study in plain sentences, only as certain as its intervals allow."""
 
 import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.conclusion import Bound, Conclusion
-from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text, unit_text
+from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text
 from wearscope.reporting.study import Study
+
+#: Share of a joint's top speed at which a wear level is told as friction.
+SPEED = 0.1
 
 
 def conclude(study: Study, one: Conclusion) -> str:
-    """What to use, what it finds, while what, with which threshold."""
+    """What to use, what it finds, while what."""
     where = f"On {one.robot}: " if one.robot else ""
     if not one.detector:
-        why = f"the answers of {join_words(one.withheld)} are withheld" if one.withheld else "none sees wear"
-        return f"{where}No detector can be recommended: {why}."
+        return f"{where}No detector can be recommended: {_why_none(one)}."
+    name = study.detector_name(one.detector)
     if np.isnan(one.wear):
         return (
-            f"{where}{one.detector} sees wear best, but no change of wear that was asked is "
+            f"{where}{name} sees wear best, but no change of wear that was simulated is "
             f"{'surely ' if one.shown_sure else ''}found: not in half of its "
             f"{count_text(one.cells, 'cell')}, even at the smallest variation of the other factors."
         )
-    fault = study.factor("f")
     sure = "" if one.shown_sure else "by the estimates alone, "
     many = "" if one.cells_sure == one.cells else f" in {one.cells_sure} of {one.cells} cells"
-    text = (
-        f"{where}Use {one.detector}{_tie(one)}: {sure}it finds a change of {factor_name(fault)} of "
-        f"{quantity_text(one.wear, fault.unit)} or more{many} {_while(study, one)}"
-    )
-    return f"{text}{_threshold(study, one)}."
+    found = f"{sure}it finds {tell_wear(study, one.wear, one.robot)} or more{many}"
+    return f"{where}Use {name}{_tie(study, one)}: {found} {_while(study, one)}".rstrip() + "."
+
+
+def _why_none(one: Conclusion) -> str:
+    if one.withheld:
+        return f"the answers of {join_words(one.withheld)} are withheld"
+    if one.upper:
+        return f"apart from {join_words(one.upper)}, which {_told(one)} the simulator's law, none sees wear"
+    return "none sees wear"
+
+
+def _told(one: Conclusion) -> str:
+    return "is told" if len(one.upper) == 1 else "are told"
+
+
+def tell_wear(study: Study, wear: float, robot: str = "") -> str:
+    """A change of wear, and what it is as friction: ``wear of 28 (12 to 30 % more friction at ...)``."""
+    fault = study.factor("f")
+    size = f"{factor_name(fault)} of {quantity_text(wear, fault.unit)}"
+    rise = friction_rise(study, wear, robot)
+    if rise is None:
+        return size
+    low, high = (f"{100 * one:.2g}" for one in rise)
+    span = low if low == high else f"{low} to {high}"
+    return f"{size} ({span} % more friction at a tenth of the top speed)"
+
+
+def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:
+    """Least and largest rise of friction over the wearing joints; None where the study does not say.
+
+    At `SPEED` of each joint's top speed and the middle temperature, between the levels of
+    ``friction.parquet``.
+    """
+    table = study.friction
+    if table is None or table["wear"].nunique() < 2 or study.factor("f").kind not in ("", "wear"):
+        return None
+    warm = np.sort(table["temperature"].unique())
+    table = table[table["temperature"] == warm[len(warm) // 2]]
+    rises = []
+    for _, rows in table[table["robot"].isin([robot] if robot else table["robot"])].groupby(
+        ["robot", "joint"]
+    ):
+        speeds = rows["speed"].unique()
+        near = speeds[np.argmin(np.abs(speeds - SPEED * speeds.max()))]
+        own = rows[rows["speed"] == near].sort_values("wear")
+        torque = own["torque"].to_numpy(dtype=float)
+        rises.append(float(np.interp(wear, own["wear"], torque) / torque[0] - 1.0))
+    return (min(rises), max(rises)) if rises else None
+
+
+def tell_sure(one: Conclusion) -> str:
+    """How sure the conclusion is."""
+    if not one.detector or np.isnan(one.wear):
+        return "Nothing is recommended that was not found."
+    text = f"At most {100 * one.p_f:g} % false alarms and at least {100 * one.p_d:g} % detection"
+    if not one.shown_sure:
+        return f"{text} by the estimates; the surrogates' uncertainty was not counted."
+    cells = "every cell" if one.cells_sure == one.cells else f"{one.cells_sure} of {one.cells} cells"
+    return f"{text} in {cells}, with 95 % confidence in the surrogates."
 
 
 def qualify(study: Study, one: Conclusion) -> list[str]:
-    """How sure the conclusion is, and what it leaves open."""
-    if not one.detector:
-        return []
+    """What the conclusion leaves open."""
     said = []
     if one.tied_with:
-        names = join_words([one.detector, *one.tied_with])
+        names = join_words([study.detector_name(name) for name in [one.detector, *one.tied_with]])
         said.append(
             f"The signal-to-noise ratios of {names} are not told apart at 95 %; of them {one.detector} is "
-            "sure on the largest part of what was asked."
+            "sure on the largest part of what was simulated."
         )
-    if not np.isnan(one.wear):
+    if one.detector and not np.isnan(one.wear):
+        said.append("One factor varies at a time, normally distributed; the ranges hold 95 % of it.")
+    if one.upper:
+        names = join_words([study.detector_name(name) for name in one.upper])
         said.append(
-            f"Found: at most {100 * one.p_f:g} % false alarms and at least {100 * one.p_d:g} % detection"
-            + (
-                ", with 95 % confidence in the surrogates."
-                if one.shown_sure
-                else ", the surrogates' uncertainty not counted."
-            )
-            + " One factor varies at a time, normally distributed; the ranges hold 95 % of it."
+            f"{names} {_told(one)} the friction law that the simulator itself uses: an upper bound, which no "
+            "plant can have. It is neither ranked nor recommended."
         )
     if one.withheld:
         said.append(f"Withheld, as direct simulation contradicts them: {join_words(one.withheld)}.")
     elif study.audit is None:
-        said.append("No direct simulation was asked to check it.")
+        said.append("No direct simulation was run to check it.")
     return said
 
 
@@ -66,9 +119,10 @@ def certainty(one: Conclusion) -> str:
     return "good" if sure else "unsure"
 
 
-def _tie(one: Conclusion) -> str:
-    """The detectors that it is not told apart from, in brackets."""
-    return f" (SNR not told apart from {join_words(one.tied_with, 'or')})" if one.tied_with else ""
+def _tie(study: Study, one: Conclusion) -> str:
+    """The detectors that it is not told apart from."""
+    others = join_words([study.detector_name(name) for name in one.tied_with], "or")
+    return f", whose signal-to-noise ratio is not told apart from that of {others}" if others else ""
 
 
 def _while(study: Study, one: Conclusion) -> str:
@@ -88,14 +142,3 @@ def thresholds_of(study: Study, one: Conclusion) -> pd.DataFrame:
     if study.thresholds is None or study.thresholds.empty:
         return pd.DataFrame(columns=["robot", "cycle", "axis", "fda", "threshold", "asked"])
     return study.thresholds[study.thresholds["asked"] == one.robot]
-
-
-def _threshold(study: Study, one: Conclusion) -> str:
-    values = thresholds_of(study, one)["threshold"].dropna()
-    if values.empty:
-        return ""
-    unit = unit_text(study.units.get(one.detector, ""))
-    low, high = (quantity_text(float(v), "") for v in (values.min(), values.max()))
-    shown = low if low == high else f"{low} to {high}"
-    by = "" if len(values) == 1 else " by cell"
-    return f"; alarm threshold {f'{shown} {unit}'.strip()}{by}"

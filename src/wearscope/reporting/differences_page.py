@@ -55,7 +55,11 @@ def render_study_differences(
             columns={"fda": "thing", "median": "value", "median_low": "low", "median_high": "high"}
         )
         chart = _chart_sides(
-            names, "Median SNR of each detector", "median SNR (11)", "detector", "Bars: 95 % intervals."
+            names,
+            "Median SNR of each detector",
+            "median signal-to-noise ratio",
+            "detector",
+            "Bars: 95 % intervals.",
         )
         told = table.set_axis(["in", "detector", "median SNR", "95 % from", "to", "rank"], axis=1)
         sections.append(Section("Detectors", embed_chart(chart) + render_table(told), "detectors"))

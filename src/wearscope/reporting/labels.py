@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 #: What a verdict calls structure outside the vocabulary of effects.
 UNKNOWN = "unknown"
 CELL = ("robot", "cycle", "axis", "fda")
-MODEL_NAMES = {"main": "main effects (2)", "simplified": "simplified (19)", "full": "full (3)"}
+MODEL_NAMES = {"main": "main effects", "simplified": "simplified", "full": "full quadratic"}
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
 
@@ -24,6 +24,16 @@ def term_label(term: str) -> str:
 def words(value: object) -> str:
     """A name of the configuration as text: point_to_point is point to point."""
     return str(value).replace("_", " ")
+
+
+def detector_name(code: str, use: str) -> str:
+    """A detector by what it does and its letter: ``Friction fit (C)``.
+
+    >>> detector_name("P", "own/peak_torque.py")
+    'Peak torque (P)'
+    """
+    stem = use.rpartition("/")[2].removesuffix(".py")
+    return f"{words(stem).capitalize()} ({code})"
 
 
 def factor_name(factor: "Factor") -> str:

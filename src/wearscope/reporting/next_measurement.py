@@ -51,5 +51,15 @@ def _describe(entry: Mapping[str, Any]) -> Markup:
         entry["joint"],
         badge(word, kind),
         unbreak(tell_measurement(entry)),
-        f"Its reference motion is in {entry['table']}." if "table" in entry else "",
+        _link(entry),
     )
+
+
+def _link(entry: Mapping[str, Any]) -> Markup:
+    """Files of an advised run."""
+    links = [
+        Markup('<a href="{0}">{0}</a> ({1})').format(entry[key], what)
+        for key, what in (("table", "for a controller"), ("cycle_file", "for the simulator"))
+        if key in entry
+    ]
+    return Markup(", ").join(links)

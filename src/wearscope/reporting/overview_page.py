@@ -12,7 +12,7 @@ from markupsafe import Markup
 from wearscope.reporting import trust
 from wearscope.reporting.charts.base import Choice
 from wearscope.reporting.charts.study import FILTER_LABELS, words
-from wearscope.reporting.conclusion import certainty, conclude, qualify
+from wearscope.reporting.conclusion import qualify
 from wearscope.reporting.labels import (
     count_text,
     factor_name,
@@ -24,6 +24,7 @@ from wearscope.reporting.labels import (
 from wearscope.reporting.page import Section, embed_figure, render_page, render_table, render_template
 from wearscope.reporting.sections.background import Provenance
 from wearscope.reporting.sections.base import say
+from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study import Study
 
 #: Columns of a table of groups, as people read them.
@@ -51,8 +52,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     subtitle = (
         f"{count_text(len(config['detectors']), 'detector')}, {count_text(robots, 'robot')}, "
         f"{count_text(len(config['cycles']), 'test-cycle')}, "
-        f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}; "
-        f"seed {config['seed']}"
+        f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}"
     )
     sections = [
         Section("Conclusion", _summarise(study, overview), "summary"),
@@ -71,7 +71,12 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
         )
     ]
     return render_page(
-        f"Study {config['study']}", sections, subtitle, "Made by wearscope from its tables.", filters
+        f"Study {config['study']}",
+        sections,
+        subtitle,
+        "Made by wearscope from its tables.",
+        filters,
+        strip=study_strip(study, pages=True),
     )
 
 
@@ -80,8 +85,6 @@ def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
     failed = [] if study.failures.empty else [trust.failed_points(study)]
     return render_template(
         "study/summary.html",
-        answer=say([conclude(study, first)])[0],
-        kind=certainty(first),
         qualifiers=say(qualify(study, first)),
         alarms=say([*_doubts(overview), *trust.failed_simulations(study), *failed]),
         robots="",

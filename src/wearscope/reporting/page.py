@@ -46,6 +46,36 @@ class Section:
         return self.anchor or re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
+@dataclass(frozen=True)
+class Strip:
+    """What stands on top of every page, to be read in ten seconds.
+
+    Attributes
+    ----------
+    answer : str
+        One sentence or two, without a code, an equation's number or a hash.
+    kind : str
+        Its colour: good, unsure or bad.
+    sure : str
+        How sure that is.
+    caveat : str
+        The one that matters most.
+    action : str
+        What to do next, as text or `Markup` with a link.
+    """
+
+    answer: str
+    kind: str
+    sure: str
+    caveat: str
+    action: str
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What follows the answer, with its heading."""
+        told = (("How sure", self.sure), ("Mind", self.caveat), ("Next", self.action))
+        return [(name, text if isinstance(text, Markup) else unbreak(text)) for name, text in told if text]
+
+
 def environment() -> jinja2.Environment:
     """Templates of this package; text is escaped, an unknown name is an error."""
     return jinja2.Environment(
@@ -70,6 +100,7 @@ def render_page(
     filters: Sequence[Choice] = (),
     tables: Mapping[str, pd.DataFrame] | None = None,
     labels: Mapping[str, Mapping[str, str]] | None = None,
+    strip: Strip | None = None,
 ) -> str:
     """Whole page: title, contents, filters, sections, and what its charts need.
 
@@ -88,6 +119,8 @@ def render_page(
         What the charts draw, by the name that their sources give.
     labels : mapping of str to mapping, optional
         Text of a choice's value, by choice; ``column`` holds those of the tables' columns.
+    strip : Strip, optional
+        The answer, how sure it is, its caveat and what to do next.
 
     Returns
     -------
@@ -102,6 +135,7 @@ def render_page(
             "page.html",
             title=title,
             subtitle=subtitle,
+            strip=strip,
             sections=[(section.id, section.title, Markup(section.body)) for section in sections],
             css=_read("page.css"),
             footer=footer,
@@ -197,7 +231,7 @@ PROSE = 60
 
 
 def render_table(
-    table: pd.DataFrame,
+    table: pd.DataFrame | Sequence[Mapping[str, Any]],
     caption: str = "",
     digits: int = 3,
     filter_by: Mapping[str, str] | None = None,
@@ -207,7 +241,8 @@ def render_table(
 
     Parameters
     ----------
-    table : DataFrame
+    table : DataFrame or sequence of mapping
+        Rows that hold `Markup` must be mappings: pandas makes plain strings of a column of it.
     caption : str
     digits : int
         Of the numbers shown.
@@ -216,6 +251,8 @@ def render_table(
     cells : sequence of mapping
         By row, its values for the page's filters, where no column holds them.
     """
+    if not isinstance(table, pd.DataFrame):
+        table = pd.DataFrame(list(table), dtype=object)
     head = Markup("").join(Markup('<th scope="col">{}</th>').format(str(name)) for name in table.columns)
     lines = list(table.itertuples(index=False))
     texts = (value for values in lines for value in values if isinstance(value, str))

@@ -97,11 +97,10 @@ def _detectors(one: Reevaluation) -> Markup:
             record["P(after nearer), SNR"] = snr.p_nearer
             record["after against before, SNR, rank and scope"] = badge(text, _KINDS[verdict])
         records.append(record)
-    table = pd.DataFrame(records).astype({"detector": object})
     note = "The certainty is 0 where nothing tells a direction of change, 1 where it is sure."
     if not one.has_truth:
         note += " The truth of a real machine cannot be simulated, so no side is called nearer to it."
-    return render_table(table, note)
+    return render_table(records, note)
 
 
 def _question(one: Reevaluation, question: str) -> Markup:
@@ -125,7 +124,7 @@ def _question(one: Reevaluation, question: str) -> Markup:
     note = {
         "scope": "Largest standard deviation of the factor at which the change of wear is still detected as "
         "the study demands, natural units; the grid's end where it is reached.",
-        "coefficient": "Coefficient over that of wear (8); beyond ±1 the factor outweighs wear.",
+        "coefficient": "Coefficient over that of wear; beyond ±1 the factor outweighs wear.",
     }[question]
     if len(rows) > len(records):
         note += f" The {len(records)} surest of {len(rows)}; all: reevaluation.parquet."

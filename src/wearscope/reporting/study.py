@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from wearscope.reporting.labels import detector_name
+
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
     from wearscope.evaluation.conclusion import Conclusion
@@ -109,6 +111,14 @@ class Study:
     def detector_of(self, module: str) -> str | None:
         """Configured name of the first detector that uses a module, None where the study has none."""
         return next((n for n, one in self.config["detectors"].items() if one["use"] == module), None)
+
+    def detector_name(self, code: str) -> str:
+        """A detector by what it does and its letter."""
+        return detector_name(code, self.config["detectors"][code]["use"])
+
+    def upper(self) -> list[str]:
+        """Detectors that are told the simulator's law: upper bounds."""
+        return self.conclusions[0].upper if self.conclusions else []
 
     def withheld(self) -> list[str]:
         """Detectors whose answers to Q-2 and Q-3 the audit does not let stand."""

@@ -12,6 +12,7 @@ from wearscope.reporting.sections.base import StudySection
 from wearscope.reporting.sections.loops import Correction, Loops
 from wearscope.reporting.sections.questions import Detectors, Factors, Scope
 from wearscope.reporting.sections.summary import Summary
+from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study import Study
 
 SECTIONS: tuple[type[StudySection], ...] = (
@@ -37,7 +38,7 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
         f"{count_text(len(config['detectors']), 'detector')}, {count_text(len(config['robots']), 'robot')}, "
         f"{count_text(len(config['cycles']), 'test-cycle')}, "
         f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}; "
-        f"{count_text(len(study.snr), 'cell')}, seed {config['seed']}"
+        f"{count_text(len(study.snr), 'cell')}"
     )
     return render_page(
         f"Study {config['study']}",
@@ -47,4 +48,5 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
         study_filters(study),
         tables,
         study_labels(study),
+        study_strip(study),
     )

@@ -61,7 +61,7 @@ def render_chosen(study: Study) -> Markup:
             }
         )
     note = (
-        "The surrogate chosen for each cell by cross-validation, its fit (6) on runs that no choice saw; "
+        "The surrogate chosen for each cell by cross-validation, its fit on runs that no choice saw; "
         "ceiling: what the noise of a run, known from replicates, leaves."
     )
     return render_table(pd.DataFrame(records), note, filter_by={"detector": "fda"})

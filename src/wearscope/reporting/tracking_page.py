@@ -131,7 +131,7 @@ def _wear(tracking: Tracking) -> Markup:
     if not records:
         return Markup("")
     caption = (
-        "What wear adds to friction at a level f, eq. (17), each parameter with its 95 % interval. "
+        "What wear adds to friction at a level f, each parameter with its 95 % interval. "
         "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
         "study or one side of the target reevaluate."
     )

@@ -100,8 +100,8 @@ def direct_outcome(study: Study) -> list[str]:
     known = table[table["agrees"].notna()]
     parts = [
         f"{row.fda} {format_number(row.snr_direct)} ({format_number(row.direct_low)} to "
-        f"{format_number(row.direct_high)}) directly, {format_number(row.snr_surrogate)} "
-        f"({format_number(row.surrogate_low)} to {format_number(row.surrogate_high)}) by the surrogate"
+        f"{format_number(row.direct_high)}), by the surrogate {format_number(row.snr_surrogate)} "
+        f"({format_number(row.surrogate_low)} to {format_number(row.surrogate_high)})"
         for row in table.itertuples()
     ]
     return [
@@ -109,8 +109,23 @@ def direct_outcome(study: Study) -> list[str]:
         f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
         f"included: {'; '.join(parts)}. "
         f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
-        f"{count_text(len(known), 'cell')}."
+        f"{count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
     ]
+
+
+def contradicted(study: Study, detector: str) -> str:
+    """That direct simulation gives a detector another SNR, which is the answer then; else empty."""
+    if study.direct is None or study.direct.empty:
+        return ""
+    for row in study.direct.itertuples():
+        if row.fda == detector and row.agrees is not None and row.agrees == 0:
+            return (
+                f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
+                f"{format_number(row.snr_direct)} ({format_number(row.direct_low)} to "
+                f"{format_number(row.direct_high)}); the surrogate says {format_number(row.snr_surrogate)}. "
+                "The direct value is the answer there."
+            )
+    return ""
 
 
 def failed_simulations(study: Study) -> list[str]:
@@ -175,7 +190,7 @@ def surrogate_quality(study: Study) -> str:
     reached, ceiling = int(states.get("reached", 0)), int(states.get("at ceiling", 0))
     text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
     if ceiling:
-        text += f", in {ceiling} more all that the noise of a run lets be reached"
+        text += f", in {ceiling} more as far as the noise of a run allows"
     short = int(states.get("short", 0))
     if short:
         text += f"; in {count_text(short, 'cell')} the points were spent before"

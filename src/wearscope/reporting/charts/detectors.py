@@ -1,9 +1,12 @@
 """Charts of Q-2: the detectors' signal-to-noise ratios, robots side by side."""
 
+import json
+
 import altair as alt
+import numpy as np
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
-from wearscope.reporting.charts.encoding import cell_tips, named
+from wearscope.reporting.charts.encoding import cell_tips, name_labels, named
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.charts.study import together
 from wearscope.reporting.study import Study
@@ -20,7 +23,7 @@ def chart_snr(study: Study) -> Chart:
     """Every cell's SNR by detector and robot, with medians and their intervals."""
     robots = sorted(study.snr["robot"].unique())
     shown = list(dict.fromkeys([*robots, together(study)]))
-    x = alt.X("snr:Q", title="signal-to-noise ratio (11)", scale=SYMLOG, axis=symlog_axis((1, 3)))
+    x = alt.X("snr:Q", title="signal-to-noise ratio", scale=SYMLOG, axis=symlog_axis((1, 3)))
     offset = alt.YOffset("robot:N", scale=alt.Scale(domain=shown))
     tint = alt.Color(
         "robot:N",
@@ -30,12 +33,16 @@ def chart_snr(study: Study) -> Chart:
             range=[*(f"var(--c{k % 6})" for k in range(len(robots))), "var(--ink)"][: len(shown)],
         ),
     )
+    detectors = {name: study.detector_name(name) for name in sorted(study.snr["fda"].unique())}
+    rows = alt.Y("fda:N", title=None, axis=alt.Axis(labelExpr=name_labels(detectors), labelLimit=220))
+    deployable = "datum.rank > 0"
     cells = (
         named("snr")
+        .transform_filter(f"indexof({json.dumps(study.upper())}, datum.fda) < 0")
         .mark_circle(opacity=0.6)
         .encode(
             x=x,
-            y=alt.Y("fda:N", title=None),
+            y=rows,
             yOffset=offset,
             color=tint,
             tooltip=[
@@ -47,7 +54,7 @@ def chart_snr(study: Study) -> Chart:
             ],
         )
     )
-    ranks = named("rankings").encode(y=alt.Y("fda:N"), yOffset=offset, color=tint)
+    ranks = named("rankings").encode(y=rows, yOffset=offset, color=tint)
     tips = [
         alt.Tooltip("fda:N", title="detector"),
         alt.Tooltip("robot:N"),
@@ -56,11 +63,18 @@ def chart_snr(study: Study) -> Chart:
         alt.Tooltip("high:Q", title="to", format=".3"),
         alt.Tooltip("rank:Q"),
     ]
+    bound = (
+        named("rankings")
+        .transform_filter(f"!({deployable})")
+        .mark_rule(strokeDash=[6, 4], strokeWidth=2, color="var(--soft)")
+        .encode(x=alt.X("median:Q", title="signal-to-noise ratio"), y=rows, tooltip=tips)
+    )
+    ranks = ranks.transform_filter(deployable)
     spans = ranks.mark_rule(strokeWidth=5, opacity=0.35).encode(
-        x=alt.X("low:Q", title="signal-to-noise ratio (11)"), x2="high:Q", tooltip=tips
+        x=alt.X("low:Q", title="signal-to-noise ratio"), x2="high:Q", tooltip=tips
     )
     medians = ranks.mark_tick(thickness=3, size=14).encode(
-        x=alt.X("median:Q", title="signal-to-noise ratio (11)"), tooltip=tips
+        x=alt.X("median:Q", title="signal-to-noise ratio"), tooltip=tips
     )
     zero = alt.Chart(alt.InlineData([{"snr": 0}])).mark_rule(color="var(--soft)").encode(x="snr:Q")
     by = {key: key for key in CELL_KEYS}
@@ -68,12 +82,13 @@ def chart_snr(study: Study) -> Chart:
         "snr",
         "Signal-to-noise ratio of every cell",
         "SNR of every cell by detector and robot, with medians and their 95 % intervals.",
-        alt.layer(zero, cells, spans, medians).properties(
+        alt.layer(zero, cells, spans, medians, bound).properties(
             width="container", height={"step": max(16, 54 // len(shown))}
         ),
         {"snr": Source("snr", by), "rankings": Source("rankings", {"robot": "robot", "fda": "fda"})},
         "A point is a cell; marks and bars: medians with 95 % intervals over all test-cycles and axes of the "
-        "study. Below 0 the test quantity falls with wear.",
+        "study. Below 0 the test quantity falls with wear."
+        + (" Dashed: an upper bound; it is told the simulator's own law." if study.upper() else ""),
     )
 
 
@@ -83,13 +98,24 @@ def chart_snr_cells(study: Study) -> Chart:
         x=alt.X("fda:N", title="detector", axis=alt.Axis(orient="top", labelAngle=0)),
         y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
     )
-    top = float(study.snr["snr_exact"].abs().replace(float("inf"), float("nan")).max() or 1.0)
+    upper = study.upper()
+    own = study.snr.loc[~study.snr["fda"].isin(upper), "snr_exact"].replace([np.inf, -np.inf], np.nan)
+    top = float(own.abs().max()) if own.notna().any() else 1.0
+    # The colours are those of what can be deployed; without a negative value they begin at 0.
+    ends, tints = ([0.0, top], ["#f1f1f0", "#2166ac"])
+    if (own < 0).any():
+        ends, tints = ([-top, *ends], ["#b35806", *tints])
+    apart = f"indexof({json.dumps(upper)}, datum.fda) >= 0"
     cells = base.mark_rect().encode(
-        color=alt.Color(
-            "snr:Q",
-            title="SNR",
-            scale=alt.Scale(type="symlog", domain=[-top, 0, top], range=["#b35806", "#f1f1f0", "#2166ac"]),
-            legend=alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')"),
+        color=alt.condition(
+            apart,
+            alt.value("transparent"),
+            alt.Color(
+                "snr:Q",
+                title="SNR",
+                scale=alt.Scale(type="symlog", domain=ends, range=tints, clamp=True),
+                legend=alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')"),
+            ),
         ),
         tooltip=[
             *cell_tips(),
@@ -104,7 +130,13 @@ def chart_snr_cells(study: Study) -> Chart:
         .mark_text(fontSize=10)
         .encode(
             text="short:N",
-            color=alt.condition(f"abs(datum.snr) > {0.25 * top:.4g}", alt.value("white"), alt.value("#222")),
+            color={
+                "condition": [
+                    {"test": apart, "value": "var(--ink)"},
+                    {"test": f"abs(datum.snr) > {0.25 * top:.4g}", "value": "white"},
+                ],
+                "value": "#222",
+            },
         )
     )
     return Chart(
@@ -114,5 +146,5 @@ def chart_snr_cells(study: Study) -> Chart:
         alt.layer(cells, text).properties(width="container", height={"step": 20}),
         {"snr": Source("snr", {key: key for key in CELL_KEYS})},
         "Test-cycle, axis and robot down. Empty: the detector always says the same, or the robot's model has "
-        "no noise.",
+        "no noise." + (" Without colour: an upper bound." if upper else ""),
     )

@@ -1,6 +1,7 @@
 """Altair charts as the pages have them: their data by name, zoom, cells under the pointer, colours."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import altair as alt
@@ -45,3 +46,8 @@ def colour(title: str = "", domain: Sequence[Any] | None = None) -> dict[str, An
     """Keyword arguments of a colour by name, the same name the same colour on all of a page's charts."""
     scale = alt.Undefined if domain is None else alt.Scale(domain=list(domain))
     return {"type": "nominal", "title": title or None, "scale": scale}
+
+
+def name_labels(names: Mapping[str, str]) -> str:
+    """Expression that shows values of an axis or legend by their names."""
+    return f"({json.dumps(dict(names))})[datum.label] || datum.label"

@@ -27,11 +27,16 @@ def chart_weights(study: Study) -> Chart:
     )
     band = alt.Chart(alt.InlineData([{"low": -1, "high": 1}])).mark_rect(color="var(--line)", opacity=0.45)
     points = base.mark_circle(opacity=0.65).encode(
-        x=alt.X("weight:Q", title="coefficient over wear's", scale=SYMLOG, axis=symlog_axis((1, 2, 5))),
+        x=alt.X(
+            "weight:Q",
+            title="coefficient relative to that of wear",
+            scale=SYMLOG,
+            axis=symlog_axis((1, 2, 5)),
+        ),
         tooltip=[*cell_tips(), alt.Tooltip("term:N"), alt.Tooltip("weight:Q", format=".3")],
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(
-        x=alt.X("median(weight):Q", title="coefficient over wear's"),
+        x=alt.X("median(weight):Q", title="coefficient relative to that of wear"),
         color=alt.value("var(--ink)"),
         detail="fda:N",
         tooltip=[
@@ -42,11 +47,11 @@ def chart_weights(study: Study) -> Chart:
     spec = alt.layer(band.encode(x="low:Q", x2="high:Q"), points, median)
     return Chart(
         "weights",
-        "How much each factor weighs beside wear",
+        "How much each factor weighs relative to wear",
         "Normalised coefficients of every cell by factor and detector.",
         spec.properties(width="container", height={"step": 13 if len(names) > 2 else 18}),
         {"weights": Source("weights", {"kind": "kind", **{k: k for k in ("robot", "cycle", "axis", "fda")}})},
-        "A point is a cell: what a step of the factor does to y, over what the same step of wear does (8). "
+        "A point is a cell: what a step of the factor does to y, over what the same step of wear does. "
         "Dark ticks: medians of what is shown. Beyond the grey band a factor weighs more than wear; the "
         "scale turns logarithmic there.",
         [Choice("kind", "Show", KINDS)],

@@ -47,7 +47,7 @@ def chart_friction(study: Study) -> Chart:
         "Friction torque of a joint over speed at several temperatures and wear levels.",
         spec.properties(width="container", height=320),
         {"friction": Source("friction", {"robot": "robot", "joint": "joint"})},
-        "As the robot's model has it (17).",
+        "As the robot's model has it.",
         [Choice("joint", "Joint", [(name, name.replace("_", " ")) for name in joints])],
         ["robot"],
         zoom=fields,

@@ -1,5 +1,7 @@
 """Charts of Q-3: scope matrices, and detection at the reader's own probability of false alarm."""
 
+import json
+
 import altair as alt
 import pandas as pd
 
@@ -167,7 +169,18 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         alt.Tooltip("p_d:Q", title="P_d", format=".2%"),
         alt.Tooltip("threshold:Q", format=".4"),
     ]
-    lines = base.mark_line(opacity=0.75, point=alt.OverlayMarkDef(size=22)).encode(tooltip=tips)
+    upper = f"indexof({json.dumps(study.upper())}, datum.fda) >= 0"
+    lines = base.mark_line(opacity=0.18, strokeWidth=1, point=alt.OverlayMarkDef(size=9, opacity=0.3))
+    medians = (
+        named("roc")
+        .mark_line(strokeWidth=3)
+        .encode(
+            x="p_f:Q",
+            y=alt.Y("median(p_d):Q", title="probability of detection P_d"),
+            color=alt.Color("fda:N", **colour("detector", names)),
+            strokeDash=alt.condition(upper, alt.value([6, 4]), alt.value([1, 0])),
+        )
+    )
     own = alt.param(name="p_f", value=study.config["scope"]["p_f"])
     rule = (
         alt.Chart(alt.InlineData([{}]))
@@ -179,10 +192,12 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         "roc",
         "Detection against false alarms",
         "ROC curves: probability of detection over probability of false alarm of every cell.",
-        alt.layer(lines, rule).add_params(own).properties(width="container", height=320),
+        alt.layer(lines.encode(tooltip=tips), medians, rule)
+        .add_params(own)
+        .properties(width="container", height=320),
         {"roc": Source("detection", {"case": "case", "change": "change", **_BY})},
-        "A line is a cell. Choose how large the change of wear is, what varies and by how much, and your own "
-        "P_f (dashed).",
+        "Thick: the median of each detector's cells; thin: every cell. Choose how large the change of wear "
+        "is, what varies and by how much, and your own P_f (dashed).",
         choices,
     )
 

@@ -27,9 +27,13 @@ def study_filters(study: Study) -> list[Choice]:
     """What a reader may filter all charts by: robots, test-cycles, axes, detectors of the study."""
     values = {key: list(dict.fromkeys(study.snr[key])) for key in _KEYS}
     return [
-        Choice(key, FILTER_LABELS[key], [(str(value), words(value)) for value in sorted(values[key])])
+        Choice(key, FILTER_LABELS[key], [(str(one), _text(study, key, one)) for one in sorted(values[key])])
         for key in _KEYS
     ]
+
+
+def _text(study: Study, key: str, value: object) -> str:
+    return study.detector_name(str(value)) if key == "fda" else words(value)
 
 
 def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
@@ -41,7 +45,7 @@ def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
         "factor.name": {one.name: factor_name(one) for one in study.factors},
         "cycle": cycles,
         "axis": {str(axis): f"axis {axis}" for axis in study.snr["axis"].unique()},
-        "fda": {name: f"detector {name}" for name in units},
+        "fda": {name: study.detector_name(name) for name in units},
         "fda.y": {name: f"y of {name}" + (f" [{unit}]" if unit else "") for name, unit in units.items()},
         "column": {
             "fda": "detector", "cycle": "test-cycle", "p_d": "P_d", "p_f": "P_f", "y_held": "y, others held",

@@ -20,7 +20,7 @@ def chart_fits(study: Study) -> Chart:
         alt.Tooltip("kind:N"),
     ]
     points = base.mark_circle(opacity=0.7).encode(
-        x=alt.X("fit:Q", title="fit (6) on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
+        x=alt.X("fit:Q", title="fit on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
         color=alt.Color("fda:N", **colour("", names), legend=None),
         tooltip=tips,
     )

@@ -52,7 +52,7 @@ def draw_fit(fits: pd.DataFrame) -> Figure:
         if mesh is not None:
             lowest = float(np.nanmin(wide.to_numpy(dtype=float), initial=0.0))
             figure.colorbar(
-                mesh, ax=list(panels), label="fit (6) [%]", aspect=40, pad=0.01,
+                mesh, ax=list(panels), label="fit [%]", aspect=40, pad=0.01,
                 extend="min" if lowest < 0 else "neither",
             )  # fmt: skip
     return figure

@@ -26,7 +26,7 @@ def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda
     snr : DataFrame
         The keys, ``snr``, ``status``.
     ranking : DataFrame
-        From `wearscope.evaluation.snr.rank_by_median` over the same groups.
+        From `wearscope.evaluation.ranking.rank_by_median` over the same groups.
     by : sequence of str
     """
     groups = list(split_groups(snr, by))
@@ -64,7 +64,7 @@ def _draw_cells(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], tint: dict
     ax.axhline(0, color="#999999", lw=0.7, zorder=0)
     use_symlog(ax, "y", pd.concat([rows["snr"] for _, rows in groups]), 10.0)
     ax.set_xticks(range(len(groups)), labels, rotation=45 if len(groups) > 8 else 0)
-    ax.set_ylabel("SNR (11) [-]")
+    ax.set_ylabel("signal-to-noise ratio")
     ax.set_title("Every cell")
     ax.grid(axis="y")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2 if len(groups) <= 8 else -0.3), ncols=3)
@@ -123,7 +123,7 @@ def draw_snr_cells(snr: pd.DataFrame, value: str = "snr_exact") -> Figure:
             ax.text(first + n / 2, -0.25, fda, ha="center", va="bottom", weight="bold")
             if first:
                 ax.axvline(first, color="black", lw=1.2)
-        figure.colorbar(mesh, ax=ax, label="SNR (11) [-]", pad=0.01, aspect=30, format="{x:g}")
+        figure.colorbar(mesh, ax=ax, label="signal-to-noise ratio", pad=0.01, aspect=30, format="{x:g}")
     return figure
 
 

@@ -74,16 +74,14 @@ class Paper(StudySection):
     def context(self) -> dict[str, Any]:
         """Findings asked, costs."""
         asked = [one for one in self.findings if one.verdict != "not asked"]
-        table = pd.DataFrame(
+        table = [
             {
-                # As objects: a column of strings would forget that these are HTML.
-                "verdict": pd.Series(
-                    [badge(one.verdict, VERDICT_KINDS[one.verdict]) for one in asked], dtype=object
-                ),
-                "the paper": [one.paper for one in asked],
-                "this study": [one.here for one in asked],
+                "verdict": badge(one.verdict, VERDICT_KINDS[one.verdict]),
+                "the paper": one.paper,
+                "this study": one.here,
             }
-        )
+            for one in asked
+        ]
         speed = render_speed(self.study) if not self.study.costs.empty else ""
         return {"findings": render_table(table), "speed": speed}
 

@@ -9,7 +9,7 @@ from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
 from wearscope.reporting.charts.factors import chart_response, chart_weights
 from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
 from wearscope.reporting.conclusion import thresholds_of
-from wearscope.reporting.labels import MODEL_NAMES, unit_text, words
+from wearscope.reporting.labels import MODEL_NAMES, count_text, unit_text, words
 from wearscope.reporting.page import render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
 
@@ -58,7 +58,7 @@ class Detectors(StudySection):
         return {
             "sentences": say(answers.best_detector(study)),
             "setting": f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
-            "coded units (20)",
+            "coded units",
             "ranking": render_table(shown, filter_by={"detector": "fda"} if "detector" in shown else None),
             "charts": embed_charts([chart_snr(study), chart_snr_cells(study)]),
         }
@@ -84,7 +84,12 @@ class Scope(StudySection):
             ),
             "charts": embed_charts(charts),
             "thresholds": self._thresholds(),
+            "count": self._count(),
         }
+
+    def _count(self) -> str:
+        first = self.study.conclusions[:1]
+        return count_text(sum(len(thresholds_of(self.study, one)) for one in first), "threshold")
 
     def _thresholds(self) -> Markup:
         study = self.study

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import answers, trust
-from wearscope.reporting.conclusion import certainty, conclude, qualify, thresholds_of
+from wearscope.reporting.conclusion import friction_rise, qualify, thresholds_of
 from wearscope.reporting.labels import factor_name, quantity_text, unit_text
 from wearscope.reporting.page import format_number, render_table
 from wearscope.reporting.sections.base import StudySection, say
@@ -34,8 +34,6 @@ class Summary(StudySection):
         alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
         alarms += [] if study.failures.empty else [trust.failed_points(study)]
         return {
-            "answer": say([conclude(study, first)])[0] if first else "",
-            "kind": certainty(first) if first else "",
             "qualifiers": say(qualify(study, first)) if first else [],
             "alarms": say(alarms),
             "cards": [(title, say(shorten(said)), link, more) for title, said, link, more in cards],
@@ -54,7 +52,8 @@ class Summary(StudySection):
             return Markup("")
         note = (
             "Each robot by itself. Ranges hold 95 % of a factor that varies alone; ≥: the end of what was "
-            "asked. Median SNR of the detector to use, with its 95 % interval."
+            "simulated. As friction: at a tenth of the joints' top speeds. Median SNR of the detector to "
+            "use, with its 95 % interval."
         )
         return render_table(pd.DataFrame(rows), note, filter_by={"robot": "robot"})
 
@@ -64,14 +63,16 @@ class Summary(StudySection):
         found = not np.isnan(one.wear)
         row: dict[str, Any] = {
             "robot": one.robot,
-            "detector to use": one.detector or "none",
+            "detector to use": study.detector_name(one.detector) if one.detector else "none",
             "finds wear from": quantity_text(one.wear, fault.unit) if found else "not found",
         }
+        rise = friction_rise(study, one.wear, one.robot) if found else None
+        row["as friction"] = f"+{100 * rise[0]:.2g} to {100 * rise[1]:.2g} %" if rise else "n/a"
         bounds = {bound.factor: bound for bound in one.bounds}
         for name in study.config["scope"]["factors"]:
             factor, bound = study.factor(name), bounds.get(name)
             size = f"±{quantity_text(1.96 * bound.sigma, factor.unit)}" if bound else "n/a"
-            row[f"bears {factor_name(factor)}"] = f"≥ {size}" if bound and bound.largest else size
+            row[f"tolerates {factor_name(factor)}"] = f"≥ {size}" if bound and bound.largest else size
         values = thresholds_of(study, one)["threshold"].dropna()
         unit = unit_text(study.units.get(one.detector, ""))
         row["alarm threshold"] = (

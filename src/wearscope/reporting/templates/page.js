@@ -342,8 +342,29 @@ const wearscope = (() => {
     }
   }
 
+  /* ---- the filters' state: in the address, and said where it hides something ---- */
+  const filterKeys = (settings.filters || []).map((one) => one.key);
+
+  function tellFilters() {
+    const active = filterKeys.filter((key) => state[key]);
+    const note = document.querySelector(".filtered");
+    if (note) note.hidden = active.length === 0;
+    const query = new URLSearchParams(active.map((key) => [key, state[key]])).toString();
+    try {
+      history.replaceState(null, "", `${location.pathname}${query ? `?${query}` : ""}${location.hash}`);
+    } catch { /* a page within another one has no address of its own */ }
+  }
+
+  function readFilters() {
+    for (const [key, value] of new URLSearchParams(location.search)) {
+      const control = document.querySelector(`.filters [name="${CSS.escape(key)}"]`);
+      if (control && [...control.options].some((one) => one.value === value)) control.value = value;
+    }
+  }
+
   function set(key, value) {
     state[key] = value;
+    if (filterKeys.includes(key)) tellFilters();
     const control = document.querySelector(`.filters [name="${key}"]`);
     if (control && control.value !== value) control.value = value;
     filterTables();
@@ -373,6 +394,7 @@ const wearscope = (() => {
   async function start() {
     prepareTheme();
     document.querySelectorAll(".wide").forEach(prepareTable);
+    readFilters();
     for (const control of document.querySelectorAll(".filters [name]")) {
       state[control.name] = control.value;
       control.addEventListener("change", () => set(control.name, control.value));
@@ -381,6 +403,7 @@ const wearscope = (() => {
       for (const control of document.querySelectorAll(".filters [name]")) set(control.name, all);
     });
     filterTables();
+    tellFilters();
     for (const element of document.querySelectorAll("script.data")) {
       tables[element.dataset.name] = await decode(element);
       element.remove();
