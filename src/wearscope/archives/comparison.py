@@ -1,7 +1,7 @@
 """How two studies differ: settings, versions, tables, and which conclusions."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -14,11 +14,28 @@ from wearscope.compare import compare_tables
 from wearscope.errors import InputError
 from wearscope.files import digest_file
 
-#: Table, what names a conclusion, what it says.
-_CONCLUSIONS = (
-    ("findings.parquet", ["question", "paper"], ["verdict"]),
-    ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"]),
-    ("audit_verdicts.parquet", ["robot", "cycle", "axis", "fda", "factor"], ["passes_direct", "agrees"]),
+
+def _tell_rank(row: Mapping[str, Any]) -> str:
+    if pd.isna(row["rank"]):
+        return "upper bound"
+    return f"rank {row['rank']:g} ({row['rank_low']:g} to {row['rank_high']:g})"
+
+
+def _tell_audit(row: Mapping[str, Any]) -> str:
+    passes = "passes" if row["passes_direct"] else "fails"
+    return f"{passes} when simulated, {'as' if row['agrees'] else 'unlike what'} the surrogate says"
+
+
+#: Table, what names a conclusion, columns that say it, and how they are put in words.
+_CONCLUSIONS: tuple[tuple[str, list[str], list[str], Callable[[Mapping[str, Any]], str]], ...] = (
+    ("findings.parquet", ["question", "paper"], ["verdict"], lambda row: str(row["verdict"])),
+    ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"], _tell_rank),
+    (
+        "audit_verdicts.parquet",
+        ["robot", "cycle", "axis", "fda", "factor"],
+        ["passes_direct", "agrees"],
+        _tell_audit,
+    ),
 )
 
 
@@ -106,7 +123,7 @@ class Content:
 
 def _conclude(content: Content) -> Iterator[tuple[str, str]]:
     """Conclusions of a study: what each is about, and what it says."""
-    for name, keys, says in _CONCLUSIONS:
+    for name, keys, says, tell in _CONCLUSIONS:
         if name not in content.digests:
             continue
         table = content.table(name)
@@ -116,8 +133,8 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
                 f"{content.path}: {name}: has no column {missing[0]}; compare studies, not parts."
             )
         stem = PurePosixPath(name).stem
-        for row in table[[*keys, *says]].astype(str).to_dict("records"):
-            yield f"{stem}: {', '.join(row[key] for key in keys)}", ", ".join(row[key] for key in says)
+        for row in table[[*keys, *says]].to_dict("records"):
+            yield f"{stem}: {', '.join(str(row[key]) for key in keys)}", tell(row)
     for name in sorted(content.digests):
         if PurePosixPath(name).name == "verdict.json":
             yield from _conclude_loop(content, name)

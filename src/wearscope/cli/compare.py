@@ -1,4 +1,4 @@
-"""Two results beside each other."""
+"""Two results side by side."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("a")
 @click.argument("b")
-@click.option("--all", "everything", is_flag=True, help="Also what is the same.")
+@click.option(
+    "--all",
+    "everything",
+    is_flag=True,
+    help="Every setting, version and file, the same ones too.",
+)
 @click.option("--page", type=click.Path(path_type=Path), help="Write a page of both to this file, too.")
 @click.option("--open", "opened", is_flag=True, help="Open it in the browser.")
 def compare(a, b, everything, page, opened):  # type: ignore[no-untyped-def]
@@ -76,17 +81,17 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
         for one in rankings
     ]
     names = _name(left, right)
+    from wearscope.reporting.differences_page import render_study_differences, tell_studies
+
+    click.echo("\n".join(tell_studies(names, (rankings[0], rankings[1]), differences)))
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
-    rows = [[format_value(value) for value in row] for row in differences.itertuples(index=False)]
-    print_table(list(differences.columns), rows)
-    if not rows:
-        click.echo("Nothing differs.")
+    if everything:
+        rows = [[format_value(value) for value in row] for row in differences.itertuples(index=False)]
+        print_table(list(differences.columns), rows)
 
     def write() -> str:
-        from wearscope.reporting.differences_page import render_study_differences
-
         return render_study_differences(names, (rankings[0], rankings[1]), found)
 
     return write
@@ -104,6 +109,7 @@ def _read_ranking(path: Path) -> "pd.DataFrame":
 def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     """Show both joint by joint; return what writes a page of it."""
     from wearscope.cli.tables import format_value
+    from wearscope.reporting.differences_page import render_loop_differences, tell_loops
 
     verdicts = [json.loads((one / "verdict.json").read_text(encoding="utf-8")) for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
@@ -111,6 +117,11 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     names = _name(left, right)
     for name in names:
         headers += [f"{name}: before", "after", "named"]
+    named_by = [
+        {joint: [one["effect"] for one in verdict["verdict"] if one["joint"] == joint] for joint in joints}
+        for verdict in verdicts
+    ]
+    click.echo("\n".join(tell_loops(names, named_by[0], named_by[1])))
     rows = []
     for joint in joints:
         row = [joint]
@@ -126,8 +137,6 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     print_table(headers, rows)
 
     def write() -> str:
-        from wearscope.reporting.differences_page import render_loop_differences
-
         return render_loop_differences(names, (verdicts[0], verdicts[1]))
 
     return write

@@ -23,6 +23,8 @@ COMMANDS = {
     "report": "stages:report",
     "show": "show:show",
     "compare": "compare:compare",
+    "history": "history:history",
+    "demo": "demo:demo",
     "completion": "completion:completion",
 }
 
@@ -64,6 +66,7 @@ def wearscope() -> None:
 
     \b
     Examples:
+      wearscope demo                             a verdict on recordings that come along
       wearscope new study my-study               a folder with a study in it
       wearscope run my-study                     run it
       wearscope report my-study --open           look at it

@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from wearscope.cli.study import find_study
+from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError
 
 #: Results that `show` lists first, and what each says.
 QUESTIONS = {
-    "findings": "what the study found, beside the paper",
+    "findings": "what the study found, compared with the paper",
     "ranking": "Q-2: which detector is best",
     "snr": "Q-2: signal-to-noise ratio by cell",
     "sensitivity": "Q-1: which factors matter",
@@ -41,7 +41,7 @@ def find_results(place: str | None) -> Path:
     """Folder of results, given as such or as its study."""
     if place is not None and Path(place).is_dir() and not (Path(place) / "config").is_dir():
         return Path(place)
-    return find_study(place).results
+    return find_last_study(place).results
 
 
 def find_item(name: str, folder: Path) -> Path:
@@ -75,7 +75,10 @@ def list_items(folder: Path) -> list[Path]:
 @click.command()
 @click.argument("item", required=False)
 @click.option(
-    "--in", "place", metavar="PLACE", help="Study, or folder of results; the study that is here if left out."
+    "--in",
+    "place",
+    metavar="PLACE",
+    help="Study, or folder of results; the study that was run here last if left out.",
 )
 @click.option("--where", "-w", multiple=True, metavar="COLUMN=VALUE", help="Rows with this value only.")
 @click.option("--sort", metavar="COLUMN", help="Sort by a column; with '-' before it, the largest first.")

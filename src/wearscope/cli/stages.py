@@ -8,7 +8,14 @@ import click
 
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
-from wearscope.cli.study import StudyPlace, count_cores, find_study, read_name
+from wearscope.cli.study import (
+    StudyPlace,
+    count_cores,
+    find_last_study,
+    find_study,
+    read_name,
+    remember_study,
+)
 from wearscope.cli.workflow import build_command, call_snakemake, explain_failure, nest_setting
 from wearscope.errors import InputError
 
@@ -70,8 +77,16 @@ def _shorten(path: Path) -> str:
         return str(path)
 
 
-def _show_result(path: Path, opened: bool) -> None:
+def show_result(path: Path, opened: bool = False) -> None:
+    """Say what a page says on top, in five lines, and where it is."""
     if path.is_file():
+        from wearscope.reporting.page import read_strip
+
+        strip = read_strip(path)
+        if strip is not None:
+            click.echo(strip.answer)
+            for heading, text in strip.rows():
+                click.echo(f"{heading}: {text}")
         click.echo(_shorten(path))
         if opened:
             click.launch(str(path))
@@ -93,8 +108,10 @@ def run(study, stage, opened, cores, settings, dry_run, verbose):  # type: ignor
     """
     place = find_study(study)
     run_targets((stage,) if stage else (), place.folder, place.config, cores, settings, dry_run, verbose)
+    if not dry_run:
+        remember_study(place)
     if not stage and not dry_run:
-        _show_result(place.results / "report.html", opened)
+        show_result(place.results / "report.html", opened)
 
 
 @click.command()
@@ -104,7 +121,8 @@ def run(study, stage, opened, cores, settings, dry_run, verbose):  # type: ignor
 def report(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
     """Bring the report of STUDY up to date and say where it is.
 
-    STUDY may also be a folder of results with a report in it, which is then shown as it is.
+    STUDY may also be a folder of results with a report in it, which is then shown as it is. Without STUDY it
+    is the one that was run here last.
 
     \b
     Examples:
@@ -113,12 +131,12 @@ def report(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no
     """
     made = Path(study or "") / "report.html"
     if study and made.is_file():
-        _show_result(made, opened)
+        show_result(made, opened)
         return
-    place = find_study(study)
+    place = find_last_study(study)
     run_targets(("report",), place.folder, place.config, cores, settings, dry_run, verbose)
     if not dry_run:
-        _show_result(place.results / "report.html", opened)
+        show_result(place.results / "report.html", opened)
 
 
 def _name_dataset(dataset: str) -> tuple[Path, str]:
@@ -149,21 +167,7 @@ def _run_on_dataset(target, dataset, study, allow_code, cores, settings, dry_run
     made = folder / "results" / results / name
     if dry_run:
         return
-    _summarise(made)
-    _show_result(made / "report.html", opened)
-
-
-def _summarise(folder: Path) -> None:
-    """What the loop has found, in a few lines."""
-    file = folder / "verdict.json"
-    if not file.is_file():
-        return
-    from wearscope.cli.show import print_table
-    from wearscope.cli.tables import joint_rows, verdict_rows
-
-    verdict = json.loads(file.read_text(encoding="utf-8"))
-    print_table(*joint_rows(verdict))
-    print_table(*verdict_rows(verdict))
+    show_result(made / "report.html", opened)
 
 
 _dataset_options = (
@@ -245,7 +249,7 @@ def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, 
         chosen.append(f"reevaluate={json.dumps(sides)}")
     run_targets(("reevaluate",), place.folder, place.config, cores, (*chosen, *settings), dry_run, verbose)
     if not dry_run:
-        _show_result(place.results / "reevaluation.html", opened)
+        show_result(place.results / "reevaluation" / "report.html", opened)
 
 
 def _locate(robot: str) -> str:

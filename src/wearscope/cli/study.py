@@ -1,11 +1,13 @@
 """Which study a command is about: a folder, a configuration file, or the name of one that comes along."""
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
+from wearscope import tables
 from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
@@ -67,6 +69,29 @@ def find_study(reference: str | None) -> StudyPlace:
         return StudyPlace(Path.cwd(), find_home() / "config" / carried[reference])
     where = f"{path}: is no study's folder or configuration" if reference else "no config/config.yaml is here"
     raise InputError(f"{where}; make one with 'wearscope new study NAME', or name 'quick' or 'paper'.")
+
+
+#: Where a folder keeps which study was run in it last.
+LAST = Path("results") / ".last-study.json"
+
+
+def remember_study(place: StudyPlace) -> None:
+    """Keep which study was run in the working directory last."""
+    if (place.folder / "results").is_dir():
+        content = {"folder": str(place.folder), "config": str(place.config)}
+        tables.write_text(Path.cwd() / LAST, json.dumps(content))
+
+
+def find_last_study(reference: str | None) -> StudyPlace:
+    """As `find_study`; without a reference the study that was run here last, where there was one."""
+    if reference is None and LAST.is_file():
+        try:
+            place = StudyPlace(**{name: Path(one) for name, one in json.loads(LAST.read_text()).items()})
+        except (ValueError, TypeError, AttributeError):
+            return find_study(None)
+        if place.config.is_file():
+            return place
+    return find_study(reference)
 
 
 def read_yaml(path: Path) -> dict:

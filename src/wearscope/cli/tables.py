@@ -102,34 +102,3 @@ def _is_equal(value: Any, text: str) -> bool:
         return float(value) == float(text)
     except (TypeError, ValueError):
         return False
-
-
-def joint_rows(verdict: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Errors before and after by joint, of a verdict."""
-    headers = ["joint", "state", "error before", "after", "noise floor", "unit"]
-    rows = [
-        [
-            name,
-            format_value(joint.get("state")),
-            *(format_value(joint.get(key)) for key in ("rms_before", "rms_after", "noise_floor")),
-            format_value(joint.get("unit")),
-        ]
-        for name, joint in verdict.get("joints", {}).items()
-    ]
-    return headers, rows
-
-
-def verdict_rows(verdict: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Named effects of a verdict, a row an effect."""
-    headers = ["joint", "effect", "status", "or as well", "error removed"]
-    rows = [
-        [
-            entry["joint"],
-            entry["effect"],
-            entry.get("status", ""),
-            ", ".join(entry.get("equivalent", [])),
-            f"{100 * entry.get('error_reduction', float('nan')):.0f} %",
-        ]
-        for entry in verdict.get("verdict", [])
-    ]
-    return headers, rows

@@ -25,6 +25,7 @@ from wearscope.reporting.page import (
     render_table,
     unbreak,
 )
+from wearscope.reporting.strips import detection_strip
 
 _BADGES = {
     "alarm": "bad",
@@ -66,7 +67,8 @@ def render_detection(found: Detections) -> str:
         f"at a wanted false-alarm rate of {setting['p_f']:g}"
     )
     title = f"Detectors on recordings: {found.summary['dataset']}"
-    return render_page(title, [section for section in sections if section.body], subtitle)
+    shown = [section for section in sections if section.body]
+    return render_page(title, shown, subtitle, strip=detection_strip(found))
 
 
 def _paragraphs(sentences: list[str]) -> Markup:

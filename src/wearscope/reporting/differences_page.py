@@ -15,8 +15,8 @@ from wearscope.reporting.page import Section, embed_chart, render_page, render_t
 
 Names = tuple[str, str]
 _SIDES = ["var(--before)", "var(--after)"]
-#: Rows above which a table is folded.
-_LONG = 25
+#: Rows above which a table is folded, and conclusions that are told in sentences.
+_LONG, _TOLD = 25, 5
 #: What differs, by what the comparison calls it.
 _KINDS = (
     ("conclusion", "Conclusions"),
@@ -47,7 +47,7 @@ def render_study_differences(
         for name, frame in zip(names, rankings, strict=True)
         if len(frame)
     ]
-    sections = [Section("What differs", _list(_tell_studies(names, rankings, differences)), "summary")]
+    sections = [Section("What differs", _list(tell_studies(names, rankings, differences)), "summary")]
     found = {}
     if sides:
         table = pd.concat(sides, ignore_index=True)
@@ -100,7 +100,7 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
         "In the joint's unit of torque.",
     )
     sections = [
-        Section("What differs", _list(_tell_loops(names, *named_by)), "summary"),
+        Section("What differs", _list(tell_loops(names, *named_by)), "summary"),
         Section("Joints", embed_chart(chart) + render_table(table.rename(columns={"side": "in"})), "joints"),
     ]
     return _render(names, sections, {"sides": sides})
@@ -135,9 +135,10 @@ def _list(sentences: list[str]) -> Markup:
     return Markup("<ul>{}</ul>").format(items)
 
 
-def _tell_studies(
+def tell_studies(
     names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
 ) -> list[str]:
+    """What differs between two studies, in sentences, conclusions first."""
     best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
     told = []
     if best[0] is not None and best[0] == best[1]:
@@ -148,13 +149,18 @@ def _tell_studies(
             for one, name in zip(best, names, strict=True)
             if one
         ]
+    changed = differences[(differences["what"] == "conclusion") & (differences["detail"] != "")]
+    told += [f"{row.item.replace('_', ' ')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
+    if len(changed) > _TOLD:
+        told.append(f"{len(changed) - _TOLD} more conclusions differ.")
     counts = [count_text(n, kind) for kind, _ in _KINDS if (n := int((differences["what"] == kind).sum()))]
     total = len(differences)
     told.append(f"{join_words(counts)} differ{'s' if total == 1 else ''}." if counts else "Nothing differs.")
     return told
 
 
-def _tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:
+def tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:
+    """What two verdicts name differently, a sentence a joint."""
     told = []
     for joint in dict.fromkeys([*left, *right]):
         only = [

@@ -22,6 +22,7 @@ from wearscope.reporting.reevaluation import (
     judge_detector,
     truth_sentences,
 )
+from wearscope.reporting.strips import reevaluation_strip
 
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not told": "neutral"}
 
@@ -45,10 +46,11 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
         Section("What it rests on", _basis(one, chosen), "basis"),
     ]
     return render_page(
-        f"Reevaluation of {robot}",
+        f"What the correction of {robot} changes",
         sections,
         "The study's questions asked of the model before and after its correction",
         "Made by wearscope from reevaluation.parquet.",
+        strip=reevaluation_strip(one),
     )
 
 

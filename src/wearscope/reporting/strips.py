@@ -11,9 +11,12 @@ from wearscope.reporting import trust
 from wearscope.reporting.closed_loop import ClosedLoop
 from wearscope.reporting.closed_loop_outcome import conclude_loop
 from wearscope.reporting.conclusion import certainty, conclude, tell_sure
+from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.page import Strip
+from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, truth_sentences
 from wearscope.reporting.study import Study
+from wearscope.reporting.tracking import Tracking
 
 
 def study_strip(study: Study, pages: bool = False) -> Strip | None:
@@ -84,12 +87,13 @@ def _loop_caveat(loop: ClosedLoop) -> str:
     left = [joint for joint in loop.joints if loop.verdict["joints"][joint]["state"] == "unexplained"]
     if left:
         return f"Something repeatable is left without a name at {join_words(left)}."
-    open_names = [one for one in loop.verdict["verdict"] if one["equivalent"]]
+    open_names = [
+        f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} at {one['joint']}"
+        for one in loop.verdict["verdict"]
+        if one["equivalent"]
+    ]
     if open_names:
-        told = [
-            f"{join_words([one['effect'], *one['equivalent']], 'or')} at {one['joint']}" for one in open_names
-        ]
-        return f"These runs do not separate {'; '.join(told)}.".replace("_", " ")
+        return f"These runs do not separate {'; '.join(open_names)}."
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
     runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
@@ -119,3 +123,62 @@ def _loop_action(loop: ClosedLoop) -> Markup:
             "study, or by <code>wearscope export</code>."
         )
     return Markup("Keep the declared model; record another motion if you doubt it.")
+
+
+def reevaluation_strip(one: Reevaluation) -> Strip:
+    """What the correction changes in a study's answers."""
+    _, best, snr, _, *withheld = answer_sentences(one)
+    truth = truth_sentences(one)
+    assumed = f"Assumed on every side: {join_words(one.assumed)}." if one.assumed else ""
+    action = Markup('See <a href="#detectors">detector by detector</a>; study the corrected model.')
+    kind = "unsure" if withheld or not one.has_truth else "good"
+    return Strip(f"{best} {snr}", kind, truth[0], (withheld or [assumed])[0], action)
+
+
+def tracking_strip(tracking: Tracking) -> Strip:
+    """What changed on a machine, in its last session."""
+    outcome = tracking.outcome
+    last = outcome["sessions"][-1]
+    changes = [
+        f"{one['effect'].replace('_', ' ')} at {one['joint']} since {one['since']}" for one in last["changes"]
+    ]
+    answer = (
+        f"Changed: {join_words(changes)}." if changes else "Nothing changed since the machine was healthy."
+    )
+    sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
+    files = [one["table"] for one in last["next_measurement"] if "table" in one]
+    action = Markup("Record the next session, and track again.")
+    if files:
+        action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
+    elif changes:
+        action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
+    kind = "bad" if changes else "unsure" if last["cannot_tell"] else "good"
+    caveat = last["cannot_tell"][0] if last["cannot_tell"] else ""
+    return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
+
+
+def detection_strip(found: Detections) -> Strip:
+    """Whether any detector alarms on the recordings."""
+    judged = found.judged
+    counts = {
+        verdict: int(judged.loc[judged["verdict"] == verdict, "run"].nunique())
+        for verdict in ("alarm", "withheld", "unchecked")
+    }
+    runs = int(judged["run"].nunique())
+    if counts["alarm"]:
+        named = join_words(sorted(judged.loc[judged["verdict"] == "alarm", "joint"].astype(str).unique()))
+        answer = f"Alarm in {counts['alarm']} of {count_text(runs, 'recording')}, at {named}."
+    else:
+        answer = f"No alarm in {count_text(runs, 'recording')}."
+    rate = found.summary["setting"]["p_f"]
+    sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
+    caveat = ""
+    if counts["withheld"]:
+        caveat = (
+            f"Withheld in {count_text(counts['withheld'], 'recording')}: the simulator scatters differently."
+        )
+    elif counts["unchecked"]:
+        caveat = "Too few nominal recordings check the threshold; record three or more."
+    kind = "bad" if counts["alarm"] else "unsure" if caveat else "good"
+    action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
+    return Strip(answer, kind, sure, caveat, action)

@@ -11,6 +11,7 @@ from wearscope import tables
 from wearscope.reporting.figures.tracking import draw_friction, draw_parameter
 from wearscope.reporting.labels import count_text, join_words, unit_text
 from wearscope.reporting.page import Section, badge, embed_figure, format_number, render_page, render_table
+from wearscope.reporting.strips import tracking_strip
 from wearscope.reporting.tracking import Tracking, read_tracking
 
 #: Most parameters of which the trend is drawn beside that of friction.
@@ -46,7 +47,9 @@ def render_tracking(tracking: Tracking) -> str:
         f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions"
     )
     title = f"Tracked: {outcome['dataset']}"
-    return render_page(title, [s for s in sections if s.body], subtitle, f"wearscope {outcome['version']}")
+    footer = f"Made by wearscope {outcome['version']}."
+    shown = [section for section in sections if section.body]
+    return render_page(title, shown, subtitle, footer, strip=tracking_strip(tracking))
 
 
 def _items(sentences: list[str]) -> Markup:

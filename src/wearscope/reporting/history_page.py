@@ -1,0 +1,159 @@
+"""One page over time: every study and verdict of a folder, newest first, and how errors and SNR went."""
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import altair as alt
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope import tables
+from wearscope.errors import InputError
+from wearscope.reporting.charts.base import Chart, Source
+from wearscope.reporting.charts.encoding import named
+from wearscope.reporting.labels import count_text
+from wearscope.reporting.page import Section, Strip, badge, embed_chart, read_strip, render_page, render_table
+
+#: What made a page, by a file next to it.
+_KINDS = {
+    "verdict.json": "diagnosis",
+    "tracking.json": "tracking",
+    "detection.json": "detection",
+    "conclusion.json": "study",
+    "reevaluation.parquet": "correction",
+}
+_BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A page with a strip.
+
+    Attributes
+    ----------
+    path : Path
+        Of the page, relative to the folder that was looked through.
+    kind, name : str
+        What made it, and what it is about.
+    when : str
+        When it was written, UTC.
+    strip : Strip
+    """
+
+    path: Path
+    kind: str
+    name: str
+    when: str
+    strip: Strip
+
+
+def find_answers(folder: Path) -> list[Answer]:
+    """Pages with an answer below a folder, newest first."""
+    found = []
+    for page in folder.rglob("report.html"):
+        strip = read_strip(page)
+        if strip is None:
+            continue
+        kind = next((kind for file, kind in _KINDS.items() if (page.parent / file).is_file()), "page")
+        place = page.relative_to(folder)
+        written = datetime.fromtimestamp(page.stat().st_mtime, UTC)
+        name = place.parent.as_posix() if place.parent != Path() else folder.resolve().name
+        found.append(Answer(place, kind, name, f"{written:%Y-%m-%d %H:%M:%S}", strip))
+    return sorted(found, key=lambda one: (one.when, one.name), reverse=True)
+
+
+def render_history(folder: Path, found: list[Answer]) -> str:
+    """Page of all answers of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The page lies in it, as its links are relative.
+    found : list of Answer
+        From `find_answers`, at least one.
+    """
+    rows = [
+        {
+            "when (UTC)": one.when,
+            "what": one.kind,
+            "name": Markup('<a href="{}">{}</a>').format(one.path.as_posix(), one.name),
+            "": badge(_BADGES.get(one.strip.kind, "answered"), one.strip.kind),
+            "answer": one.strip.answer,
+            "mind": one.strip.caveat,
+        }
+        for one in found
+    ]
+    trend = trend_table(folder, found)
+    sections = [Section("Answers", render_table(rows, "Newest first; a name leads to its page."), "answers")]
+    shown = {}
+    if trend["when"].nunique() > 1:
+        shown["trend"] = trend
+        sections.append(Section("Trend", embed_chart(_chart(trend)), "trend"))
+    newest = found[0]
+    strip = Strip(
+        newest.strip.answer,
+        newest.strip.kind,
+        newest.strip.sure,
+        newest.strip.caveat,
+        Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path.as_posix(), newest.name),
+    )
+    subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
+    return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
+
+
+def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
+    """What can be followed over time: errors of diagnoses by joint, median SNR of studies by detector.
+
+    Returns
+    -------
+    DataFrame
+        ``when``, ``name``, ``quantity`` (error after the correction, or SNR), ``of``, ``value``.
+    """
+    rows: list[dict[str, object]] = []
+    for one in found:
+        place = (folder / one.path).parent
+        try:
+            if one.kind == "diagnosis":
+                joints = json.loads((place / "verdict.json").read_text(encoding="utf-8"))["joints"]
+                own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
+                quantity = "error after the correction"
+            elif one.kind == "study":
+                ranking = tables.read_table(place / "ranking.parquet")
+                own = dict(zip(ranking["fda"], ranking["median"], strict=True)) if "fda" in ranking else {}
+                quantity = "median signal-to-noise ratio"
+            else:
+                continue
+        except (OSError, ValueError, KeyError, InputError):
+            continue
+        rows += [
+            {"when": one.when, "name": one.name, "quantity": quantity, "of": str(of), "value": float(value)}
+            for of, value in own.items()
+            if value is not None
+        ]
+    return pd.DataFrame(rows, columns=["when", "name", "quantity", "of", "value"])
+
+
+def _chart(trend: pd.DataFrame) -> Chart:
+    spec = (
+        named("trend")
+        .mark_line(point=True)
+        .encode(
+            x=alt.X("when:O", title=None, axis=alt.Axis(labelAngle=-30)),
+            y=alt.Y("value:Q", title=None, scale=alt.Scale(type="symlog")),
+            color=alt.Color("of:N", title=None),
+            tooltip=["when:N", "name:N", "of:N", alt.Tooltip("value:Q", format=".4")],
+        )
+        .properties(width=520, height=200)
+        .facet(row=alt.Row("quantity:N", title=None))
+        .resolve_scale(y="independent", color="independent")
+    )
+    return Chart(
+        "trend-chart",
+        "Errors and signal-to-noise ratios over time",
+        "Error of each joint after the correction, and median SNR of each detector, by the time of the page.",
+        spec,
+        {"trend": Source("trend")},
+        "Errors in the joint's unit of torque, on each diagnosis's own test runs.",
+    )
