@@ -20,9 +20,9 @@ from pathlib import Path
 import pandas as pd
 from intake import make_folder
 
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.machines import MACHINES
-from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.machines import MACHINES
+from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
 from wearscope.reporting.closed_loop_page import write_closed_loop_page

@@ -1,6 +1,6 @@
 """What SLURM adds to a run: a study here, and as one job of a SLURM of one node started for it.
 
-    .venv/bin/python benchmarks/slurm.py                        the quick study, track, the smallest board
+    .venv/bin/python benchmarks/slurm.py                        the quick study, track
     .venv/bin/python benchmarks/slurm.py track --cores 2 --repeats 3
 
 Needs what `make cluster` installs and Debian's SLURM (docs/cluster.md). Each run has a copy of the tree of
@@ -68,7 +68,7 @@ def main() -> None:
             tempfile.TemporaryDirectory() as folder,
             start_slurm(Path(folder) / "slurm", given.cores) as environment,
         ):
-            for name in given.works or ["quick", "track", "board"]:
+            for name in given.works or ["quick", "track"]:
                 for _ in range(given.repeats):
                     compare(name, given.ways, given.cores, environment)
     except NoSlurm as reason:

@@ -1,6 +1,5 @@
 """The ways in which SLURM runs what also runs here, timed, with the results that are to be the same."""
 
-import json
 import re
 import resource
 import subprocess
@@ -11,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session_machine import write_machine
-
-from wearscope.tables import read_table
 
 SNAKEMAKE = [sys.executable, "-m", "snakemake"]
 #: Results that tell of the run itself: times, memory, the page that shows them.
@@ -50,11 +47,6 @@ WORKS = {
     "tiny": Work("all", "in_one_job", lambda _: ["--configfile", "tests/workflow/tiny/config.yaml"]),
     "quick": Work("all", "in_one_job", lambda _: ["--configfile", "config/quick.yaml"]),
     "track": Work("track", "track_in_one_job", make_machine),
-    "board": Work(
-        "attribution_board",
-        "attribution_board_in_one_job",
-        lambda _: ["--config", "attribution_board={cases: 2}"],
-    ),
 }
 #: Beside the local one, see `build_command`.
 WAYS = ("srun", "one job")
@@ -111,12 +103,4 @@ def read_results(tree: Path) -> dict[str, bytes]:
     results = tree / "results"
     files = {file.relative_to(results).as_posix(): file for file in results.rglob("*") if file.is_file()}
     found = {name: file.read_bytes() for name, file in files.items() if not OF_THE_RUN.search(name)}
-    for name in found:
-        if name == "attribution_board/cases.parquet":
-            table = read_table(files[name]).drop(columns=["seconds", "making_seconds"])
-            found[name] = table.to_csv().encode()
-        elif name == "attribution_board/summary.json":
-            found[name] = json.dumps({**json.loads(found[name]), "seconds": None}).encode()
-        elif name == "attribution_board/board.md":
-            found[name] = re.sub(rb"cases, \d+ s in the median, \d+ s at most", b"cases", found[name])
     return found

@@ -106,7 +106,7 @@ def test_the_source_does_not_import_snakemake():
         assert not any(name.split(".")[0] == "snakemake" for name in imports_of(path.read_text())), path
 
 
-def test_the_board_shares_no_code_with_the_effects():
-    for path in (SOURCE / "attribution_board").glob("*.py"):
+def test_the_generators_share_no_code_with_the_effects():
+    for path in [*(SOURCE / "demonstration").glob("*.py"), *(ROOT / "benchmarks" / "board").glob("*.py")]:
         found = {name for name in imports_of(path.read_text()) if name.startswith("wearscope.effects")}
         assert found == set(), path

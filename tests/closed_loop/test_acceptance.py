@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Recipe, RunPlan
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.acceptance import Acceptance, list_codes
 from wearscope.closed_loop.intake.dataset import read_dataset

@@ -8,8 +8,8 @@ import pytest
 import yaml
 from folder_damage import DAMAGES, damage
 
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wearscope.attribution_board.advice import list_advice_cases, run_advice_case, summarise_advice
-from wearscope.attribution_board.generate import generate_dataset
+from benchmarks.board.advice import list_advice_cases, run_advice_case, summarise_advice
+from benchmarks.board.generate import generate_dataset
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.next_measurement import (
     list_payloads,

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from wearscope.attribution_board.disturbances import NOISES
-from wearscope.attribution_board.draw_machines import draw_machine
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Recipe, RunPlan
+from benchmarks.board.disturbances import NOISES
+from benchmarks.board.draw_machines import draw_machine
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Recipe, RunPlan
 from wearscope.closed_loop.run import close_loop
 
 PLANS = (

@@ -73,8 +73,8 @@ def test_names_that_motion_tells_apart_are_not_asked_at_rest(rng):
 
 @pytest.mark.slow
 def test_rests_name_the_asymmetry_that_motion_does_not_tell_from_an_offset(tmp_path):
-    from wearscope.attribution_board.advice import list_advice_cases
-    from wearscope.attribution_board.generate import generate_dataset
+    from benchmarks.board.advice import list_advice_cases
+    from benchmarks.board.generate import generate_dataset
     from wearscope.closed_loop.diagnosis import diagnose
 
     case = list_advice_cases("development", 200, 77)[10]

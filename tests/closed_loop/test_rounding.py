@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Planted, Recipe, RunPlan
 
 PLANS = (
     RunPlan("train", "fourier", 0, 24.0),

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wearscope.attribution_board.draw_machines import draw_machine
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
-from wearscope.attribution_board.regimes import list_cases
+from benchmarks.board.draw_machines import draw_machine
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.regimes import list_cases
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.model import joint_flexibility

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from wearscope.attribution_board.generate import generate_dataset
-from wearscope.attribution_board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.generate import generate_dataset
+from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.run import close_loop
 
 PLANS = (

@@ -10,8 +10,8 @@ SOURCES = Path(wearscope.__file__).parent
 #: Names that are words of other things as well: a kind of factor, a column, a field of a robot's drive; and
 #: the rigid body, which is what a model has links by.
 ELSEWHERE = {"wear", "rotor_inertia", "unknown", "rigid_body"}
-#: The room that makes planted truth shares no code with the effects.
-APART = "attribution_board"
+#: The twin, whose planted truth shares no code with the effects.
+APART = "demonstration"
 #: Modules that may list names: those that write a data set's file for somebody else.
 TABLES = ("starters/conversion.py", "starters/machine.py")
 

@@ -1,15 +1,11 @@
 """The outside examiner's machines against known answers, and its cases against themselves."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.outside.arms import ARMS
 from benchmarks.outside.drawn import draw_case

@@ -87,7 +87,7 @@ def slurm(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["tiny", "track", "board"])
+@pytest.mark.parametrize("name", ["tiny", "track"])
 def test_one_node_slurm_writes_the_same_bytes(name, slurm, tmp_path):
     """Snakemake started on the node, and the work sent as one job; the first costs nothing to speak of."""
     work = WORKS[name]

@@ -1,11 +1,9 @@
-"""Targets beside the study: a stage, a model that borrows, reevaluation, data sets, the board."""
+"""Targets beside the study: a stage, a model that borrows, reevaluation, data sets."""
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 from clones import ROOT, TINY, run, run_well, stale
@@ -122,18 +120,3 @@ def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
     assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
     done = run(clone, "-n", "closed_loop", "--config", f"dataset={make_dataset(tmp_path / 'y', '..')}")
     assert done.returncode == 1 and "the results' folder is called like it, so correct it" in done.stderr
-
-
-def test_the_board_runs_by_command(clone):
-    """Every case is scored or shown as failed at its time limit, and every share has its interval."""
-    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    study["attribution_board"] = {"part": "development", "cases": 2, "limit": 60}
-    (clone / "board.yaml").write_text(yaml.safe_dump(study))
-    run_well(clone, "attribution_board", cores=2, study="board.yaml")
-    folder = clone / "results" / "attribution_board"
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["cases"] == 2 and summary["total"]["failed"]["cases"] == 2
-    low, high = summary["total"]["failed"]["ci95"]
-    assert 0.0 <= low < high <= 1.0
-    assert len(pd.read_parquet(folder / "cases.parquet")) == 2
-    assert (folder / "board.md").read_text().count("axis") > 0

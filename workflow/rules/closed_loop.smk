@@ -6,9 +6,8 @@ LOOP_FILES = [
     "model_after.yaml",
 ]
 TWIN = f"{R}/closed_loop/twin"
-TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.attribution_board.twin has it
+TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.demonstration.twin has it
 DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
-BOARD = "results/attribution_board"
 LOOP_OPTIONS = dict(
     installed=installed("effects"),
     draws=STUDY.reevaluate.draws,
@@ -34,11 +33,6 @@ rule demonstration:
     input:
         DEMONSTRATION,
         f"{TWIN}/report.html",
-
-
-rule attribution_board:
-    input:
-        f"{BOARD}/summary.json",
 
 
 # The demonstration gives way to the study, whose later stages leave a core idle.
@@ -150,29 +144,3 @@ if STUDY.dataset is not None:
             "Report the loop closed on {STUDY.dataset}"
         script:
             "../scripts/report_loop.py"
-
-
-rule run_board:
-    input:
-        code=lambda w: code("run_board", *effect_files()),
-    output:
-        f"{BOARD}/cases.parquet",
-        f"{BOARD}/entries.parquet",
-        f"{BOARD}/summary.json",
-        f"{BOARD}/board.md",
-    log:
-        f"{BOARD}/run_board.log",
-    conda:
-        ENV
-    threads: 64  # all there are
-    resources:
-        **needs(16000, 600),
-    params:
-        part=STUDY.attribution_board.part,
-        cases=STUDY.attribution_board.cases,
-        limit=STUDY.attribution_board.limit,
-        seed=STUDY.seed,
-    message:
-        "Run the attribution board"
-    script:
-        "../scripts/run_board.py"

@@ -24,7 +24,6 @@ ONE_JOB_MEMORY = {
     "detect": 4000,
     "track": 4000,
     "reevaluate": 2200,
-    "attribution_board": 4000,
 }
 
 

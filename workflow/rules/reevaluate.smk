@@ -1,6 +1,6 @@
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
-    f"{PACKAGE}/attribution_board/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
+    f"{PACKAGE}/demonstration/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
 ]
 GIVEN = STUDY.reevaluate.before and {"before": STUDY.reevaluate.before, "after": STUDY.reevaluate.after}
 if GIVEN:

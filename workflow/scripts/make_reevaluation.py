@@ -7,8 +7,8 @@ import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.attribution_board.simulated_twin.model import make_true_model
 from wearscope.cycles.base import load_cycle
+from wearscope.demonstration.simulated_twin.model import make_true_model
 from wearscope.designs.factors import Factor
 from wearscope.designs.filling import checking_design, filling_design, local_design
 from wearscope.designs.kinds import make_design, nominal_design

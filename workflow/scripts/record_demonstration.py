@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from job import run_job
-from wearscope.attribution_board.twin import record_twin
+from wearscope.demonstration.twin import record_twin
 
 with run_job(snakemake) as say:
     folder = Path(snakemake.output.dataset).parent

@@ -98,17 +98,6 @@ class TrackingSettings(Section):
     """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
 
 
-class BoardSettings(Section):
-    """The attribution board: planted effects over regimes, their verdicts scored."""
-
-    part: Literal["development", "held_out"] = "held_out"
-    """Which part: what the tracer may be tuned on, or what is kept out of it by seed and family."""
-    cases: Annotated[int, Field(ge=2)] = 300
-    """Number of cases, points of a Latin hypercube; a case takes a minute or so."""
-    limit: Annotated[float, Field(gt=0.0)] = 300.0
-    """Wall time of a case in seconds; beyond it the case counts as failed."""
-
-
 class DetectSettings(Section):
     """The study's detectors on the recordings of a data set (target `detect`)."""
 

@@ -11,18 +11,13 @@ from wearscope.config.base import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 
-#: Settings of earlier releases that are no more, by section.
-RETIRED = {"attribution_board": ("nulls", "size")}
+#: Sections of earlier releases that are no more.
+RETIRED = ("attribution_board",)
 
 
 def drop_retired(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """An archived configuration without the settings of earlier releases that are no more."""
-    return {
-        name: {key: own for key, own in value.items() if key not in RETIRED[name]}
-        if name in RETIRED and isinstance(value, Mapping)
-        else value
-        for name, value in mapping.items()
-    }
+    """An archived configuration without the sections of earlier releases that are no more."""
+    return {name: value for name, value in mapping.items() if name not in RETIRED}
 
 
 def load_config(mapping: Mapping[str, Any]) -> StudyConfig:

@@ -17,7 +17,6 @@ from wearscope.config.design import (
     SurrogateSettings,
 )
 from wearscope.config.measured import (
-    BoardSettings,
     CarryOverSettings,
     ClosedLoopSettings,
     DetectSettings,
@@ -109,8 +108,6 @@ class StudyConfig(Section):
     """Sessions tracked."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
     """What the correction changes."""
-    attribution_board: BoardSettings = BoardSettings()
-    """The attribution board."""
     allow_code: bool | list[str] = False
     """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
     `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
@@ -188,7 +185,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "attribution_board", "closed_loop", "detection", "export", "tracking"):
+        if value in ("archive", "closed_loop", "detection", "export", "tracking"):
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 

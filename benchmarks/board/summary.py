@@ -1,0 +1,259 @@
+"""The board's figures: every share with its Clopper-Pearson 95 % interval, in total and by axis."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from statsmodels.stats.proportion import proportion_confint
+
+from benchmarks.board.detection import fit_detection
+from benchmarks.board.regimes import CHOICES, RANGES
+from benchmarks.board.score import REPEATING
+
+Share = dict[str, Any]
+Pick = Callable[[pd.DataFrame, pd.DataFrame], "pd.Series[Any]"]
+
+FROM_NOTHING = ("nothing", "rigid_body", "rigid_rotor", "coulomb_only")
+"""Declared sets that leave friction out."""
+
+
+def tell_share(hits: "pd.Series[Any]") -> Share:
+    """Share of True among values that are not missing, with its interval."""
+    values = np.asarray(hits.dropna(), dtype=bool)
+    count, cases = int(values.sum()), len(values)
+    low, high = proportion_confint(count, cases, alpha=0.05, method="beta") if cases else (0.0, 1.0)
+    low, high = (0.0 if np.isnan(low) else float(low)), (1.0 if np.isnan(high) else float(high))
+    return {"share": count / cases if cases else None, "hits": count, "cases": cases, "ci95": [low, high]}
+
+
+def _column(frame: pd.DataFrame, name: str) -> "pd.Series[Any]":
+    return frame[name] if name in frame else pd.Series(np.nan, index=frame.index, dtype=object)
+
+
+def _nulls(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return cases.loc[_column(cases, "null").astype(bool), "false_in_null"]
+
+
+def _planted(cases: pd.DataFrame) -> pd.DataFrame:
+    return cases[~_column(cases, "null").astype(bool)]
+
+
+def _only_named(cases: pd.DataFrame) -> pd.DataFrame:
+    """Planted cases without an outside effect."""
+    return cases[(~cases["null"].astype(bool)) & (cases["axis_plants"] != "outside")]
+
+
+def _of_planted(entries: pd.DataFrame) -> pd.DataFrame:
+    return entries[_column(entries, "kind") == "planted"]
+
+
+def _exact(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _only_named(cases)["exact"]
+
+
+def _extra(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = _planted(cases)
+    count = _column(chosen, "extra")
+    return (count > 0).where(count.notna())
+
+
+def _extra_unknown(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = _planted(cases)
+    count = _column(chosen, "unknowns")
+    return (count > 0).where(count.notna())
+
+
+def _required(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = entries[_column(entries, "required").astype(bool)] if len(entries) else entries
+    return _column(chosen, "found")
+
+
+def _friction(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    """By joint with friction that nobody declared: both named where they are findable, and nothing else."""
+    if entries.empty:
+        return pd.Series(dtype=bool)
+    chosen = entries[entries["axis_declared"].isin(FROM_NOTHING)]
+    out = []
+    for _, joint in chosen.groupby(["dataset", "joint"]):
+        mine = joint[joint["effect"].isin(["coulomb", "viscous"]) & joint["standard"].astype(bool)]
+        findable = mine[mine["times_findable"] >= 2.0]
+        if findable.empty:
+            continue
+        others = joint[(joint["kind"] == "planted") & ~joint["standard"].astype(bool)]
+        extra = joint[joint["kind"] == "extra"]
+        out.append(bool((findable["grade"] == "right").all() and (extra.empty or not others.empty)))
+    return pd.Series(out, dtype=bool)
+
+
+def _outside(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    chosen = entries[_column(entries, "outside").astype(bool)] if len(entries) else entries
+    return _column(chosen[_column(chosen, "times_findable").astype(float) >= 2.0], "found")
+
+
+def _worse(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _column(cases[cases["error"] == ""], "worse")
+
+
+def _refuted(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    """By name that a verdict gives, whichever planted effects it accounts for."""
+    refuted, said = (int(_column(cases, key).fillna(0).sum()) for key in ("refuted", "statuses"))
+    return pd.Series([True] * refuted + [False] * (said - refuted), dtype=bool)
+
+
+def _in_set(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return _column(_of_planted(entries), "in_set")
+
+
+def _covered(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    covered = _column(entries, "covered")
+    return (covered > 0.5).where(covered.notna())
+
+
+def _near_declared(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    ratio = _column(cases, "beyond_declared").astype(float)
+    return (ratio <= 1.03).where(ratio.notna())
+
+
+def _failed(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    return cases["error"] != ""
+
+
+SCORES: dict[str, tuple[str, Pick, bool, str]] = {
+    "false_in_null": ("a false name or unknown in a null", _nulls, False, "at most 1 %"),
+    "exact": ("all and only the planted effects (those at 2 x just findable required)", _exact, True, "90 %"),
+    "required_found": ("required effects named, right or in the confidence set", _required, True, ""),
+    "extra_name": ("an extra name in a planted case", _extra, False, "2 %"),
+    "extra_unknown": ("an extra unknown in a planted case", _extra_unknown, False, ""),
+    "friction_from_nothing": (
+        "undeclared Coulomb and viscous, and nothing else, by joint",
+        _friction,
+        True,
+        "90 %",
+    ),
+    "near_declared": (
+        "undeclared friction: held-out error of every joint within 3 % of declaring it",
+        _near_declared,
+        True,
+        "all joints",
+    ),
+    "outside_answered": ("outside effects answered unknown or unexplained", _outside, True, "95 %"),
+    "held_out_worse": ("held-out error of a joint larger by more than 3 %", _worse, False, "0.5 %"),
+    "refuted": ("names that the test runs refute", _refuted, False, "1 %"),
+    "set_holds_truth": ("confidence set of an entry holds the truth", _in_set, True, "88 to 98 %"),
+    "parameter_covered": ("parameter within its 95 % interval", _covered, True, ""),
+    "failed": ("cases that ended in an error or at the time limit", _failed, False, ""),
+}
+"""Scores: words, how their cases are picked, whether more is better, and what is to be reached."""
+BY_AXIS = ("exact", "false_in_null", "extra_name", "required_found")
+
+
+def bin_axes(table: pd.DataFrame, numbers: dict[str, tuple[float, float, str]] = RANGES) -> pd.DataFrame:
+    """Levels of every axis by row: names as they are, numbers in three bins even in the logarithm."""
+    out = pd.DataFrame(index=table.index)
+    for name in CHOICES:
+        out[name] = table[f"axis_{name}"].astype(str)
+    out["joints"] = table["axis_joints"].astype(int).astype(str) if "axis_joints" in table else "?"
+    for name, (low, high, unit) in numbers.items():
+        edges = low * (high / low) ** (np.arange(4) / 3)
+        which = np.clip(np.searchsorted(edges, table[f"axis_{name}"].astype(float), side="right") - 1, 0, 2)
+        labels = [
+            f"{edges[i]:.3g} to {edges[i + 1]:.3g}{'' if unit == '1' else ' ' + unit}" for i in range(3)
+        ]
+        out[name] = [labels[i] for i in which]
+    return out
+
+
+def summarise_board(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
+    """Figures of a board.
+
+    Parameters
+    ----------
+    cases, entries : DataFrame
+        As `board.run_board` writes them.
+
+    Returns
+    -------
+    dict
+        `cases`, `seconds` (median and largest), `total` (by score: `share`, `hits`, `cases`, `ci95`),
+        `axes` (by axis and level, the same for the scores of `BY_AXIS`), `repeating_nulls` (nulls with hum
+        or events, which may be `unexplained`), `detection` (see `detection.fit_detection`), `errors` (the
+        messages, counted).
+    """
+    levels = bin_axes(cases)
+    entry_levels = bin_axes(entries) if len(entries) else pd.DataFrame()
+    axes: dict[str, Any] = {}
+    for axis in levels:
+        axes[axis] = {}
+        for level in sorted(levels[axis].unique()):
+            part = cases[levels[axis] == level]
+            own = entries[entry_levels[axis] == level] if len(entries) else entries
+            axes[axis][level] = {key: tell_share(SCORES[key][1](part, own)) for key in BY_AXIS}
+    nulls = cases[cases["null"].astype(bool)]
+    repeating = nulls[nulls["axis_noise"].isin(REPEATING)]
+    errors = cases.loc[cases["error"] != "", "error"].value_counts()
+    return {
+        "cases": len(cases),
+        "seconds": {"median": float(cases["seconds"].median()), "largest": float(cases["seconds"].max())},
+        "total": {key: tell_share(pick(cases, entries)) for key, (_, pick, _, _) in SCORES.items()},
+        "repeating_nulls": tell_share(repeating["false_in_null"]),
+        "axes": axes,
+        "detection": fit_detection(entries),
+        "errors": {str(error): int(count) for error, count in errors.items()},
+    }
+
+
+def _words(share: Share) -> str:
+    if not share["cases"]:
+        return "-"
+    low, high = share["ci95"]
+    counts = f"{share['hits']}/{share['cases']}; {100 * low:.0f} to {100 * high:.0f}"
+    return f"{100 * share['share']:.1f} % ({counts})"
+
+
+def _badness(levels: dict[str, Any]) -> float:
+    """How far an axis's worst level lies from its best in exact cases, one of either kind added to each."""
+    shares = [
+        (x["exact"]["hits"] + 1) / (x["exact"]["cases"] + 2) for x in levels.values() if x["exact"]["cases"]
+    ]
+    return max(shares) - min(shares) if len(shares) > 1 else 0.0
+
+
+def write_markdown(summary: dict[str, Any]) -> str:
+    """The board's figures as Markdown: the scores in total, then by axis, the worst axis first."""
+    seconds = summary["seconds"]
+    lines = [
+        f"{summary['cases']} cases, {seconds['median']:.0f} s in the median, "
+        f"{seconds['largest']:.0f} s at most.",
+        "",
+        "| score | measured (hits/cases; 95 % interval) | to reach |",
+        "|---|---|---|",
+    ]
+    for key, (words, _, _, target) in SCORES.items():
+        lines.append(f"| {words} | {_words(summary['total'][key])} | {target} |")
+    lines.append(f"| of the nulls, those with hum or events | {_words(summary['repeating_nulls'])} | |")
+    detection = summary["detection"]
+    lines += ["", *_tell_detection(detection)]
+    lines += ["", "| axis | level | " + " | ".join(BY_AXIS) + " |", "|---|---|" + "---|" * len(BY_AXIS)]
+    for axis, levels in sorted(summary["axes"].items(), key=lambda item: -_badness(item[1])):
+        for level, shares in sorted(
+            levels.items(),
+            key=lambda item: (item[1]["exact"]["share"] is None, item[1]["exact"]["share"] or 0.0),
+        ):
+            lines.append(f"| {axis} | {level} | " + " | ".join(_words(shares[key]) for key in BY_AXIS) + " |")
+    if summary["errors"]:
+        lines += ["", "| error | cases |", "|---|---|"]
+        lines += [
+            f"| {error.replace('|', '/')[:160]} | {count} |" for error, count in summary["errors"].items()
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _tell_detection(detection: dict[str, Any]) -> list[str]:
+    if detection.get("a90_95") is None:
+        return [f"Probability of detection: {detection['note']}."]
+    return [
+        f"Probability of detection over {detection['effects']} separable effects: found in 90 % of cases "
+        f"from {detection['a90']:.2f} times the just findable size on, with 95 % confidence from "
+        f"{detection['a90_95']:.2f} times on (slope {detection['slope']:.2f} by factor of e)."
+    ]

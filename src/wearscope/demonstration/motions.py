@@ -1,0 +1,153 @@
+"""Exact motions: position, speed and acceleration as closed forms of time, four times differentiable."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wearscope.demonstration.machine import Machine
+
+Array = NDArray[np.float64]
+
+SHORTEST_RAMP = 0.25
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion on a uniform fine grid: `t` (N,), `q`, `v`, `a` (N, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+
+def _step(x: Array) -> tuple[Array, Array, Array, Array]:
+    """Degree-7 smooth step on [0, 1]: its integral, value, first and second derivative (clamped outside)."""
+    inside = np.clip(x, 0.0, 1.0)
+    integral = inside**5 * (7 - 14 * inside + 10 * inside**2 - 2.5 * inside**3) + np.maximum(x - 1.0, 0.0)
+    value = inside**4 * (35 - 84 * inside + 70 * inside**2 - 20 * inside**3)
+    slope = 140 * inside**3 * (1 - inside) ** 3
+    bend = 420 * inside**2 * (1 - inside) ** 2 * (1 - 2 * inside)
+    return integral, value, slope, bend
+
+
+def add_move(
+    q: Array, v: Array, a: Array, t: Array, start: float, time: float, ramp: float, by: float
+) -> None:
+    """Add a displacement `by` from `start` over `time`: ramp up, constant speed, ramp down (in place)."""
+    ramp_time = ramp * time
+    peak = by / (time - ramp_time)
+    first, last = np.searchsorted(t, (start, start + time))
+    now = slice(int(first), int(last))
+    for begin, sign in ((start, 1.0), (start + time - ramp_time, -1.0)):
+        integral, value, slope, _ = _step((t[now] - begin) / ramp_time)
+        q[now] += sign * peak * ramp_time * integral
+        v[now] += sign * peak * value
+        a[now] += sign * peak / ramp_time * slope
+    q[int(last) :] += by
+
+
+def move_time(by: float, speed: float, acceleration: float, ramp: float) -> float:
+    """Shortest time of a move within the limits; a ramp takes 0.25 s or more, as drives limit the jerk."""
+    by = abs(by)
+    steep = 140 / 64
+    return max(
+        by / (speed * (1 - ramp)),
+        float(np.sqrt(by * steep / (acceleration * ramp * (1 - ramp)))),
+        SHORTEST_RAMP / ramp,
+    )
+
+
+def excite_fourier(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
+    """Band-limited periodic excitation, faded in and out from rest, within the machine's limits."""
+    n, span = len(machine.joints), t[-1]
+    fade = 1.5
+    _, up, up1, up2 = _step((t - 0.4) / fade)
+    _, down, down1, down2 = _step((t - (span - 0.4 - fade)) / fade)
+    s, s1, s2 = up - down, (up1 - down1) / fade, (up2 - down2) / fade**2
+    q, v, a = (np.zeros((len(t), n)) for _ in range(3))
+    base = 2 * np.pi / span
+    for j in range(n):
+        harmonics = np.arange(1, 11) * max(1, round(span / 12))
+        omega = base * harmonics
+        amplitude = rng.normal(size=10) / harmonics**1.1
+        phase = rng.uniform(0, 2 * np.pi, 10)
+        angle = np.outer(t, omega) + phase
+        f, f1, f2 = (
+            np.sin(angle) @ amplitude,
+            np.cos(angle) @ (amplitude * omega),
+            -np.sin(angle) @ (amplitude * omega**2),
+        )
+        raw = s * f, s1 * f + s * f1, s2 * f + 2 * s1 * f1 + s * f2
+        limits = machine.reach[j], machine.speed[j], machine.acceleration[j]
+        scale = min(limit / np.abs(column).max() for limit, column in zip(limits, raw, strict=True))
+        q[:, j], v[:, j], a[:, j] = (scale * column for column in raw)
+    return Motion(t, q + np.asarray(machine.centre), v, a)
+
+
+def sweep_joints(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
+    """Every joint by itself: moves there and back at constant speeds, slow to fast, with dwells."""
+    n = len(machine.joints)
+    q, v, a = (np.zeros((len(t), n)) for _ in range(3))
+    shares = (0.03, 0.08, 0.2, 0.45, 1.0)
+    for j in range(n):
+        clock, at, turn = 0.3 + rng.uniform(0, 0.4), 0.0, 0
+        order = rng.permutation(len(shares))
+        while True:
+            share = shares[order[turn % len(shares)]] * rng.uniform(0.85, 1.15)
+            turn += 1
+            target = float(rng.uniform(-1, 1)) * machine.reach[j]
+            longest = share * machine.speed[j] * 1.6
+            by = float(np.clip(target - at, -longest, longest))
+            time = move_time(by, share * machine.speed[j], machine.acceleration[j], 0.3)
+            if clock + time > t[-1] - 0.3:
+                break
+            add_move(q[:, j], v[:, j], a[:, j], t, clock, time, 0.3, by)
+            at += by
+            clock += time + (rng.uniform(0.15, 0.5) if rng.uniform() < 0.5 else 0.0)
+    return Motion(t, q + np.asarray(machine.centre), v, a)
+
+
+def move_between_points(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
+    """Synchronised point-to-point moves through drawn poses, some slow, some with a dwell after them."""
+    n = len(machine.joints)
+    q, v, a = (np.zeros((len(t), n)) for _ in range(3))
+    reach = np.asarray(machine.reach)
+    clock, at = 0.4, np.zeros(n)
+    while True:
+        target = rng.uniform(-0.95, 0.95, n) * reach
+        share = float(rng.choice([0.25, 0.6, 1.0, 1.0]))
+        by = (target - at) * (0.4 if share < 0.3 else 1.0)
+        times = [
+            move_time(b, share * s, c, 0.4)
+            for b, s, c in zip(by, machine.speed, machine.acceleration, strict=True)
+        ]
+        time = max(times)
+        if clock + time > t[-1] - 0.4:
+            break
+        for j in range(n):
+            add_move(q[:, j], v[:, j], a[:, j], t, clock, time, 0.4, float(by[j]))
+        at = at + by
+        clock += time + (rng.uniform(0.3, 0.8) if rng.uniform() < 0.4 else 0.02)
+    return Motion(t, q + np.asarray(machine.centre), v, a)
+
+
+KINDS = {"fourier": excite_fourier, "sweep": sweep_joints, "points": move_between_points}
+
+
+def make_motion(machine: Machine, kind: str, seed: int, duration: float, rate: float) -> Motion:
+    """Motion of a kind, the same for the same seed.
+
+    Parameters
+    ----------
+    machine : Machine
+    kind : str
+        One of `KINDS`.
+    seed : int
+        Entropy of the motion alone, so that two runs may repeat one trajectory.
+    duration, rate : float
+        Length [s] and grid [Hz].
+    """
+    t = np.arange(round(duration * rate)) / rate
+    return KINDS[kind](machine, np.random.default_rng(np.random.SeedSequence(seed)), t)

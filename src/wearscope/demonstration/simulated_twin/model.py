@@ -1,0 +1,63 @@
+"""The twin as it truly is, for the simulator: what a study of its models is set beside."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from wearscope.demonstration.twin import SECRETS, TWIN, write_urdf
+from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
+
+#: Torques that the vocabulary has no exact form of.
+OWN_EFFECTS = {
+    name: str(Path(__file__).with_name(f"{name}.py")) for name in ("gas_spring_torque", "thinning_oil")
+}
+FORCE = 1300.0
+LOAD_SHARE = 0.045
+
+
+def make_true_model(model: RobotModel, truth: Mapping[str, Any]) -> RobotModel:
+    """The twin's own torques in place of what a closed loop found.
+
+    Parameters
+    ----------
+    model : RobotModel
+        From the loop closed on the twin: its limits, home, sensors and payload stay, so that both do the
+        same motions.
+    truth : mapping
+        As `wearscope.demonstration.twin.record_twin` wrote it.
+
+    Raises
+    ------
+    InputError
+        Where the truth is not the twin's.
+    """
+    planted = [one["effect"] for one in truth["planted"]]
+    if truth["robot"] != TWIN.name or not set(planted) <= set(SECRETS):
+        raise InputError(
+            f"truth.json: it is of robot '{truth['robot']}' with {', '.join(planted) or 'nothing'} planted, "
+            "not of the demonstration's twin; record the demonstration again."
+        )
+    effects: list[dict[str, Any]] = [{"joint": joint, "effect": "rigid_body"} for joint in TWIN.joints]
+    for joint, level, slope in zip(TWIN.joints, TWIN.coulomb, TWIN.viscous, strict=True):
+        effects.append({"joint": joint, "effect": "coulomb", "parameters": {"level": level}})
+        effects.append(
+            {"joint": joint, "effect": OWN_EFFECTS["thinning_oil"], "parameters": {"slope": slope}}
+        )
+    for one in truth["planted"]:
+        own: dict[str, Any] = {"joint": one["joint"]}
+        if one["effect"] == SECRETS[0]:
+            own |= {"effect": OWN_EFFECTS["gas_spring_torque"], "parameters": {"force": FORCE}}
+        else:
+            own |= {"effect": "load_dependent_friction", "parameters": {"coefficient": LOAD_SHARE}}
+        effects.append(own)
+    for entry in effects:
+        entry["source"] = "planted"
+    noise = [truth["noise_rms"][joint] for joint in TWIN.joints]
+    return model.replace(
+        urdf_text=write_urdf(),
+        name="twin-truth",
+        description="The twin as it truly is.",
+        sensors={**model.sensors.model_dump(mode="json", exclude_unset=True), "torque_noise": noise},
+        effects=effects,
+    )
