@@ -25,8 +25,8 @@ from pydantic import ValidationError
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.regimes import list_cases
-from benchmarks.board.score import score_case
 from benchmarks.remembering import remember
+from benchmarks.scoring import score_case
 from wearscope.closed_loop import diagnosis
 from wearscope.closed_loop.selection import answer, evidence, search
 from wearscope.closed_loop.selection.policy import Policy

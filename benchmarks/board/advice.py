@@ -23,7 +23,7 @@ import pandas as pd
 from benchmarks.board.further import Further, record_further
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.regimes import PARTS, Case, draw_axes, make_case
-from benchmarks.board.summary import tell_share
+from benchmarks.summary import tell_share
 from wearscope.demonstration.motions import Motion
 from wearscope.tables import write_table, write_text
 

@@ -7,6 +7,7 @@ altogether: see `HELD_OUT`. Development never sees them; the held-out part draws
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,13 @@ class Case:
     def name(self) -> str:
         """Name of the data set: a digest that tells nothing of the truth."""
         return "d" + hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+    def make(self, folder: Path) -> dict[str, Any]:
+        """Write the data set; the truth, which stays out of it."""
+        from benchmarks.board.generate import generate_dataset
+
+        truth = generate_dataset(folder, self.machine, self.planted, self.seed, self.recipe)
+        return {key: value for key, value in truth.items() if key != "signals"}
 
     def tell(self) -> str:
         """The axes and the plants in a few words."""

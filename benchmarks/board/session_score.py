@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.board.session_cases import SessionCase
-from benchmarks.board.summary import tell_share
+from benchmarks.summary import tell_share
 
 FRICTION = ("coulomb", "viscous", "wear")
 """Names of a change of friction."""

@@ -110,6 +110,34 @@ class Case:
             np.random.SeedSequence([zlib.crc32(self.name.encode()), self.seed, *path])
         )
 
+    def tell(self):
+        """The regime and the plants in a few words."""
+        planted = ", ".join(f"{plant.effect}@{plant.joint + 1}" for plant in self.plants)
+        return f"{self.name}: {self.arm} {self.rate:g} Hz, {self.noise} {100 * self.level:.1f} % [{planted}]"
+
+    @property
+    def axes(self):
+        """Regime by axis."""
+        return {
+            "arm": self.arm,
+            "noise": self.noise,
+            "noise_level": self.level,
+            "rate": self.rate,
+            "runs": len(self.train),
+            "inertials": self.inertials,
+            "declared": " ".join(self.declared),
+            "plants": len(self.plants),
+            "acts": "loop" if self.loop >= 0 else "record",
+        }
+
+    def make(self, folder):
+        """Write the data set; the truth in the form of `benchmarks.scoring`."""
+        from benchmarks.outside.arms import ARMS
+        from benchmarks.outside.generator import make_case
+
+        truth, arm = make_case(self, folder), ARMS[self.arm]()
+        return {"planted": truth.entries(self, arm), "noise": self.noise, "joints": arm.names}
+
     @property
     def fine(self):
         """Steps of the simulation a sample."""
@@ -135,3 +163,43 @@ class Truth:
     may: set = field(default_factory=set)
     outside: set = field(default_factory=set)
     notes: list = field(default_factory=list)
+
+    def entries(self, case, arm):
+        """Planted effects in the form of `benchmarks.scoring`."""
+        out = []
+        for found, effects in ((True, self.must), (False, self.may)):
+            for j, effect in sorted(effects):
+                known = [p for p in case.plants if (p.joint, p.effect) == (j, effect)]
+                parameters = _state_parameters(known[0], arm) if known else {}
+                out.append(_make_entry(arm, j, effect, found, parameters))
+        return out + [_make_entry(arm, j, "outside", True, {}, True) for j in sorted(self.outside)]
+
+
+def _make_entry(arm, j, effect, found, parameters, outside=False):
+    return {
+        "effect": effect,
+        "accepted": [effect],
+        "also_accepted": [],
+        "contains": [],
+        "outside": outside,
+        "standard": effect in ("rigid_body", "rotor_inertia", "coulomb", "viscous"),
+        "joint": arm.names[j],
+        "joints": arm.names if effect in ROBOT_WIDE else [arm.names[j]],
+        "measured_size": float("nan"),
+        "findable_size": float("nan"),
+        "times_findable": float("inf") if found else 0.0,
+        "separable": not outside,
+        "rivals": {},
+        "parameters": parameters,
+    }
+
+
+def _state_parameters(plant, arm):
+    """Physical parameter of a plant whose size is one."""
+    value = {
+        "payload_error": ("mass", plant.size, "kg"),
+        "torque_constant_error": ("gain", plant.size, "1"),
+        "time_delay": ("delay", 1e-3 * plant.size, "s"),
+        "rotor_inertia_error": ("inertia", plant.size * arm.joints[plant.joint].rotor, "kg m^2"),
+    }.get(plant.effect)
+    return {value[0]: {"value": value[1], "unit": value[2]}} if value else {}

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from benchmarks.board.board import failed_result
-from benchmarks.board.pool import main
 from benchmarks.board.regimes import list_cases
+from benchmarks.pool import main
+from benchmarks.runner import failed_result
 
 
 def make_board(folder, seed):
@@ -17,10 +17,15 @@ def make_board(folder, seed):
     (folder / "cases").mkdir(parents=True)
     for case in [*planted, silent]:
         result = failed_result(case, None, "", 1.0)
-        result["case"] |= {"outcome": "exact", "exact": case in planted[:1], "outside_answered": None}
+        result["case"] |= {
+            "null": not case.planted,
+            "outcome": "exact",
+            "exact": case in planted[:1],
+            "outside_answered": None,
+        }
         result["case"] |= {"false_in_null": None if case.planted else False, "worse": False}
         result["case"] |= {"extra": 0, "unknowns": 0, "named": 0, "required": len(case.planted)}
-        (folder / "cases" / f"{case.number:04d}-{case.name}.json").write_text(json.dumps(result))
+        (folder / "cases" / f"{case.name}.json").write_text(json.dumps(result))
     return folder
 
 

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 from scipy.stats import beta
 
-from benchmarks.board.board import failed_result, run_board, write_results
-from benchmarks.board.detection import find_size, fit_detection
 from benchmarks.board.regimes import list_cases
-from benchmarks.board.score import read_verdict, score_case
 from benchmarks.board.separability import CONTAINED
-from benchmarks.board.summary import SCORES, tell_share
+from benchmarks.detection import find_size, fit_detection
+from benchmarks.runner import failed_result, run_cases, write_results
+from benchmarks.scoring import read_verdict, score_case
+from benchmarks.summary import SCORES, tell_share
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 
@@ -91,10 +91,20 @@ def test_outside_effects_want_unknown_or_a_joint_called_unexplained():
     assert score([outer], said("unknown"))[0]["outside_answered"]
     assert score([outer], joints={"j1": {"state": "unexplained"}})[0]["outside_answered"]
     case, _ = score([outer])
-    assert case["outside_answered"] is False
+    assert case["outside_answered"] is False and not case["exact"]
     assert score([outer], said("warm_up_drift"))[0]["extra"] == 1
     # a joint without a state is unknown, not a failure of the score
     assert score([outer], said("unknown"), joints={"j1": {"rms_before": 1.0, "rms_after": 1.0}})[0]["exact"]
+
+
+def test_a_joint_is_falsely_unexplained_only_where_all_is_named():
+    planted = [plant("coulomb"), plant("viscous", "j2"), plant("square_wave", "j3", outside=True)]
+    joints = {f"j{k}": {"state": "unexplained"} for k in (1, 2, 3, 4)}
+    case, _ = score(planted, said("coulomb"), joints=joints)
+    # j2 holds what is not named, j3 what has no name
+    assert (case["false_unexplained"], case["joints"]) == (2, 4)
+    hum = score_case({"planted": planted, "noise": "hum"}, {"verdict": [], "joints": joints})[0]
+    assert hum["false_unexplained"] is None
 
 
 def test_harm_and_refutation_are_counted():
@@ -193,10 +203,9 @@ def test_a_board_runs_from_case_to_tables(closer, tmp_path):
         list_cases("development", 6, 1),
         key=lambda case: case.recipe.duration * case.recipe.rate * len(case.machine.joints),
     )
-    summary = run_board(
-        "development", tmp_path / "out", 6, 1, limit=limit, closer=closer, only=[smallest.number],
-        progress=lines.append, keep=tmp_path / "kept",
-    )  # fmt: skip
+    summary = run_cases(
+        [smallest], tmp_path / "out", limit=limit, closer=closer, tell=lines.append, keep=tmp_path / "kept"
+    )
     assert len(lines) == summary["cases"] == 1
     table = pd.read_parquet(tmp_path / "out" / "cases.parquet")
     failed = closer is never_answer

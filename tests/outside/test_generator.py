@@ -1,6 +1,5 @@
 """The outside examiner's machines against known answers, and its cases against themselves."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from benchmarks.outside.generator import make_case
 from benchmarks.outside.machine import bend, inverse_dynamics, slide
 from benchmarks.outside.motions import KINDS, Motion
 from benchmarks.outside.planted import Case, Plant, Truth
-from benchmarks.outside.scoring import score_verdict
+from benchmarks.scoring import score_case
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.urdf import normalise_urdf
@@ -132,47 +131,28 @@ def test_drawn_cases_are_their_numbers():
         assert all(0 <= plant.joint < n for plant in case.plants)
 
 
-def _verdict(*entries, states=("explained", "explained")):
-    joint = {"rms_before": 1.0, "rms_after": 1.0, "unexplained_reason": ""}
-    return {
-        "verdict": [
-            {"joint": f"joint_{j}", "effect": e, "equivalent": list(equivalent), "status": "confirmed"}
-            for j, e, *equivalent in entries
-        ],
-        "joints": {f"joint_{k + 1}": joint | {"state": state} for k, state in enumerate(states)},
-    }
-
-
 @pytest.mark.parametrize(
-    ("verdict", "exact", "counts"),
+    ("named", "exact"),
     [
-        (_verdict((1, "stribeck")), True, (1, 0, 0, 0)),
-        (_verdict((1, "viscous", "stribeck")), True, (0, 1, 0, 0)),
-        (_verdict((2, "stribeck")), False, (0, 0, 1, 1)),
-        (_verdict((1, "stribeck"), (2, "backlash")), False, (1, 0, 0, 1)),
-        (_verdict(), False, (0, 0, 1, 0)),
-        (_verdict((1, "stribeck"), (2, "torque_offset")), True, (1, 0, 0, 0)),
+        ([(1, "stribeck")], True),
+        ([(2, "stribeck")], False),
+        ([(1, "stribeck"), (2, "torque_offset")], True),
+        ([(1, "stribeck"), (2, "backlash")], False),
+        ([], False),
     ],
 )
-def test_score(verdict, exact, counts):
+def test_its_truth_is_scored_as_the_board_s(named, exact):
+    """What is there but too small may be named; joints are counted from one."""
     truth = Truth(must={(0, "stribeck")}, may={(1, "torque_offset")})
-    score = score_verdict(json.loads(json.dumps(verdict)), truth, ["joint_1", "joint_2"])
-    assert score.exact is exact
-    assert tuple(map(len, (score.found, score.by_set, score.missed, score.extra))) == counts
+    entries = truth.entries(_small(plants=(Plant("stribeck", 0, 4.0),)), ARMS["planar"]())
+    verdict = {"joints": {}, "verdict": [{"joint": f"joint_{j}", "effect": e} for j, e in named]}
+    assert score_case({"planted": entries}, verdict)[0]["exact"] is exact
 
 
-@pytest.mark.parametrize(
-    ("verdict", "answered"),
-    [
-        (_verdict(), False),
-        (_verdict((1, "unknown")), True),
-        (_verdict(states=("unexplained", "explained")), True),
-        (_verdict((2, "unknown")), False),
-    ],
-)
-def test_an_outsider_is_answered_by_unknown_or_unexplained(verdict, answered):
-    score = score_verdict(verdict, Truth(outside={0}), ["joint_1", "joint_2"])
-    assert (not score.silent) is answered
+def test_a_payload_counts_wherever_it_is_said_and_has_its_mass():
+    arm, case = ARMS["ur10"](), Case("load", "ur10", (Plant("payload_error", 5, 2.8),))
+    (entry,) = Truth(must={(5, "payload_error")}).entries(case, arm)
+    assert entry["joints"] == arm.names and entry["parameters"]["mass"] == {"value": 2.8, "unit": "kg"}
 
 
 def test_a_load_on_a_light_wrist_that_nobody_declared_is_named(tmp_path):

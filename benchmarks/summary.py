@@ -1,15 +1,15 @@
 """The board's figures: every share with its Clopper-Pearson 95 % interval, in total and by axis."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
-from benchmarks.board.detection import fit_detection
-from benchmarks.board.regimes import CHOICES, RANGES
-from benchmarks.board.score import REPEATING
+from benchmarks.detection import fit_detection
+from benchmarks.scoring import REPEATING
 
 Share = dict[str, Any]
 Pick = Callable[[pd.DataFrame, pd.DataFrame], "pd.Series[Any]"]
@@ -39,17 +39,12 @@ def _planted(cases: pd.DataFrame) -> pd.DataFrame:
     return cases[~_column(cases, "null").astype(bool)]
 
 
-def _only_named(cases: pd.DataFrame) -> pd.DataFrame:
-    """Planted cases without an outside effect."""
-    return cases[(~cases["null"].astype(bool)) & (cases["axis_plants"] != "outside")]
-
-
 def _of_planted(entries: pd.DataFrame) -> pd.DataFrame:
     return entries[_column(entries, "kind") == "planted"]
 
 
 def _exact(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return _only_named(cases)["exact"]
+    return _planted(cases)["exact"]
 
 
 def _extra(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
@@ -110,9 +105,11 @@ def _covered(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     return (covered > 0.5).where(covered.notna())
 
 
-def _near_declared(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    ratio = _column(cases, "beyond_declared").astype(float)
-    return (ratio <= 1.03).where(ratio.notna())
+def _unexplained(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
+    """By joint of the cases whose noise does not repeat."""
+    judged = cases[_column(cases, "false_unexplained").notna()]
+    false, joints = (int(_column(judged, key).sum()) for key in ("false_unexplained", "joints"))
+    return pd.Series([True] * false + [False] * (joints - false), dtype=bool)
 
 
 def _failed(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
@@ -131,11 +128,11 @@ SCORES: dict[str, tuple[str, Pick, bool, str]] = {
         True,
         "90 %",
     ),
-    "near_declared": (
-        "undeclared friction: held-out error of every joint within 3 % of declaring it",
-        _near_declared,
-        True,
-        "all joints",
+    "false_unexplained": (
+        "joints called unexplained where all is named",
+        _unexplained,
+        False,
+        "at most 3 %",
     ),
     "outside_answered": ("outside effects answered unknown or unexplained", _outside, True, "95 %"),
     "held_out_worse": ("held-out error of a joint larger by more than 3 %", _worse, False, "0.5 %"),
@@ -145,37 +142,44 @@ SCORES: dict[str, tuple[str, Pick, bool, str]] = {
     "failed": ("cases that ended in an error or at the time limit", _failed, False, ""),
 }
 """Scores: words, how their cases are picked, whether more is better, and what is to be reached."""
+FEWEST_BINNED = 12
+"""Different values from which on an axis of numbers is told in bins."""
 BY_AXIS = ("exact", "false_in_null", "extra_name", "required_found")
 
 
-def bin_axes(table: pd.DataFrame, numbers: dict[str, tuple[float, float, str]] = RANGES) -> pd.DataFrame:
-    """Levels of every axis by row: names as they are, numbers in three bins even in the logarithm."""
+def bin_axes(table: pd.DataFrame) -> pd.DataFrame:
+    """Levels of every axis by row: names as they are, many numbers in three bins even in the logarithm."""
     out = pd.DataFrame(index=table.index)
-    for name in CHOICES:
-        out[name] = table[f"axis_{name}"].astype(str)
-    out["joints"] = table["axis_joints"].astype(int).astype(str) if "axis_joints" in table else "?"
-    for name, (low, high, unit) in numbers.items():
-        edges = low * (high / low) ** (np.arange(4) / 3)
-        which = np.clip(np.searchsorted(edges, table[f"axis_{name}"].astype(float), side="right") - 1, 0, 2)
-        labels = [
-            f"{edges[i]:.3g} to {edges[i + 1]:.3g}{'' if unit == '1' else ' ' + unit}" for i in range(3)
-        ]
-        out[name] = [labels[i] for i in which]
+    for column in table:
+        if not str(column).startswith("axis_"):
+            continue
+        values, name = table[column], str(column).removeprefix("axis_")
+        if (
+            values.nunique() < FEWEST_BINNED
+            or not pd.api.types.is_float_dtype(values)
+            or not (values > 0).all()
+        ):
+            out[name] = values.astype(str)
+            continue
+        edges = np.geomspace(values.min(), values.max(), 4)
+        labels = [f"{low:.3g} to {high:.3g}" for low, high in pairwise(edges)]
+        out[name] = [labels[k] for k in np.clip(np.searchsorted(edges, values, side="right") - 1, 0, 2)]
     return out
 
 
-def summarise_board(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
-    """Figures of a board.
+def summarise(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
+    """Figures of the cases of a run.
 
     Parameters
     ----------
     cases, entries : DataFrame
-        As `board.run_board` writes them.
+        As `runner.run_cases` writes them.
 
     Returns
     -------
     dict
-        `cases`, `seconds` (median and largest), `total` (by score: `share`, `hits`, `cases`, `ci95`),
+        `cases`, `seconds` of processor (median and largest), `total` (by score: `share`, `hits`, `cases`,
+        `ci95`),
         `axes` (by axis and level, the same for the scores of `BY_AXIS`), `repeating_nulls` (nulls with hum
         or events, which may be `unexplained`), `detection` (see `detection.fit_detection`), `errors` (the
         messages, counted).
@@ -223,7 +227,7 @@ def write_markdown(summary: dict[str, Any]) -> str:
     """The board's figures as Markdown: the scores in total, then by axis, the worst axis first."""
     seconds = summary["seconds"]
     lines = [
-        f"{summary['cases']} cases, {seconds['median']:.0f} s in the median, "
+        f"{summary['cases']} cases, {seconds['median']:.0f} processor seconds in the median, "
         f"{seconds['largest']:.0f} s at most.",
         "",
         "| score | measured (hits/cases; 95 % interval) | to reach |",

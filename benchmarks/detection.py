@@ -50,7 +50,7 @@ def fit_detection(entries: pd.DataFrame) -> dict[str, Any]:
     Parameters
     ----------
     entries : DataFrame
-        Rows of `board.run_board`.
+        Rows of `runner.run_cases`.
 
     Returns
     -------
@@ -62,6 +62,7 @@ def fit_detection(entries: pd.DataFrame) -> dict[str, Any]:
         return _say_no("nothing was planted", 0)
     chosen = entries[(entries["kind"] == "planted") & ~entries["outside"].astype(bool)]
     chosen = chosen[chosen["separable"].astype(bool) & (chosen["times_findable"].astype(float) > 0)]
+    chosen = chosen[np.isfinite(chosen["times_findable"].astype(float))]
     found = chosen["found"].astype(float).to_numpy()
     size = np.log(chosen["times_findable"].astype(float).to_numpy())
     if len(chosen) < FEWEST or found.min(initial=1.0) == found.max(initial=0.0):

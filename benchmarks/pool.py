@@ -1,4 +1,4 @@
-"""Pools boards of several seeds: ``python -m benchmarks.board.pool DIR DIR --out DIR``."""
+"""Pools boards of several seeds: ``python -m benchmarks.pool DIR DIR --out DIR``."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.board.board import write_results
+from benchmarks.runner import write_results
 from wearscope.errors import InputError
 
 
@@ -37,7 +37,7 @@ def read_results(folders: Iterable[Path]) -> list[dict[str, Any]]:
         for path in paths:
             try:
                 result = json.loads(path.read_text(encoding="utf-8"))
-                name = f"{result['case']['part']} seed {result['case']['seed']} {result['case']['dataset']}"
+                name = f"{result['case']['dataset']} of seed {result['case']['seed']}"
             except (ValueError, KeyError, TypeError):
                 raise InputError(f"{path}: not the result of a case; run it anew with --case") from None
             if name in where:
@@ -48,7 +48,7 @@ def read_results(folders: Iterable[Path]) -> list[dict[str, Any]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line of ``python -m benchmarks.board.pool``."""
+    """Command line of ``python -m benchmarks.pool``."""
     parser = argparse.ArgumentParser(description="Pool boards into the tables of one.")
     parser.add_argument("boards", nargs="+", type=Path, metavar="DIR", help="--out of a board")
     parser.add_argument("--out", type=Path, required=True, help="where the tables go")

@@ -4,7 +4,9 @@ An entry of the verdict is *accounted for* where its joint has a planted effect 
 stands in its `equivalent`, or that is not separable and counts the named effect among its rivals; and,
 where an outside effect is planted at its joint, where it is ``unknown``. Any other entry is *extra*. A
 planted effect is *required* where it is separable and at least `TIMES` its just findable size. A case is
-*exact* where every required effect is named and nothing is extra.
+*exact* where every required effect is named, nothing is extra, and every findable outside effect is answered
+by ``unknown`` or ``unexplained``. A joint is *falsely unexplained* where it is called ``unexplained``
+although each effect planted there is named and none is outside the vocabulary. Both generators are scored by this.
 """
 
 import json
@@ -135,7 +137,7 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
     Parameters
     ----------
     truth : dict
-        As `generate.generate_dataset` returns it.
+        `planted`, a list of effects as `board.generate.generate_dataset` describes them, and `noise`.
     verdict : dict
         The content of ``verdict.json``; `status`, `state` and `unexplained_rms` may be absent.
 
@@ -143,6 +145,7 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
     -------
     case : dict
         `planted`, `required`, `named` (required ones that are), `missed`, `extra`, `unknowns`, `exact`,
+        `joints`, `false_unexplained` (joints; None where the noise repeats, which may be unexplained),
         `null`, `false_in_null` (None in a planted case), `worse` (a joint's held-out error beyond `WORSE`),
         `worst_ratio`, `refuted`, `statuses` (entries that say a status), `outside_answered` (None where
         none is planted and findable), `outcome`.
@@ -191,7 +194,9 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
         "planted": len(planted), "required": len(required), "named": len(required) - len(missed),
         "missed": len(missed), "extra": sum(entry["effect"] != "unknown" for entry in extra),
         "unknowns": sum(entry["effect"] == "unknown" for entry in extra),
-        "entries": len(said), "exact": not missed and not extra, "null": not planted,
+        "entries": len(said), "exact": not missed and not extra and all(row["found"] for row in outer),
+        "joints": len(verdict["joints"]),
+        "false_unexplained": _count_unexplained(truth, verdict, rows), "null": not planted,
         "false_in_null": bool(extra) if not planted else None,
         "worst_ratio": max(ratios, default=np.nan), "worse": max(ratios, default=0.0) > WORSE,
         "refuted": sum(entry.get("status") == "refuted" for entry in said),
@@ -202,6 +207,20 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
         "exact" if case["exact"] else "extra" if extra and not missed else "missed" if not extra else "both"
     )
     return case, rows
+
+
+def _count_unexplained(
+    truth: dict[str, Any], verdict: dict[str, Any], rows: list[dict[str, Any]]
+) -> int | None:
+    """Joints called unexplained where every planted effect is named and none is outside."""
+    if truth.get("noise") in REPEATING:
+        return None
+    planted = zip(truth["planted"], (row for row in rows if row["kind"] == "planted"), strict=True)
+    open_joints = {
+        joint for plant, row in planted if plant["outside"] or not row["found"] for joint in plant["joints"]
+    }
+    called = {name for name, joint in verdict["joints"].items() if joint.get("state") == "unexplained"}
+    return len(called - open_joints)
 
 
 _ORDER = ("right", "unknown", "equivalent", "excused")
