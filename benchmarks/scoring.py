@@ -6,7 +6,7 @@ where an outside effect is planted at its joint, where it is ``unknown``. Any ot
 planted effect is *required* where it is separable and at least `TIMES` its just findable size. A case is
 *exact* where every required effect is named, nothing is extra, and every findable outside effect is answered
 by ``unknown`` or ``unexplained``. A joint is *falsely unexplained* where it is called ``unexplained``
-although each effect planted there is named and none is outside the vocabulary. Both generators are scored by this.
+although each effect planted there is named and none is outside the vocabulary. It scores both generators.
 """
 
 import json
