@@ -32,6 +32,12 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @_pattern("torque")
 @_pattern("current")
 @_pattern("temperature")
+@_pattern("goal")
+@_pattern("duty")
+@_pattern("volts")
+@_pattern("on")
+@click.option("--servo", metavar="NAME[,X=...]",
+              help="Servo, or its constants: its torque is that of the drive's law.")  # fmt: skip
 @click.option("--time", metavar="NAME", help="Column of the time.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Told by the step if left out.")
 @click.option(
@@ -70,8 +76,8 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
               help="Effects that the model has to begin with.")  # fmt: skip
 @click.option("--accept", multiple=True, help="Refusal that is overruled, as its sentence words it.")
-def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type: ignore[no-untyped-def]
-    """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags or MCAP.
+def dataset(recordings, urdf, name, folder, joints, declare, servo, **stated):  # type: ignore[no-untyped-def]
+    """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
 
     What is guessed (columns, units, clock, rate, which recording is the test) is said, and stands in
     dataset.yaml. The data set is checked before it is kept.
@@ -80,6 +86,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type:
     Examples:
       wearscope new dataset log1.csv log2.csv log3.csv --urdf ur5.urdf
       wearscope new dataset *.csv --urdf arm.urdf --torque-constant 0.11 --gear-ratio 101
+      wearscope new dataset servo*.csv --urdf arm.urdf --servo xl330
       wearscope new dataset monday.mcap tuesday.mcap --urdf arm.urdf --topic /joint_states
     """
     from wearscope.checking.dataset import check_dataset
@@ -87,6 +94,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type:
     from wearscope.starters.columns import KINDS
     from wearscope.starters.conversion import Mapped, convert_recordings
     from wearscope.starters.dataset import write_dataset
+    from wearscope.starters.servos import SERVO_KINDS, read_servo_option
     from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
 
     read_text(urdf, "the robot's URDF")
@@ -96,11 +104,12 @@ def dataset(recordings, urdf, name, folder, joints, declare, **stated):  # type:
     name = check_folder_name(name or f"{plain.strip('-._') or 'robot'}-data", "data set")
     target = folder / name
     refuse_existing(target)
-    patterns = {kind: stated.pop(kind) for kind in KINDS}
+    patterns = {kind: stated.pop(kind) for kind in (*KINDS, *SERVO_KINDS)}
     mapped = Mapped(
         joints=_split(joints),
         patterns={kind: one for kind, one in patterns.items() if one},
         declared=_split(declare),
+        servo=None if servo is None else read_servo_option(servo),
         **stated,
     )
     converted = convert_recordings(recordings, urdf, mapped)

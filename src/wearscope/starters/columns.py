@@ -16,6 +16,12 @@ _WORDS = {
     "current": "i current currents curr cur amp amps ampere",
     "temperature": "temp temperature temperatures",
 }
+#: Words of a servo's own columns, which are of no other kind.
+_SERVO = {
+    "duty": set("duty pwm load".split()),
+    "volts": set("volt volts voltage voltages".split()),
+    "on": set("enable enabled".split()),
+}
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _ACTUAL = set("actual act measured meas fbk feedback real ist".split())
 _TARGET = set("target desired des cmd command commanded ref reference setpoint set goal planned soll".split())
@@ -92,6 +98,12 @@ def tell_kind(words: Sequence[str]) -> str | None:
     return "velocity" if kind == "position" and "dot" in words else kind
 
 
+def _is_kind(words: Sequence[str], kind: str) -> bool:
+    if kind in _SERVO:
+        return bool(_SERVO[kind] & set(words)) and (kind == "on" or tell_kind(words) is None)
+    return tell_kind(words) == kind and not _SERVO["on"] & set(words)
+
+
 def _contains(words: Sequence[str], part: Sequence[str]) -> bool:
     return any(list(words[k : k + len(part)]) == list(part) for k in range(len(words) - len(part) + 1))
 
@@ -110,7 +122,7 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     ----------
     columns, joints : sequence of str
     kind : str
-        Of `KINDS`.
+        Of `KINDS`, or a servo's duty, volts or on.
 
     Returns
     -------
@@ -126,10 +138,12 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
         if matches:
             best = max(matches, key=lambda k: len(names[k]))
             without = _remove(words, names[best])
-            if tell_kind(without) == kind:
+            if _is_kind(without, kind):
                 by_name.setdefault(tuple(without), {})[best] = column
         numbers = [word for word in words if word.isdigit()]
-        if numbers and tell_kind(words) == kind:
+        if not matches and not numbers and len(joints) == 1 and _is_kind(words, kind):
+            by_name.setdefault(tuple(words), {})[0] = column
+        if numbers and _is_kind(words, kind):
             left = [word for word in words if not word.isdigit()]
             by_number.setdefault(tuple(left), {})[int(numbers[-1])] = column
     found: dict[tuple[str, ...], tuple[str, ...]] = {}

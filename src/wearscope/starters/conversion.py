@@ -11,9 +11,11 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf
+from wearscope.servos import ServoFields
 from wearscope.starters.columns import KINDS, Group, find_groups, find_time, is_commanded, match_pattern
 from wearscope.starters.figures import Figures, take_option
-from wearscope.starters.recordings import read_recording
+from wearscope.starters.recordings import open_recordings
+from wearscope.starters.servos import choose_servo_groups
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 
 #: Positions are in degrees where they go so far [rad], or so far beyond the URDF's limits, as radians.
@@ -51,6 +53,8 @@ class Mapped:
         [kg]
     payload_com : sequence of float
         Its centre of mass in the frame of the last joint's link [m].
+    servo : ServoFields or None
+        Whose law gives the torque.
     """
 
     joints: Sequence[str] = ()
@@ -70,6 +74,7 @@ class Mapped:
     inertials: str = "approximate"
     payload: float | None = None
     payload_com: Sequence[float] = (0.0, 0.0, 0.0)
+    servo: ServoFields | None = None
 
 
 @dataclass
@@ -131,15 +136,16 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     notes: list[str] = []
     runs: list[Recorded] = []
     rates: list[float] = []
-    for file in files:
-        frame, told = read_recording(file, mapped.topic)
+    opened: list[Path] = []
+    for file, frame, told in open_recordings(files, mapped.topic, mapped.servo is not None):
+        opened.append(file)
         run, rate = _convert(file, frame, ordered, mapped, told)
         _note(notes, told, file.name)
         rates.append(rate)
         runs.append(Recorded(_name_run(file, runs), run))
-    rate = _common_rate(rates, files, mapped.rate)
+    rate = _common_rate(rates, opened, mapped.rate)
     notes.append(f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."))
-    notes += _choose_uses(runs, files, mapped.test, rate)
+    notes += _choose_uses(runs, opened, mapped.test, rate)
     return Converted(joints, prismatic, rate, runs, notes)
 
 
@@ -198,10 +204,16 @@ def _convert(
                 f"{prefix}_{name}": one for name, one in zip(joints, (values[kind] * factor).T, strict=True)
             }
     values |= {kind: values[kind] * groups[kind].factor for kind in ("torque", "current") if kind in values}
-    torque, told = _read_torque(file, values, mapped, gear, len(joints))
-    notes += told
+    if "goal" in values:
+        values["goal"] = values["goal"] * unit / ratio
+    if mapped.servo is None:
+        values["tau"], told = _read_torque(file, values, mapped, gear, len(joints))
+        notes += told
+        kinds: tuple[str, ...] = ("tau",)
+    else:
+        kinds = tuple(kind for kind in ("goal", "duty", "current", "volts", "on") if kind in values)
     for k, joint in enumerate(joints):
-        columns[f"tau_{joint}"] = torque[:, k]
+        columns |= {f"{kind}_{joint}": values[kind][:, k] for kind in kinds}
         if "temperature" in values:
             columns[f"temp_{joint}"] = values["temperature"][:, k]
     notes += [f"{file.name}: {line}" for line in _describe(groups)]
@@ -232,6 +244,10 @@ def _choose_groups(
             f"{file}: no column of positions is found for each of {', '.join(joints)}; name them with "
             f"--position 'NAME_*', or fewer joints with --joints; {told}."
         )
+    if mapped.servo is not None:
+        groups.pop("torque", None)
+        groups.pop("current", None)
+        return groups | choose_servo_groups(file, columns, joints, mapped.servo, mapped.patterns)
     if "current" in mapped.patterns:
         groups.pop("torque", None)
     if "torque" in groups:

@@ -29,6 +29,11 @@ def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, map
             f"qd_{joint}": f"{position}/s",
             f"tau_{joint}": torque,
             f"temp_{joint}": "degC",
+            f"goal_{joint}": position,
+            f"duty_{joint}": "-",
+            f"current_{joint}": "A",
+            f"volts_{joint}": "V",
+            f"on_{joint}": "-",
         }
     for run in converted.runs:
         own = {column: units[column] for column in run.frame.columns}
@@ -50,6 +55,9 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
         values = list(mapped.gear_ratio) * (n if len(mapped.gear_ratio) == 1 else 1)
         lines.append(f"  gear_ratio: [{', '.join(f'{one:g}' for one in values)}]")
     lines.append(f"sample_rate: {converted.rate:g}")
+    if mapped.servo is not None:
+        constants = mapped.servo.model_dump(exclude_none=True, exclude_defaults=True)
+        lines += ["servo:", *(f"  {name}: {value}" for name, value in constants.items())]
     if any(converted.prismatic):
         mixed = not all(converted.prismatic)
         kinds = (

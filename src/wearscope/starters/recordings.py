@@ -1,13 +1,14 @@
 """Recordings as tables: text of any separator, Parquet, and ROS 2 bags with joint states."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from wearscope.errors import InputError
+from wearscope.starters.lerobot import is_lerobot, read_lerobot
 
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -49,6 +50,27 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     raise InputError(
         f"{path}: is no recording that is known; give {', '.join(_TEXT)}, .parquet, .mcap or a bag."
     )
+
+
+def open_recordings(
+    files: Sequence[Path], topic: str | None = None, servo: bool = False
+) -> Iterator[tuple[Path, pd.DataFrame, list[str]]]:
+    """Each recording with its name, its table and notes; of a LeRobot data set each episode.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        As `read_recording` takes them, or folders of LeRobot data sets.
+    topic : str, optional
+    servo : bool
+        Whether a servo's law gives the torque, so that no effort is needed.
+    """
+    for file in files:
+        if is_lerobot(file):
+            for name, frame in read_lerobot(file, servo):
+                yield file / name, frame, []
+        else:
+            yield file, *read_recording(file, topic)
 
 
 def _read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:

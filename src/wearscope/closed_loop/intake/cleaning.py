@@ -213,12 +213,13 @@ def _clean_torque(
 ) -> tuple[np.ndarray, list[str]]:
     """Bridge spikes of a torque in place; rows (N,) that do not count, and notes."""
     spiky = _bridge_spikes(run.tau[:, j])
+    off = np.zeros(len(run.t), dtype=bool) if run.off is None else run.off[:, j]
     notes: list[str] = []
     if spiky.any():
         notes.append(
             f"{run.label}: spikes of tau_{joint} in {int(spiky.sum())} rows were bridged and do not count."
         )
-    frozen = _find_frozen(run, j)
+    frozen = _find_frozen(run, j) & ~off
     if frozen.mean() > _MOST_FROZEN:
         told = (
             f"column 'tau_{joint}' does not change over most of the run; the channel is dead or saturated, "
@@ -234,7 +235,7 @@ def _clean_torque(
     if np.ptp(run.tau[:, j]) == 0.0:
         frozen[:] = True
         notes.append(f"{run.label}: tau_{joint} is constant while the joint rests; its rows do not count.")
-    return spiky | frozen, notes
+    return spiky | frozen | off, notes
 
 
 def _bridge_spikes(tau: np.ndarray) -> np.ndarray:

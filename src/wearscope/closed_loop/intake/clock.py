@@ -145,9 +145,19 @@ def resample(run: Run, rate: float) -> Run:
 
     q, tau = take(run.q), take(run.tau)
     assert q is not None and tau is not None
+    off = None
+    if run.off is not None:
+        off = np.column_stack([np.interp(uniform, run.t, c.astype(float)) > 0.0 for c in run.off.T])
     channels = {name: np.interp(uniform, run.t, x) for name, x in run.channels.items()}
     return replace(
-        run, t=uniform, q=q, tau=tau, qd=take(run.qd), temperature=take(run.temperature), channels=channels
+        run,
+        t=uniform,
+        q=q,
+        tau=tau,
+        qd=take(run.qd),
+        temperature=take(run.temperature),
+        channels=channels,
+        off=off,
     )
 
 

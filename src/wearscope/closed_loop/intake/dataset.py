@@ -26,6 +26,7 @@ from wearscope.closed_loop.intake.dataset_fields import (
 )
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_run
+from wearscope.closed_loop.intake.servo import take_torques
 from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_joints
 from wearscope.errors import InputError
 
@@ -114,12 +115,13 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     t = take_column(path, frame, "t")
     check_clock(str(path), t, fields.sample_rate)
     q = take_joints(path, frame, "q", joints)
+    torque = take_torques(path, frame, joints, fields.servos, t, q)
     return Run(
         entry.file,
         entry.use,
         t - t[0],
         q,
-        take_joints(path, frame, "tau", joints),
+        torque.tau,
         take_given(path, frame, "qd", joints),
         take_given(path, frame, "temp", joints),
         entry.payload,
@@ -127,6 +129,8 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         channels={name: take_column(path, frame, name) for name in fields.channels},
         start=float(t[0]),
         quantum=estimate_quantum(q),
+        off=torque.off,
+        notes=torque.notes,
     )
 
 
@@ -158,11 +162,14 @@ def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
     return found
 
 
-def _read_records(folder: Path, fields: DatasetFields) -> tuple[list[RunRecord], list[Signature]]:
-    """Read and check the recordings one at a time, keeping what tells them apart."""
+def _read_records(
+    folder: Path, fields: DatasetFields, notes: list[str]
+) -> tuple[list[RunRecord], list[Signature]]:
+    """Read and check the recordings one at a time, keeping what tells them apart; notes are added."""
     records, signatures = [], []
     for entry in fields.runs:
         run = _read_run(folder, entry, fields)
+        notes += run.notes
         _check_run(folder / entry.file, run, fields.robot.joints)
         split_at_gaps(run, fields.sample_rate, str(folder / run.file))
         signatures.append(sign_run(run, fields.sample_rate))
@@ -270,6 +277,6 @@ def read_dataset(
     urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
     check_file(urdf, "correct robot.urdf in dataset.yaml")
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))
-    runs, signatures = _read_records(folder, fields)
+    runs, signatures = _read_records(folder, fields, notes)
     notes += told + _check_repeats(path, runs, signatures, accepted)
     return Dataset(folder, fields, runs, *units, accepted, notes)

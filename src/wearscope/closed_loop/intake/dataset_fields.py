@@ -17,6 +17,7 @@ from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside, read_text
 from wearscope.errors import InputError, explain_yaml
 from wearscope.plain_yaml import load_plain_yaml
+from wearscope.servos import ServoFields, read_servos, refuse_bool
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0
@@ -24,13 +25,7 @@ _STRONGEST = 15.0
 _LONGEST_NAME = 100
 
 
-def _refuse_bool(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise ValueError("should be a number")
-    return value
-
-
-_Number = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+_Number = Annotated[float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False)]
 
 
 def take_label(value: Any) -> Any:
@@ -94,9 +89,15 @@ class DatasetFields(_Fields):
     declared_effects: list[str]
     effects: list[str] = []
     channels: dict[str, str] = {}
+    servo: dict[str, Any] | None = None
     accept: list[str] = []
     reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1)
+
+    @property
+    def servos(self) -> dict[str, ServoFields]:
+        """Servo of each joint that has one."""
+        return read_servos("dataset.yaml", self.servo, self.robot.joints)
 
 
 def folder_name(name: Any, where: str) -> str:
@@ -253,6 +254,7 @@ def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[st
     _check_effects(path, fields)
     _check_channels(path, fields)
     _check_runs(path, fields)
+    read_servos(str(path), fields.servo, fields.robot.joints)
     accepted = Acceptance.read(str(path), fields.accept, fields.robot.joints, files)
     strength = float(np.linalg.norm(fields.robot.gravity))
     notes = []
@@ -269,6 +271,7 @@ def list_conflicts(path: Path, fields: DatasetFields) -> list[str]:
         partial(_check_effects, path, fields),
         partial(_check_channels, path, fields),
         partial(_check_runs, path, fields),
+        partial(read_servos, str(path), fields.servo, fields.robot.joints),
         partial(check_fields, path, fields),
     ]
     found = []

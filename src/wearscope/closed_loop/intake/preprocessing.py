@@ -147,8 +147,11 @@ def bridge_gaps(
 
 def _check_share(dataset: Dataset, sources: list[Source], notes: list[str]) -> None:
     """Refuse a joint of whose training torque too much is clipped or frozen: the rest is a biased choice."""
-    count = sum(len(s.faulty) for s in sources if s.run.use == "train")
-    share = np.sum([s.faulty.sum(axis=0) for s in sources if s.run.use == "train"], axis=0) / count
+    train = [s for s in sources if s.run.use == "train"]
+    off = [np.zeros_like(s.faulty) if s.run.off is None else s.run.off for s in train]
+    count = np.sum([(~rows).sum(axis=0) for rows in off], axis=0)
+    faulty = [(s.faulty & ~rows).sum(axis=0) for s, rows in zip(train, off, strict=True)]
+    share = np.sum(faulty, axis=0) / np.maximum(count, 1)
     for joint, part in zip(dataset.joints, share, strict=True):
         if part > _MOST_FAULTY:
             limited = "" if dataset.fields.robot.torque_limit is None else "correct robot.torque_limit, "

@@ -40,6 +40,10 @@ class Run:
         Number of the piece from 1; 0 where the recording is whole.
     losses : ndarray (G, 2)
         Times between which a few samples were lost.
+    off : ndarray (N, n) of bool or None
+        Rows in which a servo's torque was switched off.
+    notes : tuple of str
+        On how its torque was read.
     quantum : ndarray (n,) or None
         Smallest step of each position as recorded; 0 where it is too fine to tell.
     """
@@ -58,6 +62,8 @@ class Run:
     piece: int = 0
     losses: np.ndarray = field(default_factory=no_losses)
     quantum: np.ndarray | None = None
+    off: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -74,6 +80,7 @@ class Run:
             tau=self.tau[part],
             qd=None if self.qd is None else self.qd[part],
             temperature=None if self.temperature is None else self.temperature[part],
+            off=None if self.off is None else self.off[part],
             channels={name: x[part] for name, x in self.channels.items()},
         )
 

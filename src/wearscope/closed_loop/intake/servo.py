@@ -1,0 +1,222 @@
+r"""The torque of a servo from what its bus gives: goal, duty, current, supply.
+
+A servo's drive sets a voltage, :math:`u = d\,V` with the duty :math:`d`. The motor turns it into torque at
+the joint, :math:`\tau = k\,(u - k\,\dot q) / R` with the torque constant :math:`k` at the joint. The second
+part, the back-EMF, opposes the motion like viscous friction does. It is none: it is known from the constants
+and is taken off here, so that what is estimated as viscous is the gear's alone.
+
+With its torque off a drive is open and carries no current. Such rows do not count. Their torque would be
+known, as zero; but the gear then carries the load alone. Friction that grows with the motor's torque differs
+there, and some drives brake when they are off.
+
+Source: Duclusaud et al. 2025, "Extended friction models for the physics simulation of servo actuators".
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from wearscope.closed_loop.intake.table_files import take_column, take_joints
+from wearscope.errors import InputError
+from wearscope.servos import COLUMNS, ServoFields
+
+#: Values that a register of 16 bits has.
+_WORD = 65536
+#: Share of the largest duty above which its sign, and that of the error, are looked at.
+_PLAIN = 0.1
+#: Correlation of the duty's size with the error's from which the error has the duty's sign.
+_FOLLOWS = 0.8
+
+
+@dataclass(frozen=True)
+class ServoTorque:
+    """What a servo's columns say.
+
+    Attributes
+    ----------
+    torque : ndarray (N,)
+        At the joint [N m or N].
+    off : ndarray (N,) of bool
+        Rows in which the torque was off.
+    notes : tuple of str
+    """
+
+    torque: np.ndarray
+    off: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def take_servo_torque(
+    path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields, t: np.ndarray, q: np.ndarray
+) -> ServoTorque:
+    """Torque of a servo by its drive's law.
+
+    Parameters
+    ----------
+    path : Path
+    frame : DataFrame
+        The recording, with ``goal_``, ``duty_``, ``current_``, ``volts_`` and ``on_`` columns of the joint as
+        far as the law needs them.
+    joint : str
+    servo : ServoFields
+    t, q : ndarray (N,)
+        Time [s] and position [rad or m].
+
+    Raises
+    ------
+    InputError
+        Where a column that the law needs is missing, or holds what the law cannot be.
+    """
+    for kind in COLUMNS[servo.law]:
+        if f"{kind}_{joint}" not in frame.columns:
+            raise InputError(
+                f"{path}: column '{kind}_{joint}' is missing, which servo law {servo.law} needs; add it, or "
+                "choose another law."
+            )
+    off = _read_off(path, frame, joint)
+    if servo.law == "current":
+        current = take_column(path, frame, f"current_{joint}")
+        return ServoTorque(np.where(off, 0.0, servo.constant * current), off)
+    if servo.law == "duty":
+        goal = take_column(path, frame, f"goal_{joint}") if f"goal_{joint}" in frame.columns else None
+        counts = take_column(path, frame, f"duty_{joint}")
+        duty, notes = restore_duty(f"{path}: column 'duty_{joint}'", counts, servo.duty_full, goal, q, off)
+    else:
+        assert servo.gain is not None
+        duty = servo.gain * (take_column(path, frame, f"goal_{joint}") - q)
+        duty, notes = np.clip(duty, -servo.duty_limit, servo.duty_limit), []
+    assert servo.resistance is not None
+    drive = servo.constant / servo.resistance * duty * _read_volts(path, frame, joint, servo)
+    speed = np.gradient(q, t)
+    return ServoTorque(np.where(off, 0.0, drive - servo.back_emf * speed), off, tuple(notes))
+
+
+def _read_off(path: Path, frame: pd.DataFrame, joint: str) -> np.ndarray:
+    name = f"on_{joint}"
+    if name not in frame.columns:
+        return np.zeros(len(frame), dtype=bool)
+    if pd.api.types.is_bool_dtype(frame[name]):
+        return ~frame[name].to_numpy(dtype=bool)
+    on = take_column(path, frame, name)
+    if not np.all(np.isin(on, (0.0, 1.0))):
+        raise InputError(f"{path}: column '{name}' holds other than 0 and 1; give 1 where the torque is on.")
+    return on == 0.0
+
+
+def _read_volts(path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields) -> np.ndarray | float:
+    if f"volts_{joint}" in frame.columns:
+        volts = take_column(path, frame, f"volts_{joint}")
+        if volts.min() < 0.0:
+            raise InputError(
+                f"{path}: column 'volts_{joint}' is negative at row {int(volts.argmin())}; correct it."
+            )
+        return volts
+    if servo.volts is None:
+        raise InputError(
+            f"{path}: column 'volts_{joint}' is missing, and servo states no volts; add one of them."
+        )
+    return servo.volts
+
+
+def restore_duty(
+    where: str, counts: np.ndarray, full: float, goal: np.ndarray | None, q: np.ndarray, off: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
+    """Duty (N,) of 1 from its column, with the sign that the recorder lost, and notes.
+
+    A recorder that takes a signed register of 16 bits for an unsigned one adds 65536 to what is negative.
+    One that keeps the size alone loses the sign, which the error of the position has.
+
+    Raises
+    ------
+    InputError
+        Where values are beyond the full duty either way, or the sign is lost and cannot be told.
+    """
+    notes = []
+    wrapped = counts > _WORD - 1.5 * full
+    if full < _WORD / 4 and wrapped.any():
+        counts = np.where(wrapped, counts - _WORD, counts)
+        notes.append(f"{where} has negative values as 16 bits without a sign; 65536 was taken off them.")
+    beyond = np.abs(counts) > 1.1 * full
+    if beyond.any():
+        raise InputError(
+            f"{where} is {counts[beyond][0]:g} at row {int(beyond.argmax())}, beyond duty_full {full:g}; "
+            "correct servo.duty_full."
+        )
+    duty = counts / full
+    if goal is None or duty.min() < 0.0:
+        return duty, notes
+    error = goal - q
+    plain = ~off & (np.abs(duty) > _PLAIN * np.abs(duty).max())
+    negative = plain & (error < 0.0)
+    if negative.sum() < 0.01 * plain.sum() or not negative.any():
+        return duty, notes
+    if np.corrcoef(duty[plain], np.abs(error[plain]))[0, 1] < _FOLLOWS:
+        raise InputError(
+            f"{where} is never negative where the goal lies on either side of the position, and does not "
+            "follow their distance; record it with its sign."
+        )
+    notes.append(f"{where} has no sign; it has that of the goal less the position.")
+    return duty * np.sign(error), notes
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Torque columns of a recording.
+
+    Attributes
+    ----------
+    tau : ndarray (N, n)
+        On the joint side of the gear.
+    off : ndarray (N, n) of bool or None
+        Rows in which a servo's torque was off; None where there are none.
+    notes : tuple of str
+    """
+
+    tau: np.ndarray
+    off: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+
+
+def take_torques(
+    path: Path,
+    frame: pd.DataFrame,
+    joints: list[str],
+    servos: Mapping[str, ServoFields],
+    t: np.ndarray,
+    q: np.ndarray,
+) -> Torques:
+    """Torques as recorded, or of servos by their drives' laws.
+
+    Parameters
+    ----------
+    path : Path
+    frame : DataFrame
+    joints : list of str
+    servos : mapping of str to ServoFields
+        By joint; the others have a column ``tau_<joint>``.
+    t : ndarray (N,)
+    q : ndarray (N, n)
+
+    Raises
+    ------
+    InputError
+        Where a column is missing, or holds no torque.
+    """
+    if not servos:
+        return Torques(take_joints(path, frame, "tau", joints))
+    tau, off = np.empty(q.shape), np.zeros(q.shape, dtype=bool)
+    notes: list[str] = []
+    for j, joint in enumerate(joints):
+        if joint not in servos:
+            tau[:, j] = take_column(path, frame, f"tau_{joint}")
+            continue
+        found = take_servo_torque(path, frame, joint, servos[joint], t, q[:, j])
+        tau[:, j], off[:, j] = found.torque, found.off
+        notes += [one.replace(str(path), path.name) for one in found.notes]
+        if found.off.any():
+            count = int(found.off.sum())
+            notes.append(f"{path.name}: the torque of {joint} is off in {count} rows; they do not count.")
+    return Torques(tau, off if off.any() else None, tuple(notes))

@@ -1,0 +1,123 @@
+"""Data sets of LeRobot: ``meta/info.json`` and Parquet files with a row a frame, one run an episode."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from wearscope.errors import InputError
+
+#: Features of joints and the word of their kind; names of single values may hold another.
+_FEATURES = {
+    "observation.state": "position",
+    "observation.velocity": "velocity",
+    "observation.effort": "effort",
+    "observation.torque": "effort",
+    "observation.current": "current",
+    "observation.load": "load",
+    "action": "goal_position",
+}
+#: Ends of names of single values, as ``shoulder.pos``, and their kinds.
+_ENDS = {"pos": "position", "vel": "velocity", "torque": "effort", "effort": "effort", "current": "current"}
+_MEASURED = {"effort", "current", "load"}
+
+
+def is_lerobot(path: Path) -> bool:
+    """Whether a folder is a data set of LeRobot."""
+    return (path / "meta" / "info.json").is_file()
+
+
+def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFrame]]:
+    """Episodes by name, each with ``timestamp`` [s] and columns such as ``shoulder.position``.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the data set, format 2 or 3.
+    servo : bool
+        Whether a servo's law gives the torque, so that no effort is needed.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, has no positions, or neither effort nor current.
+    """
+    features = _read_features(path)
+    columns = _name_columns(features)
+    kinds = {name.rpartition(".")[2] for names in columns.values() for name in names}
+    if "position" not in kinds:
+        raise InputError(f"{path}: has no observation.state; its features are {', '.join(features)}.")
+    if not servo and not kinds & _MEASURED:
+        raise InputError(
+            f"{path}: holds no effort, torque or current (features: {', '.join(features)}); record them, or "
+            "give the servo's law with --servo."
+        )
+    files = sorted((path / "data").rglob("*.parquet"))
+    if not files:
+        raise InputError(f"{path}: has no Parquet files under data; download the data set whole.")
+    wanted = ["timestamp", "episode_index", *columns]
+    try:
+        tables = [pq.read_table(file, columns=wanted, partitioning=None) for file in files]
+        table = pa.concat_tables(tables)
+        parts = [_read_values(table, feature, len(names)) for feature, names in columns.items()]
+    except (pa.ArrowException, OSError, ValueError) as error:
+        told = " ".join(str(error).split())[:200].rstrip(".")
+        raise InputError(
+            f"{path}: cannot be read as a LeRobot data set ({told}); download it again."
+        ) from error
+    frame = pd.DataFrame(
+        np.column_stack(parts), columns=[name for names in columns.values() for name in names]
+    )
+    frame.insert(0, "timestamp", table["timestamp"].to_numpy())
+    episode = table["episode_index"].to_numpy()
+    return [
+        (f"episode_{number:06d}", frame[episode == number].reset_index(drop=True))
+        for number in np.unique(episode)
+    ]
+
+
+def _read_features(path: Path) -> dict[str, Any]:
+    file = path / "meta" / "info.json"
+    try:
+        features = json.loads(file.read_text(encoding="utf-8"))["features"]
+        if not isinstance(features, dict):
+            raise TypeError("features are no mapping")
+        return features
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{file}: cannot be read ({error!r:.100}); download the data set again.") from error
+
+
+def _name_columns(features: dict[str, Any]) -> dict[str, list[str]]:
+    """Names of each feature's values: joint, a dot, kind."""
+    columns = {}
+    for feature, kind in _FEATURES.items():
+        if feature not in features:
+            continue
+        stated = features[feature].get("names")
+        if isinstance(stated, dict):
+            stated = next((one for one in stated.values() if isinstance(one, list)), None)
+        count = int(features[feature]["shape"][0])
+        if not isinstance(stated, list) or len(stated) != count:
+            stated = [f"joint_{k}" for k in range(count)]
+        names = []
+        for name in map(str, stated):
+            joint, _, end = name.rpartition(".")
+            own = _ENDS.get(end)
+            if own is None:
+                joint, own = name, "position"
+            names.append(f"{joint}.{kind if own == 'position' else own}")
+        if len(set(names)) == len(names):
+            columns[feature] = names
+    return columns
+
+
+def _read_values(table: pa.Table, feature: str, count: int) -> np.ndarray:
+    """Values (N, count) of a feature that has a list a row, or a number where `count` is 1."""
+    column = table[feature].combine_chunks()
+    if not pa.types.is_nested(column.type):
+        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float).reshape(-1, 1)
+    return np.asarray(column.flatten().to_numpy(zero_copy_only=False), dtype=float).reshape(-1, count)

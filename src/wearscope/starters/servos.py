@@ -1,0 +1,96 @@
+"""Servos: published constants, what the user says of them, and their columns in a recording.
+
+A preset is one entry of `PRESETS`.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from wearscope.errors import InputError
+from wearscope.servos import COLUMNS, ServoFields, read_servo
+from wearscope.starters.columns import Group, find_groups, is_commanded, match_pattern
+
+#: Constants at the output shaft. Rhoban/bam (Apache-2.0, ``params/<servo>/m6.json``) publishes them as fitted
+#: together with its fullest friction law, from recordings of a pendulum; with another law they differ.
+#: XL330: 885 counts are full duty by its maker's manual. MX-64, MX-106: largest duty measured there.
+#: STS3215: at 7.4 V; its load is in counts of 1000.
+PRESETS: dict[str, dict[str, Any]] = {
+    "xl330": {"law": "duty", "kt": 0.304, "resistance": 2.45, "duty_full": 885.0},
+    "mx64": {"law": "voltage", "kt": 1.602, "resistance": 2.316, "duty_limit": 0.9625},
+    "mx106": {"law": "voltage", "kt": 2.21, "resistance": 2.034, "duty_limit": 0.9625},
+    "sts3215": {"law": "duty", "kt": 1.275, "resistance": 2.753, "duty_full": 1000.0},
+}
+#: Kinds of a servo's columns, next to those of every recording.
+SERVO_KINDS = ("goal", "duty", "volts", "on")
+#: Columns that are taken where a recording has them.
+_OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
+
+
+def read_servo_option(text: str) -> ServoFields:
+    """Servo from ``PRESET``, ``name=value,...``, or ``PRESET,name=value,...``.
+
+    Raises
+    ------
+    InputError
+        Where a preset or constant is not known, missing or no positive number.
+    """
+    stated: dict[str, Any] = {}
+    for part in (one.strip() for one in text.split(",")):
+        name, equals, value = (one.strip() for one in part.partition("="))
+        if not equals:
+            if name not in PRESETS or stated:
+                known = ", ".join(PRESETS)
+                raise InputError(
+                    f"--servo {text}: '{part}' is no servo that is known ({known}) and no name=value; write "
+                    "e.g. law=duty,kt=0.3,resistance=2.5,duty_full=885."
+                )
+            stated |= PRESETS[name]
+            continue
+        try:
+            stated[name] = value if name == "law" else float(value)
+        except ValueError:
+            raise InputError(
+                f"--servo {text}: {name} is '{value}', which is no number; correct it."
+            ) from None
+    return read_servo("--servo", stated)
+
+
+def choose_servo_groups(
+    file: Path, columns: Sequence[str], joints: Sequence[str], servo: ServoFields, patterns: Mapping[str, str]
+) -> dict[str, Group]:
+    """Columns of a servo's goal, duty, current, supply and switch, by kind.
+
+    Parameters
+    ----------
+    file : Path
+    columns, joints : sequence of str
+    servo : ServoFields
+    patterns : mapping of str to str
+        By kind, as the user names them.
+
+    Raises
+    ------
+    InputError
+        Where a column that the law needs is not found.
+    """
+    groups = {}
+    for kind in (*COLUMNS[servo.law], *_OPTIONAL[servo.law]):
+        if kind in patterns:
+            groups[kind] = match_pattern(patterns[kind], columns, joints, kind)
+            continue
+        found = find_groups(columns, joints, "position" if kind == "goal" else kind)
+        found = [one for one in found if is_commanded(one) == (kind == "goal")]
+        if found:
+            groups[kind] = Group(kind, found[0].columns, found[0].unit)
+        elif kind in COLUMNS[servo.law]:
+            raise InputError(
+                f"{file}: servo law {servo.law} needs the {kind} of each of {', '.join(joints)}; name its "
+                f"columns with --{kind} 'NAME_*'; the columns are {', '.join(columns[:30])}."
+            )
+    if servo.law != "current" and "volts" not in groups and servo.volts is None:
+        raise InputError(
+            f"{file}: has no column of the supply's voltage; name it with --volts 'NAME_*', or add volts=7.4 "
+            "to --servo."
+        )
+    return groups

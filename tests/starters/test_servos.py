@@ -1,0 +1,190 @@
+"""Servo columns and LeRobot data sets as they come, converted."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from wearscope.errors import InputError
+from wearscope.servos import read_servos
+from wearscope.starters.conversion import Mapped, convert_recordings
+from wearscope.starters.dataset import write_dataset
+from wearscope.starters.servos import PRESETS, read_servo_option
+
+LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="10"/>'
+INERTIA = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+
+
+def write_urdf(folder, joints):
+    links = "".join(
+        f'<link name="link_{j}"><inertial><mass value="0.4"/>{INERTIA}</inertial></link>' for j in joints
+    )
+    parents = ["base", *(f"link_{j}" for j in joints)]
+    turns = "".join(
+        f'<joint name="{j}" type="revolute"><parent link="{p}"/><child link="link_{j}"/>{LIMIT}</joint>'
+        for j, p in zip(joints, parents, strict=False)
+    )
+    path = folder / "robot.urdf"
+    path.write_text(f'<robot name="arm"><link name="base"/>{links}{turns}</robot>')
+    return path
+
+
+def table(count=1000):
+    t = np.arange(count) / 100.0
+    return pd.DataFrame(
+        {
+            "timestamp": t,
+            "position": np.sin(t),
+            "speed": np.cos(t),
+            "goal_position": np.sin(t + 0.1),
+            "load": np.round(300 * np.cos(t)).astype(int) % 65536,
+            "input_volts": 7.4,
+            "temp": 30,
+            "torque_enable": True,
+        }
+    )
+
+
+def test_columns_of_a_servo_bus_are_found_by_their_names(tmp_path):
+    table().to_csv(tmp_path / "run.csv", index=False)
+    urdf = write_urdf(tmp_path, ["arm"])
+    mapped = Mapped(servo=read_servo_option("xl330"))
+    converted = convert_recordings([tmp_path / "run.csv"], urdf, mapped)
+    frame = pd.concat([run.frame for run in converted.runs])
+    for ours, theirs in {
+        "q": "position", "qd": "speed", "goal": "goal_position", "duty": "load", "volts": "input_volts",
+        "on": "torque_enable", "temp": "temp",
+    }.items():  # fmt: skip
+        np.testing.assert_array_equal(frame[f"{ours}_arm"][:300], table()[theirs][:300].astype(float))
+    assert "tau_arm" not in frame
+    folder = tmp_path / "made"
+    folder.mkdir()
+    write_dataset(folder, "made", urdf, converted, mapped)
+    stated = yaml.safe_load((folder / "dataset.yaml").read_text())["servo"]
+    assert read_servos("", stated, ["arm"])["arm"] == mapped.servo
+
+
+def test_goals_have_the_unit_of_the_positions(tmp_path):
+    given = table()
+    given[["position", "goal_position"]] *= 180.0 / np.pi
+    given.to_csv(tmp_path / "run.csv", index=False)
+    mapped = Mapped(servo=read_servo_option("mx64,gain=3"), position_unit="deg")
+    converted = convert_recordings([tmp_path / "run.csv"], write_urdf(tmp_path, ["arm"]), mapped)
+    np.testing.assert_allclose(converted.runs[0].frame["goal_arm"], table()["goal_position"][:700])
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_are_servos(name):
+    assert read_servo_option(f"{name},gain=2,kt=0.5").kt == 0.5
+
+
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ("xl999", "'xl999' is no servo that is known"),
+        ("law=duty,kt=x", "kt is 'x', which is no number"),
+        ("law=duty,kt=0.3", "--servo: law duty needs resistance"),
+        ("xl330,kt=-1", "--servo: kt should be greater than 0"),
+        ("xl330,sped=1", "--servo: there is no field 'sped'"),
+    ],
+)
+def test_servos_that_are_none_get_one_sentence(option, told):
+    with pytest.raises(InputError, match=told):
+        read_servo_option(option)
+
+
+@pytest.mark.parametrize(
+    ("lost", "option", "told"),
+    [
+        ("load", "xl330", "needs the duty of each of arm; name its columns with --duty"),
+        ("goal_position", "mx64,gain=2", "needs the goal of each of arm"),
+        ("input_volts", "xl330", "no column of the supply's voltage"),
+    ],
+)
+def test_a_law_whose_column_is_not_found_gets_one_sentence(lost, option, told, tmp_path):
+    table().drop(columns=lost).to_csv(tmp_path / "run.csv", index=False)
+    mapped = Mapped(servo=read_servo_option(option))
+    with pytest.raises(InputError, match=told):
+        convert_recordings([tmp_path / "run.csv"], write_urdf(tmp_path, ["arm"]), mapped)
+
+
+JOINTS = ["shoulder", "elbow"]
+
+
+def write_lerobot(folder, with_effort=True, layout="v3.0"):
+    """Two episodes of two joints; in format 3 in one file, in format 2 in a file each."""
+    count, rng = 400, np.random.default_rng(5)
+    state, effort, goal = rng.normal(size=(3, 2 * count, 2)).astype(np.float32)
+    t = np.arange(count, dtype=np.float32) / 50
+    columns = {
+        "observation.state": state, "action": goal, "observation.effort": effort,
+    }  # fmt: skip
+    if not with_effort:
+        del columns["observation.effort"]
+    names = {"observation.state": "pos", "action": "pos", "observation.effort": "effort"}
+    features = {
+        name: {"dtype": "float32", "shape": [2], "names": [f"{joint}.{names[name]}" for joint in JOINTS]}
+        for name in columns
+    }
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(
+        json.dumps({"codebase_version": layout, "fps": 50, "features": features})
+    )
+    whole = pa.table(
+        {name: pa.array(list(values)) for name, values in columns.items()}
+        | {"timestamp": np.tile(t, 2), "episode_index": np.repeat([0, 1], count)}
+    )
+    data = folder / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    if layout == "v3.0":
+        pq.write_table(whole, data / "file-000.parquet")
+    else:
+        for k in range(2):
+            pq.write_table(whole.slice(k * count, count), data / f"episode_{k:06d}.parquet")
+    return state.reshape(2, count, 2), effort.reshape(2, count, 2), goal.reshape(2, count, 2)
+
+
+@pytest.mark.parametrize("layout", ["v2.1", "v3.0"])
+def test_lerobot_episodes_become_runs(layout, tmp_path):
+    state, effort, _ = write_lerobot(tmp_path / "set", layout=layout)
+    converted = convert_recordings(
+        [tmp_path / "set"], write_urdf(tmp_path, JOINTS), Mapped(position_unit="rad")
+    )
+    assert [(run.name, run.use) for run in converted.runs] == [
+        ("episode_000000", "train"),
+        ("episode_000001", "test"),
+    ]
+    assert converted.rate == 50.0
+    for k, run in enumerate(converted.runs):
+        for j, joint in enumerate(JOINTS):
+            np.testing.assert_array_equal(run.frame[f"q_{joint}"], state[k, :, j])
+            np.testing.assert_array_equal(run.frame[f"tau_{joint}"], effort[k, :, j])
+
+
+def test_lerobot_without_effort_needs_a_servo(tmp_path):
+    _, _, goal = write_lerobot(tmp_path / "set", with_effort=False)
+    urdf = write_urdf(tmp_path, JOINTS)
+    with pytest.raises(InputError, match=r"holds no effort, torque or current .* give the servo's law"):
+        convert_recordings([tmp_path / "set"], urdf, Mapped())
+    mapped = Mapped(servo=read_servo_option("mx64,gain=2,volts=12"), position_unit="rad")
+    converted = convert_recordings([tmp_path / "set"], urdf, mapped)
+    np.testing.assert_array_equal(converted.runs[1].frame["goal_elbow"], goal[1, :, 1])
+
+
+def test_a_damaged_lerobot_data_set_gets_one_sentence(tmp_path):
+    write_lerobot(tmp_path / "set")
+    urdf = write_urdf(tmp_path, JOINTS)
+    file = tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet"
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(InputError, match="cannot be read as a LeRobot data set"):
+        convert_recordings([tmp_path / "set"], urdf, Mapped())
+    file.unlink()
+    with pytest.raises(InputError, match="no Parquet files under data"):
+        convert_recordings([tmp_path / "set"], urdf, Mapped())
+    (tmp_path / "set" / "meta" / "info.json").write_text("{}")
+    with pytest.raises(InputError, match=r"info.json: cannot be read"):
+        convert_recordings([tmp_path / "set"], urdf, Mapped())
