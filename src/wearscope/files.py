@@ -2,6 +2,7 @@
 
 import fcntl
 import hashlib
+import json
 import os
 import re
 import tempfile
@@ -10,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from wearscope import limits
 from wearscope.errors import InputError
 
 #: What a file being written, or one set aside as damaged, is called.
@@ -89,6 +91,29 @@ def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file whole or not at all."""
     write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Content of a JSON file that holds a mapping.
+
+    Raises
+    ------
+    InputError
+        Where it is missing, no plain file, larger than `wearscope.limits` says, or none.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; run the command that makes it.")
+    if path.stat().st_size > limits.JSON_BYTES:
+        raise InputError(f"{path}: is larger than {limits.JSON_BYTES / 1e6:g} MB; make it again.")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        told = " ".join(str(error).split())[:100]
+        raise InputError(f"{path}: is no JSON ({told}); make it again.") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no fields; make it again.")
+    return content
 
 
 def clear_stale(folder: str | Path) -> list[Path]:

@@ -1,24 +1,39 @@
-"""YAML of plain values, in which no key stands twice."""
+"""The one reader of YAML: plain values within `wearscope.limits`, in which no key stands twice."""
 
+import re
+from datetime import date
 from typing import Any
 
 import yaml
 
+from wearscope import limits
 
-class _Loader(yaml.SafeLoader):
+#: Tags that a value may carry; all others ask for more than plain values.
+_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")}
+#: What the constructors of PyYAML raise for a value that is none.
+_NO_VALUE = (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError, RecursionError)
+_NUMBER = re.compile(
+    r"[-+]?(0b[01_]+|0x[0-9a-fA-F_]+|[0-9][0-9_:]*(\.[0-9_]*)?([eE][-+]?[0-9]+)?|\.[0-9_]+([eE][-+][0-9]+)?)"
+)
+_Fast: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_Fast):
     """Refuses a key that stands twice in a mapping: of two values YAML itself keeps the last, silently."""
 
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
         keys: set[tuple[str, str]] = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 if (key.tag, key.value) in keys:
-                    raise yaml.composer.ComposerError(
-                        None, None, f"'{key.value}' stands twice, keep one of them", key.start_mark
-                    )
+                    raise _refuse(f"'{key.value[:80]}' stands twice, keep one of them", key.start_mark)
                 keys.add((key.tag, key.value))
-        return node
+        return super().construct_mapping(node, deep)
+
+
+def take_label(value: Any) -> Any:
+    """Text of a name or a label: YAML reads a date as one."""
+    return value.isoformat() if isinstance(value, date) else value
 
 
 def load_plain_yaml(text: str) -> Any:
@@ -27,8 +42,60 @@ def load_plain_yaml(text: str) -> Any:
     Raises
     ------
     yaml.YAMLError
-        Where it is no YAML, a key stands twice, or a tag asks for more than plain values.
-    ValueError, TypeError, RecursionError
-        Where a value is none, or lies too deep.
+        Where it is no YAML or beyond `wearscope.limits`, a key stands twice, or an anchor, alias or tag
+        asks for more than plain values.
     """
-    return yaml.load(text, _Loader)
+    _check_bounds(text)
+    try:
+        return yaml.load(text, _Loader)
+    except _NO_VALUE as error:
+        told = " ".join(str(error).split())[:100]
+        raise yaml.YAMLError(f"a value in it is none of its kind ({type(error).__name__}: {told})") from None
+
+
+def _check_bounds(text: str) -> None:
+    """Refuse what would be large once it is read, before a value of it is made; an alias is a copy."""
+    if len(text) > limits.YAML_BYTES:
+        raise yaml.YAMLError(f"it holds more than {limits.YAML_BYTES} characters")
+    count = 0
+    copies: dict[str, tuple[int, int]] = {}  # values and levels by anchor
+    opened: list[list[Any]] = [[None, 0, 0]]  # collections: anchor, values before, levels in it
+    for event in yaml.parse(text, _Fast):
+        values, levels = 1, 0
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, before, levels = opened.pop()
+            values, levels = 0, levels + 1
+            copies[anchor] = count - before, levels
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor not in copies:
+                raise _refuse(f"alias '{event.anchor[:40]}' is of nothing before it", event.start_mark)
+            values, levels = copies[event.anchor]
+        elif isinstance(event, yaml.NodeEvent):
+            _check_event(event)
+        else:
+            continue
+        count += values
+        opened[-1][2] = max(opened[-1][2], levels)
+        if isinstance(event, yaml.CollectionStartEvent):
+            opened.append([event.anchor, count - 1, 0])
+        elif isinstance(event, yaml.ScalarEvent) and event.anchor:
+            copies[event.anchor] = 1, 0
+        if len(opened) + levels > limits.YAML_DEPTH:
+            raise _refuse(f"nested too deeply, more than {limits.YAML_DEPTH} levels", event.start_mark)
+        if count > limits.YAML_VALUES:
+            raise _refuse(f"more than {limits.YAML_VALUES} values with its aliases", event.start_mark)
+
+
+def _check_event(event: Any) -> None:
+    """Refuse a tag that is not of plain values, and a number that is too long."""
+    if event.tag not in (None, "!") and event.tag not in _TAGS:
+        told = f"a tag '{event.tag[:40]}', which asks for more than plain values"
+        raise _refuse(told, event.start_mark)
+    if isinstance(event, yaml.ScalarEvent) and len(event.value) > limits.NUMBER_LENGTH:
+        plain = event.implicit[0] if event.tag is None else event.tag != "tag:yaml.org,2002:str"
+        if plain and _NUMBER.fullmatch(event.value):
+            raise _refuse(f"a number of more than {limits.NUMBER_LENGTH} characters", event.start_mark)
+
+
+def _refuse(told: str, mark: Any) -> yaml.YAMLError:
+    return yaml.MarkedYAMLError(None, None, told, mark)

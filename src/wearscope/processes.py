@@ -3,13 +3,33 @@
 import os
 import select
 import signal
+import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 #: Environment variable with the process that a job works for, see `identify_process`.
 MAIN = "WEARSCOPE_MAIN"
 #: Environment variable with the job that started a Snakemake of its own, on the same machine.
 STARTER = "WEARSCOPE_STARTER"
+#: Python as every child process is started: the working directory, which may be a data set, holds no modules.
+PYTHON = (sys.executable, "-P")
+
+
+def isolate(environment: Mapping[str, str]) -> dict[str, str]:
+    """Environment of a child process in which nothing that lies in the working directory is run or obeyed.
+
+    Python, and what it starts in turn, imports nothing from there, and numba reads its settings from the
+    environment alone: a ``.numba_config.yaml`` could name a cache, whose content runs.
+    """
+    paths = [one for one in environment.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(one)]
+    kept = {name: value for name, value in environment.items() if name != "PYTHONPATH"}
+    return {
+        "NUMBA_CACHE_DIR": "",
+        **kept,
+        **({"PYTHONPATH": os.pathsep.join(paths)} if paths else {}),
+        "PYTHONSAFEPATH": "1",
+    }
 
 
 def identify_process(pid: int) -> str:

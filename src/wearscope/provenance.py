@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wearscope.files import digest_file
+from wearscope.home import find_home
 
 
 def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
@@ -70,8 +71,14 @@ def read_commit() -> str | None:
 
 
 def _git(*arguments: str) -> str | None:
+    """What git says of the platform's own checkout: in another folder its settings could name a program."""
+    home = find_home()
+    if not (home / ".git").exists():
+        return None
     try:
-        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["git", "-C", str(home), *arguments], capture_output=True, text=True, check=True
+        )
     except (OSError, subprocess.CalledProcessError):
         return None
     return done.stdout.strip()

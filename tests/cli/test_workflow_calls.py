@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wearscope.cli.progress import describe, format_seconds
-from wearscope.cli.workflow import Progress, explain_failure, nest_setting
+from wearscope.cli.workflow import Progress, explain_failure, read_setting
 from wearscope.errors import InputError
 
 SNAKEFILE = """
@@ -35,7 +35,7 @@ def run(folder, target="", body=""):
     (folder / "config" / "config.yaml").write_text("study: s\n")
     stage = ["--stage", target] if target else []
     return subprocess.run(
-        [sys.executable, "-m", "wearscope", "run", *stage, "--cores", "1"],
+        [sys.executable, "-m", "wearscope", "run", *stage, "--cores", "1", "--snakefile", "Snakefile"],
         cwd=folder, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
 
@@ -44,9 +44,12 @@ def run(folder, target="", body=""):
 def test_a_run_is_quiet_and_leaves_its_log(tmp_path):
     done = run(tmp_path)
     assert done.returncode == 0 and done.stdout == ""
-    assert done.stderr.startswith("3 jobs done in ") and len(done.stderr.splitlines()) == 1
+    told, last = done.stderr.splitlines()
+    assert told == "Runs the workflow of Snakefile, not the platform's." and last.startswith(
+        "3 jobs done in "
+    )
     assert "Make the first" in (tmp_path / "results" / "wearscope-all.log").read_text()
-    assert run(tmp_path).stderr == "Nothing to be done.\n"
+    assert run(tmp_path).stderr.splitlines()[-1] == "Nothing to be done."
 
 
 @pytest.mark.slow
@@ -60,7 +63,7 @@ def test_the_sentence_of_a_failed_job_is_the_last_line(tmp_path):
 @pytest.mark.slow
 def test_a_target_that_is_not_there_is_named(tmp_path):
     last = run(tmp_path, "track").stderr.splitlines()[-1]
-    assert last.endswith("Snakefile: has no target track; update wearscope, or correct the name.")
+    assert last == "the workflow has no target track; update wearscope, or correct the name."
 
 
 def read(*lines):
@@ -99,17 +102,21 @@ def test_what_the_snakefile_refuses_is_its_own_sentence():
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ("seed=2", "seed=2"),
-        ("snr.runs=100", "snr={runs: 100}"),
-        ("surrogates.filling.points=20", "surrogates={filling: {points: 20}}"),
-        ("dataset=a.b=c", "dataset=a.b=c"),
+        ("seed=2", {"seed": 2}),
+        ("snr.runs=100", {"snr": {"runs": 100}}),
+        ("surrogates.filling.points=20", {"surrogates": {"filling": {"points": 20}}}),
+        ("dataset=a.b=c", {"dataset": "a.b=c"}),
+        ("axes=[1, 2]", {"axes": [1, 2]}),
+        ("dataset=null", {"dataset": None}),
+        ("direct.enabled=false", {"direct": {"enabled": False}}),
+        ("dataset=a: b #c", {"dataset": "a: b #c"}),
     ],
 )
-def test_a_setting_of_a_section_leaves_its_rest(setting, told):
-    assert nest_setting(setting) == told
+def test_a_setting_is_a_part_of_the_configuration(setting, told):
+    assert read_setting(setting) == told
 
 
 @pytest.mark.parametrize("setting", ["seed", "=2", "snr.=2", ".runs=2", "3=2"])
 def test_what_is_no_setting_gets_one_sentence(setting):
     with pytest.raises(InputError, match="is no setting; write --set name=value"):
-        nest_setting(setting)
+        read_setting(setting)

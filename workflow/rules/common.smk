@@ -18,7 +18,7 @@ inherited = dict(os.environ)
 # clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
 if os.path.isdir(SRC):
     sys.path.insert(0, SRC)
-    os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")]))
 os.environ.update(
     OMP_NUM_THREADS="1",
     OPENBLAS_NUM_THREADS="1",
@@ -27,14 +27,15 @@ os.environ.update(
 )
 
 from wearscope.cli.study import read_yaml
-from wearscope.closed_loop.intake.data_folder import find_inside
-from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml, take_label
+from wearscope.closed_loop.intake.data_folder import find_inside, list_named
+from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.files import check_folder
+from wearscope.plain_yaml import take_label
 from wearscope.plugins import identify_installed, is_built_in, list_installed
-from wearscope.processes import MAIN, STARTER, end_with, identify_process
+from wearscope.processes import MAIN, STARTER, end_with, identify_process, isolate
 from wearscope.robots.model_file import (
     check_code,
     find_model,
@@ -49,13 +50,16 @@ from wearscope.tracking.session_names import Tracked, name_sessions
 
 try:
     for file in workflow.configfiles:
-        read_yaml(Path(file))  # Snakemake keeps the last of two settings of one name, silently
+        if not str(file).endswith(".json"):  # which the command writes
+            read_yaml(Path(file))  # Snakemake keeps the last of two settings of one name, silently
     STUDY = load_config(config)
     for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
         check_folder(f"results/{made}")
 except InputError as error:
     raise SystemExit(str(error)) from None
 
+# No job runs or obeys what lies in the working directory, which may be a data set.
+os.environ.update(isolate(os.environ))
 # Started by a job (partitions.smk), it ends with that job.
 end_with(os.environ.pop(STARTER, ""))
 # A job ends with this process, also where it alone is killed.
@@ -370,9 +374,7 @@ def read_dataset(path):
     file = dataset_file(path)
     try:
         refuse_braces(file)
-        content = load_yaml(Path(file))
-        if not isinstance(content, dict):
-            raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
+        content = load_fields(Path(file))
         folder_name(content.get("name"), file)
     except InputError as error:
         raise SystemExit(f"config: dataset: {error}")
@@ -391,13 +393,7 @@ def dataset_files(path):
 
 def list_dataset_files(content, folder):
     """Files that a data set's fields name and that are there."""
-    robot, runs = content.get("robot"), content.get("runs")
-    names = [robot.get("urdf")] if isinstance(robot, dict) else []
-    names += [run.get("file") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    for field in ("effects", "declared_effects"):
-        listed = content.get(field)
-        names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
-    paths = [find_listed(folder, name) for name in names if isinstance(name, str)]
+    paths = [find_listed(folder, name) for name in list_named(content)]
     return here([path for path in paths if path is not None])
 
 

@@ -57,6 +57,7 @@ if STUDY.dataset is not None:
     rule join_sessions:
         input:
             dataset=dataset_file(STUDY.dataset),
+            files=dataset_files(STUDY.dataset),
             reference=rules.identify_healthy.output,
             sessions=expand(rules.assess_session.output, session=list(TRACKED.named)),
             code=lambda w: code("join_sessions", *effect_files()),

@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -12,12 +11,12 @@ import yaml
 from job import run_job
 from wearscope.errors import InputError
 from wearscope.files import write_text, write_whole
-from wearscope.processes import STARTER, identify_process
+from wearscope.processes import PYTHON, STARTER, identify_process
 
 with run_job(snakemake) as say:
     params, log = snakemake.params, Path(snakemake.log[0])
     write_text(params.file, yaml.safe_dump(params.study, sort_keys=False))
-    command = [sys.executable, "-m", "snakemake", *params.targets, "--cores", str(snakemake.threads)]
+    command = [*PYTHON, "-m", "snakemake", *params.targets, "--cores", str(snakemake.threads)]
     command += ["--snakefile", params.snakefile, "--configfile", params.file, "--nocolor"]
     # What the whole study was started with is not for its parts.
     environment = {name: value for name, value in os.environ.items() if name != "SNAKEMAKE_PROFILE"}

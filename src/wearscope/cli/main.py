@@ -1,6 +1,7 @@
 """The command's tree. What a command needs is imported when it runs, so that help comes at once."""
 
 import importlib
+import os
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import click
 
 from wearscope.errors import InputError
+from wearscope.processes import isolate
 
 #: Where each command is: module of `wearscope.cli` and name in it.
 COMMANDS = {
@@ -80,6 +82,7 @@ def wearscope() -> None:
 
 def main() -> None:
     """Run the command; bad input ends it in one sentence."""
+    os.environ.update(isolate(os.environ))
     try:
         wearscope(prog_name="wearscope")
     except InputError as error:

@@ -1,8 +1,9 @@
 """The commands that are targets of Snakemake."""
 
-import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,46 +11,72 @@ from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
 from wearscope.cli.study import (
     StudyPlace,
+    check_code_named,
     count_cores,
     find_last_study,
     find_study,
+    find_study_or_default,
     read_name,
+    read_yaml,
     remember_study,
 )
-from wearscope.cli.workflow import build_command, call_snakemake, explain_failure, nest_setting
+from wearscope.cli.workflow import (
+    build_command,
+    call_snakemake,
+    explain_failure,
+    keep_settings,
+    merge,
+    read_setting,
+)
 from wearscope.errors import InputError
+from wearscope.files import read_json
 
 
 def run_targets(
     targets: tuple[str, ...],
-    folder: Path,
-    config: Path | None,
+    place: StudyPlace,
+    changes: Mapping[str, Any],
     cores: int | None,
     settings: tuple[str, ...],
     dry_run: bool,
     verbose: bool,
+    snakefile: Path | None = None,
 ) -> None:
     """Call Snakemake and show how far it is.
+
+    Parameters
+    ----------
+    targets : tuple of str
+    place : StudyPlace
+    changes : mapping
+        Of the study's configuration, by the command itself.
+    settings : tuple of str
+        Further ones, as ``--set`` takes them.
+    cores, dry_run, verbose, snakefile
+        As the command takes them.
 
     Raises
     ------
     InputError
         Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
     """
-    settings = tuple(nest_setting(setting) for setting in settings)
-    if config is not None:
-        read_name(config)
-    command = build_command(
-        targets, folder, cores or count_cores(), config, settings, ("--dry-run",) if dry_run else ()
-    )
+    folder, config = place.folder, read_yaml(place.config)
+    check_code_named(place, config)
+    for change in (changes, *map(read_setting, settings)):
+        config = merge(config, change)
+    read_name(place.config, config)
+    if snakefile is not None:
+        click.echo(f"Runs the workflow of {snakefile}, not the platform's.", err=True)
     log = folder / "results" / f"wearscope-{targets[0] if targets else 'all'}.log"
     seconds = [0.0]
-    with show_progress(verbose) as watch:
+    with keep_settings(folder, config) as file, show_progress(verbose) as watch:
 
         def keep_time(done, elapsed, line):  # type: ignore[no-untyped-def]
             seconds[0] = elapsed
             watch(done, elapsed, line)
 
+        options = ("--dry-run",) if dry_run else ()
+        command = build_command(targets, folder, cores or count_cores(), file, options, snakefile)
         try:
             code, progress = call_snakemake(command, folder, log, keep_time)
         except KeyboardInterrupt:
@@ -97,7 +124,7 @@ def show_result(path: Path, opened: bool = False) -> None:
 @click.option("--stage", "-s", help="Stop after this target: design, simulate, snr, scope, audit, ...")
 @click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
 @workflow_options
-def run(study, stage, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def run(study, stage, opened, **options):  # type: ignore[no-untyped-def]
     """Run STUDY: a folder, a configuration file, or 'quick' or 'paper', which come along.
 
     \b
@@ -107,10 +134,10 @@ def run(study, stage, opened, cores, settings, dry_run, verbose):  # type: ignor
       wearscope run config/quick.yaml --stage snr
     """
     place = find_study(study)
-    run_targets((stage,) if stage else (), place.folder, place.config, cores, settings, dry_run, verbose)
-    if not dry_run:
+    run_targets((stage,) if stage else (), place, {}, **options)
+    if not options["dry_run"]:
         remember_study(place)
-    if not stage and not dry_run:
+    if not stage and not options["dry_run"]:
         show_result(place.results / "report.html", opened)
 
 
@@ -118,7 +145,7 @@ def run(study, stage, opened, cores, settings, dry_run, verbose):  # type: ignor
 @study_argument
 @click.option("--open", "opened", is_flag=True, help="Open it in the browser.")
 @workflow_options
-def report(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def report(study, opened, **options):  # type: ignore[no-untyped-def]
     """Bring the report of STUDY up to date and say where it is.
 
     STUDY may also be a folder of results with a report in it, which is then shown as it is. Without STUDY it
@@ -134,44 +161,57 @@ def report(study, opened, cores, settings, dry_run, verbose):  # type: ignore[no
         show_result(made, opened)
         return
     place = find_last_study(study)
-    run_targets(("report",), place.folder, place.config, cores, settings, dry_run, verbose)
-    if not dry_run:
+    run_targets(("report",), place, {}, **options)
+    if not options["dry_run"]:
         show_result(place.results / "report.html", opened)
 
 
-def _name_dataset(dataset: str) -> tuple[Path, str]:
-    """Path of a data set's folder, and the name of its results' folder."""
-    from wearscope.closed_loop.intake.dataset_fields import folder_name, load_yaml
+def _read_named(dataset: str) -> tuple[Path, str]:
+    """Folder of a data set, and the name of its results' folder."""
+    from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 
     path = Path(dataset)
     file = path / "dataset.yaml" if path.is_dir() else path
-    content = load_yaml(file)
-    if not isinstance(content, dict):
-        raise InputError(f"{file}: holds no fields; write them as 'field: value'.")
-    return file.parent.resolve(), folder_name(content.get("name"), str(file))
+    return file.parent.resolve(), folder_name(load_fields(file).get("name"), str(file))
 
 
-def _study_or_default(study: str | None) -> StudyPlace | None:
-    """The study that is named, else the one that is here, else none: Snakemake takes the default one."""
-    if study is None and not Path("config/config.yaml").is_file():
-        return None
-    return find_study(study)
+def _check_asked(answer: Path, dataset: Path) -> None:
+    """Refuse an answer that is not about the data set that was named, as it is now.
+
+    Raises
+    ------
+    InputError
+    """
+    from wearscope.closed_loop.intake.data_folder import digest_dataset
+    from wearscope.closed_loop.intake.dataset_fields import load_fields
+
+    asked = digest_dataset(dataset, load_fields(dataset / "dataset.yaml"))
+    if read_json(answer).get("dataset_digest") != asked:
+        raise InputError(
+            f"{answer}: is about other files than those of {dataset} (digest {asked[:12]}); remove it and "
+            "run the same command again."
+        )
 
 
-def _run_on_dataset(target, dataset, study, allow_code, cores, settings, dry_run, verbose, results, opened):  # type: ignore[no-untyped-def]
-    path, name = _name_dataset(dataset)
-    settings = (f"dataset={path}", *(("allow_code=true",) if allow_code else ()), *settings)
-    place = _study_or_default(study)
-    folder, config = (Path.cwd(), None) if place is None else (place.folder, place.config)
-    run_targets((target,), folder, config, cores, settings, dry_run, verbose)
-    made = folder / "results" / results / name
-    if dry_run:
+def _run_on_dataset(target, dataset, study, allow_code, results, answer, opened, **options):  # type: ignore[no-untyped-def]
+    path, name = _read_named(dataset)
+    changes = {"dataset": str(path), **({"allow_code": True} if allow_code else {})}
+    if allow_code:
+        click.echo(f"Effect files that {path} names run.", err=True)
+    place = find_study_or_default(study)
+    run_targets((target,), place, changes, **options)
+    made = place.folder / "results" / results / name
+    if options["dry_run"]:
         return
+    _check_asked(made / answer, path)
     show_result(made / "report.html", opened)
 
 
+_study_option = click.option(
+    "--study", help="Study whose settings are used; the one that is here, or the default one."
+)
 _dataset_options = (
-    click.option("--study", help="Study whose settings are used; the one that is here, or the default one."),
+    _study_option,
     click.option("--allow-code", is_flag=True, help="Let effect files that the data set names run."),
     click.option("--open", "opened", is_flag=True, help="Open the page in the browser."),
 )
@@ -194,7 +234,7 @@ def diagnose(dataset, **options):  # type: ignore[no-untyped-def]
       wearscope diagnose kr300 --open
       wearscope diagnose arm-data/dataset.yaml --cores 2
     """
-    _run_on_dataset("closed_loop", dataset, results="closed_loop", **options)
+    _run_on_dataset("closed_loop", dataset, results="closed_loop", answer="verdict.json", **options)
 
 
 @click.command()
@@ -207,7 +247,7 @@ def track(dataset, **options):  # type: ignore[no-untyped-def]
     Example:
       wearscope track arm-data --open
     """
-    _run_on_dataset("track", dataset, results="tracking", **options)
+    _run_on_dataset("track", dataset, results="tracking", answer="tracking.json", **options)
 
 
 @click.command()
@@ -220,7 +260,7 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
     Example:
       wearscope detect arm-data --study my-study
     """
-    _run_on_dataset("detect", dataset, results="detection", **options)
+    _run_on_dataset("detect", dataset, results="detection", answer="detection.json", **options)
 
 
 @click.command()
@@ -232,7 +272,7 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
 @click.option("--after", multiple=True, metavar="MODEL", help="A model after; may be repeated.")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 @workflow_options
-def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def reevaluate(study, dataset, before, after, opened, **options):  # type: ignore[no-untyped-def]
     """Ask the questions of STUDY of a model before and after its correction.
 
     \b
@@ -241,15 +281,21 @@ def reevaluate(study, dataset, before, after, opened, cores, settings, dry_run, 
       wearscope reevaluate my-study --before arm --after results/closed_loop/arm/model_after.yaml
     """
     place = find_study(study)
-    chosen = []
-    if dataset is not None:
-        chosen.append(f"dataset={_name_dataset(str(dataset))[0]}")
+    changes: dict[str, Any] = {}
+    named = None if dataset is None else _read_named(str(dataset))
+    if named is not None:
+        changes["dataset"] = str(named[0])
     if before or after:
-        sides = {"before": [_locate(one) for one in before], "after": [_locate(one) for one in after]}
-        chosen.append(f"reevaluate={json.dumps(sides)}")
-    run_targets(("reevaluate",), place.folder, place.config, cores, (*chosen, *settings), dry_run, verbose)
-    if not dry_run:
-        show_result(place.results / "reevaluation" / "report.html", opened)
+        changes["reevaluate"] = {
+            "before": [_locate(one) for one in before],
+            "after": [_locate(one) for one in after],
+        }
+    run_targets(("reevaluate",), place, changes, **options)
+    if options["dry_run"]:
+        return
+    if named is not None and not before:
+        _check_asked(place.folder / "results" / "closed_loop" / named[1] / "verdict.json", named[0])
+    show_result(place.results / "reevaluation" / "report.html", opened)
 
 
 def _locate(robot: str) -> str:
@@ -259,8 +305,9 @@ def _locate(robot: str) -> str:
 
 @click.command()
 @click.argument("model")
+@_study_option
 @workflow_options
-def export(model, cores, settings, dry_run, verbose):  # type: ignore[no-untyped-def]
+def export(model, study, **options):  # type: ignore[no-untyped-def]
     """Write MODEL, a robot or a loop's corrected model, as what people simulate in: URDF, MJCF, a table.
 
     \b
@@ -269,10 +316,8 @@ def export(model, cores, settings, dry_run, verbose):  # type: ignore[no-untyped
     """
     from wearscope.config import label
 
-    place = _study_or_default(None)
-    folder, config = (Path.cwd(), None) if place is None else (place.folder, place.config)
-    chosen = f"export={json.dumps({'model': _locate(model)})}"
-    run_targets(("export",), folder, config, cores, (chosen, *settings), dry_run, verbose)
-    if not dry_run:
-        for file in sorted((folder / "results" / "export" / label(model)).glob("*")):
+    place = find_study_or_default(study)
+    run_targets(("export",), place, {"export": {"model": _locate(model)}}, **options)
+    if not options["dry_run"]:
+        for file in sorted((place.folder / "results" / "export" / label(model)).glob("*")):
             click.echo(_shorten(file))

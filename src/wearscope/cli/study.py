@@ -2,16 +2,23 @@
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import click
 import yaml
 
 from wearscope import tables
 from wearscope.errors import InputError, explain_yaml
+from wearscope.files import read_json
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
+
+#: What of `allow_code` allows nothing.
+_FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")
 
 
 @dataclass(frozen=True)
@@ -24,10 +31,13 @@ class StudyPlace:
         Working directory: paths in the configuration, and results, are from here.
     config : Path
         The configuration, absolute.
+    named : bool
+        Whether the command names it, or it was found in the working directory.
     """
 
     folder: Path
     config: Path
+    named: bool = True
 
     @property
     def results(self) -> Path:
@@ -58,7 +68,7 @@ def find_study(reference: str | None) -> StudyPlace:
     path = Path(reference or ".")
     for own in (path / "config" / "config.yaml", path / "config.yaml"):
         if path.is_dir() and own.is_file():
-            return StudyPlace(path.resolve(), own.resolve())
+            return StudyPlace(path.resolve(), own.resolve(), reference is not None)
     if path.is_file():
         file = path.resolve()
         folder = file.parent.parent if file.parent.name == "config" else file.parent
@@ -86,12 +96,53 @@ def find_last_study(reference: str | None) -> StudyPlace:
     """As `find_study`; without a reference the study that was run here last, where there was one."""
     if reference is None and LAST.is_file():
         try:
-            place = StudyPlace(**{name: Path(one) for name, one in json.loads(LAST.read_text()).items()})
-        except (ValueError, TypeError, AttributeError):
+            place = StudyPlace(**{name: Path(one) for name, one in read_json(LAST).items()}, named=False)
+        except (ValueError, TypeError):
             return find_study(None)
         if place.config.is_file():
             return place
     return find_study(reference)
+
+
+def find_study_or_default(reference: str | None) -> StudyPlace:
+    """The study that is named, else the one that is here, else the one that comes along."""
+    if reference is None and not Path("config/config.yaml").is_file():
+        return StudyPlace(Path.cwd(), find_home() / "config" / "config.yaml")
+    return find_study(reference)
+
+
+def list_code(config: Mapping[str, Any]) -> list[str]:
+    """Files of own code that a configuration names, and settings that allow code; sorted, each once."""
+    detectors, loop = config.get("detectors"), config.get("closed_loop")
+    loop = loop if isinstance(loop, Mapping) else {}
+    listed = [config.get("cycles"), loop.get("effects"), config.get("allow_code")]
+    named = [one for entries in listed if isinstance(entries, list) for one in entries]
+    for one in detectors.values() if isinstance(detectors, Mapping) else ():
+        named.append(one.get("use") if isinstance(one, Mapping) else one)
+    code = {one for one in named if isinstance(one, str) and one.endswith(".py")}
+    for where, section in (("", config), ("closed_loop.", loop)):
+        allowed = section.get("allow_code")
+        if not isinstance(allowed, list) and str(allowed).lower() not in _FALSE:
+            code.add(f"{where}allow_code: {str(allowed)[:20]}")
+    return sorted(code)
+
+
+def check_code_named(place: StudyPlace, config: Mapping[str, Any]) -> None:
+    """Say which code of a study runs; refuse it where the command does not name the study.
+
+    Raises
+    ------
+    InputError
+    """
+    code = list_code(config)
+    if code and not place.named:
+        raise InputError(
+            f"{place.config}: names code that would run ({', '.join(code)}); read it, and name the study to "
+            "let it run: 'wearscope run .', or --study . where the command is about something else."
+        )
+    if code:
+        told = InputError(f"Code that {place.config} names runs: {', '.join(code)}.")
+        click.echo(str(told), err=True)
 
 
 def read_yaml(path: Path) -> dict:
@@ -104,24 +155,22 @@ def read_yaml(path: Path) -> dict:
     """
     try:
         content = load_plain_yaml(read_text(path, "a configuration, which is a YAML file"))
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
+    except yaml.YAMLError as error:
         raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no settings; write them as 'name: value'.")
     return content
 
 
-def read_name(path: Path) -> str:
-    """Name of the study that a configuration describes.
+def read_name(path: Path, content: Mapping[str, Any] | None = None) -> str:
+    """Name of the study that a configuration describes, read from its file where its content is not given.
 
     Raises
     ------
     InputError
         Where it has none that makes a folder.
     """
-    name = read_yaml(path).get("study")
+    name = (read_yaml(path) if content is None else content).get("study")
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
         raise InputError(f"{path}: study: is missing or no name of a folder; give the study a name.")
     return name

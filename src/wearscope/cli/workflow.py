@@ -1,19 +1,25 @@
 """Calls Snakemake: what is told while it works goes to a log file, what made it fail into one sentence."""
 
+import json
 import os
 import re
 import shlex
 import subprocess
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from wearscope.errors import InputError
-from wearscope.files import check_folder
+import yaml
+
+from wearscope.errors import InputError, explain_yaml
+from wearscope.files import check_folder, write_text
 from wearscope.home import find_home
+from wearscope.plain_yaml import load_plain_yaml, take_label
+from wearscope.processes import PYTHON, isolate
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
 _PLANNED = re.compile(r"^total\s+(\d+)$")
@@ -90,8 +96,7 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
             return plain
         return f"{progress.rule}: a defect of the program or of own code ({told}); its log is {progress.log}."
     if any(_NO_TARGET.match(line) for line in progress.last):
-        file = find_snakefile(folder)
-        return f"{file}: has no target {' or '.join(targets)}; update wearscope, or correct the name."
+        return f"the workflow has no target {' or '.join(targets)}; update wearscope, or correct the name."
     words = [line.strip() for line in progress.last if not _CHATTER.match(line)]
     return words[-1] if words else "Snakemake ended without a word; look at the log."
 
@@ -104,36 +109,65 @@ def _last_line(path: Path) -> str:
     return lines[-1].strip() if lines else "the job said nothing"
 
 
-def find_snakefile(folder: Path) -> Path:
-    """The folder's own Snakefile, or the platform's."""
-    own = folder / "Snakefile"
-    return own if own.is_file() else find_home() / "Snakefile"
+def read_setting(setting: str) -> dict[str, Any]:
+    """``snr.runs=100`` as a part of a configuration: ``{"snr": {"runs": 100}}``.
 
-
-def nest_setting(setting: str) -> str:
-    """``snr.runs=100`` as Snakemake takes it: ``snr={runs: 100}``, which leaves the section's rest as it is.
+    A value is a number, truth value or null, or a list or mapping in brackets; all else is text as it is
+    written, whatever YAML would make of it.
 
     Raises
     ------
     InputError
-        Where it is no ``name=value``.
+        Where it is no ``name=value``, or the brackets hold no YAML.
     """
-    path, equals, value = setting.partition("=")
+    path, equals, text = setting.partition("=")
     names = path.split(".")
     if not equals or not all(re.fullmatch(r"[A-Za-z_][\w-]*", name) for name in names):
         raise InputError(f"--set {setting}: is no setting; write --set name=value, or section.name=value.")
-    for name in reversed(names[1:]):
-        value = f"{{{name}: {value}}}"
-    return f"{names[0]}={value}"
+    value: Any = text
+    try:
+        read = load_plain_yaml(text)
+    except yaml.YAMLError as error:
+        if text[:1] in ("[", "{"):
+            raise InputError(f"--set {setting}: {explain_yaml(error)}; correct the brackets.") from None
+        read = None
+    if text[:1] in ("[", "{", '"', "'") or isinstance(read, bool | int | float) or text in ("", "null", "~"):
+        value = read
+    for name in reversed(names):
+        value = {name: value}
+    return dict(value)
+
+
+def merge(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration with changes, which leave the rest of a section as it is."""
+    merged = dict(settings)
+    for name, value in changes.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(name), Mapping)
+        merged[name] = merge(merged[name], value) if both else value
+    return merged
+
+
+@contextmanager
+def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
+    """Hand a configuration to Snakemake as data: a JSON file, in which nothing is read as YAML or code.
+
+    Snakemake would read ``--config`` with several parsers, and run Python that a YAML file may hold.
+    """
+    path = folder / "results" / f".wearscope-{os.getpid()}.json"
+    write_text(path, json.dumps(settings, default=take_label))
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def build_command(
     targets: Sequence[str],
     folder: Path,
     cores: int,
-    study: Path | None = None,
-    settings: Sequence[str] = (),
+    settings: Path,
     options: Sequence[str] = (),
+    snakefile: Path | None = None,
 ) -> list[str]:
     """Command line of Snakemake.
 
@@ -143,27 +177,20 @@ def build_command(
     folder : Path
         Working directory.
     cores : int
-    study : Path, optional
-        Configuration; the folder's own, or the platform's, where left out.
-    settings : sequence of str
-        ``key=value`` that change the configuration.
+    settings : Path
+        The whole configuration, see `keep_settings`.
     options : sequence of str
         Passed on as they are.
+    snakefile : Path, optional
+        The user's own, and ``profiles/default`` next to it; the platform's where left out.
     """
-    command = [sys.executable, "-m", "snakemake", *targets, "--cores", str(cores)]
-    command += ["--snakefile", str(find_snakefile(folder)), "--directory", str(folder)]
-    command += ["--workflow-profile", str(find_profile(folder))]
-    if study is not None:
-        command += ["--configfile", str(study)]
-    if settings:
-        command += ["--config", *settings]
-    return [*command, *options]
-
-
-def find_profile(folder: Path) -> Path:
-    """The folder's own default profile, or the platform's."""
-    own = folder / "profiles" / "default"
-    return own if own.is_dir() else find_home() / "profiles" / "default"
+    home = find_home()
+    own = snakefile.resolve() if snakefile is not None else home / "Snakefile"
+    profile = own.parent / "profiles" / "default"
+    command = [*PYTHON, "-m", "snakemake", "--cores", str(cores)]
+    command += ["--snakefile", str(own), "--directory", str(folder)]
+    command += ["--workflow-profile", str(profile if profile.is_dir() else home / "profiles" / "default")]
+    return [*command, "--configfile", str(settings), *options, "--", *targets]
 
 
 def call_snakemake(
@@ -208,7 +235,7 @@ def call_snakemake(
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            env={**isolate(os.environ), "PYTHONUNBUFFERED": "1"},
         ) as process,
     ):
         print(shlex.join(command), file=file, flush=True)

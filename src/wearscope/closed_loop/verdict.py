@@ -59,6 +59,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
     entries.sort(key=lambda entry: entry["status"] != "refuted")
     return {
         "dataset": prepared.dataset.name,
+        "dataset_digest": prepared.dataset.digest,
         "verdict": entries,
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",

@@ -282,6 +282,7 @@ def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dic
     ]
     return {
         "dataset": tested.prepared.dataset.name,
+        "dataset_digest": tested.prepared.dataset.digest,
         "model": tested.model,
         "joints": tested.joints,
         "setting": {

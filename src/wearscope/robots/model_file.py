@@ -7,14 +7,12 @@ from typing import Any
 
 import yaml
 
-from wearscope import plugins
+from wearscope import limits, plugins
 from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
-#: A model file or URDF that is larger is not read [bytes].
-LARGEST = 20_000_000
 
 #: Whether effects may be .py files: all, none, or those listed.
 Allowed = bool | list[str] | tuple[str, ...]
@@ -64,8 +62,8 @@ def read_text(path: str | Path, what: str) -> str:
         if not path.is_file():  # a pipe or device is never opened: it may have no end
             reason = "is no plain file" if path.exists() else "cannot be read (No such file or directory)"
             raise InputError(f"{path}: {reason}; name {what}.")
-        if path.stat().st_size > LARGEST:
-            raise InputError(f"{path}: is larger than {LARGEST / 1e6:g} MB; name {what}.")
+        if path.stat().st_size > limits.TEXT_BYTES:
+            raise InputError(f"{path}: is larger than {limits.TEXT_BYTES / 1e6:g} MB; name {what}.")
         return path.read_text(encoding="utf-8")
     except InputError:
         raise
@@ -87,9 +85,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
     """
     try:
         fields = load_plain_yaml(read_text(path, "the robot's model file"))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
+    except yaml.YAMLError as error:
         raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
     if not isinstance(fields, dict):
         raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")

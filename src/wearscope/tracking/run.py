@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
+from wearscope.closed_loop.intake.data_folder import digest_dataset
+from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
@@ -149,6 +151,7 @@ def write_tracking(
     write_plans(Path(folder), later, reference)
     told = {
         "dataset": sessions.name,
+        "dataset_digest": digest_dataset(sessions.folder, load_fields(sessions.folder / "dataset.yaml")),
         "reference": list(sessions.reference),
         "false_alarm_rate": level,
         "sessions": [

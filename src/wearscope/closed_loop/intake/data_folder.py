@@ -1,11 +1,13 @@
 """Paths of a data set: inside its folder, and ordinary files only."""
 
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
 
+from wearscope import limits
 from wearscope.errors import InputError
-
-#: Largest dataset.yaml that is read [bytes].
-_LARGEST_TEXT = 10_000_000
+from wearscope.files import digest_file
 
 
 def find_inside(folder: Path, name: str, where: str) -> Path:
@@ -45,6 +47,39 @@ def find_inside(folder: Path, name: str, where: str) -> Path:
     return path
 
 
+def list_named(content: Mapping[str, Any]) -> list[str]:
+    """Files that the fields of a `dataset.yaml` name, each once: URDF, recordings, own effects."""
+    robot, runs = content.get("robot"), content.get("runs")
+    names = [robot.get("urdf")] if isinstance(robot, Mapping) else []
+    names += [run.get("file") for run in runs if isinstance(run, Mapping)] if isinstance(runs, list) else []
+    for field in ("effects", "declared_effects"):
+        listed = content.get(field)
+        names += [name for name in listed if str(name).endswith(".py")] if isinstance(listed, list) else []
+    return list(dict.fromkeys(name for name in names if isinstance(name, str)))
+
+
+def digest_dataset(folder: Path, content: Mapping[str, Any]) -> str:
+    """SHA-256 that tells a data set from every other: of ``dataset.yaml`` and each file that it names.
+
+    Parameters
+    ----------
+    folder : Path
+    content : mapping
+        Of ``dataset.yaml``.
+
+    Returns
+    -------
+    str
+        Of the lines ``SHA-256  name``, sorted by name; files that are not there have none.
+    """
+    lines = []
+    for name in sorted({"dataset.yaml", *list_named(content)}):
+        file = find_inside(folder, name, "dataset.yaml")
+        if file.is_file():
+            lines.append(f"{digest_file(file)}  {name}\n")
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
 def check_file(path: Path, remedy: str) -> None:
     """Refuse what is no ordinary file: a pipe or a device would hang or never end.
 
@@ -72,8 +107,8 @@ def read_text(path: Path, remedy: str) -> str:
     """
     check_file(path, remedy)
     try:
-        if path.stat().st_size > _LARGEST_TEXT:
-            raise InputError(f"{path}: holds more than {_LARGEST_TEXT} bytes; {remedy}.")
+        if path.stat().st_size > limits.YAML_BYTES:
+            raise InputError(f"{path}: holds more than {limits.YAML_BYTES} bytes; {remedy}.")
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: no such file, or not readable; {remedy}.") from error

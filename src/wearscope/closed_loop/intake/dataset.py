@@ -15,13 +15,14 @@ import numpy as np
 
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.clock import check_clock, split_at_gaps
-from wearscope.closed_loop.intake.data_folder import check_file, find_inside
+from wearscope.closed_loop.intake.data_folder import check_file, digest_dataset, find_inside
 from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
     PayloadFields,
     RunFields,
     UnitFields,
     check_fields,
+    load_fields,
     read_fields,
 )
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
@@ -79,6 +80,8 @@ class Dataset:
         Refusals by inference that the data set overrules.
     notes : list of str
         What a reader should know and that is no breach.
+    digest : str
+        Of its files, see `digest_dataset`.
     """
 
     folder: Path
@@ -88,6 +91,7 @@ class Dataset:
     torque_unit: list[str]
     accepted: Acceptance = field(default_factory=Acceptance)
     notes: list[str] = field(default_factory=list)
+    digest: str = ""
 
     @property
     def name(self) -> str:
@@ -279,4 +283,5 @@ def read_dataset(
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))
     runs, signatures = _read_records(folder, fields, notes)
     notes += told + _check_repeats(path, runs, signatures, accepted)
-    return Dataset(folder, fields, runs, *units, accepted, notes)
+    digest = digest_dataset(folder, load_fields(path))
+    return Dataset(folder, fields, runs, *units, accepted, notes, digest)

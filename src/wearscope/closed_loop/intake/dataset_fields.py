@@ -3,7 +3,6 @@
 import difflib
 import re
 from collections.abc import Callable
-from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +15,7 @@ from wearscope import plugins
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside, read_text
 from wearscope.errors import InputError, explain_yaml
-from wearscope.plain_yaml import load_plain_yaml
+from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.servos import ServoFields, read_servos, refuse_bool
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
@@ -26,11 +25,6 @@ _LONGEST_NAME = 100
 
 
 _Number = Annotated[float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False)]
-
-
-def take_label(value: Any) -> Any:
-    """Text of a name or a session's label: YAML reads a date as one."""
-    return value.isoformat() if isinstance(value, date) else value
 
 
 _Label = Annotated[str, BeforeValidator(take_label)]
@@ -199,12 +193,24 @@ def load_yaml(path: Path) -> Any:
     text = read_text(path, remedy)
     try:
         return load_plain_yaml(text)
-    except RecursionError as error:
-        raise InputError(f"{path}: its fields are nested too deeply; write them as documented.") from error
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+    except yaml.YAMLError as error:
         raise InputError(
             f"{path}: not readable as YAML ({explain_yaml(error)}); correct that line."
         ) from error
+
+
+def load_fields(path: Path) -> dict[Any, Any]:
+    """Fields of a `dataset.yaml` as they are written.
+
+    Raises
+    ------
+    InputError
+        As `load_yaml`, or where it holds no fields.
+    """
+    content = load_yaml(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no fields; write them as 'field: value'.")
+    return content
 
 
 def read_fields(path: Path, notes: list[str]) -> DatasetFields:
@@ -214,9 +220,7 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     ------
     InputError
     """
-    content = load_yaml(path)
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: holds no fields; write them as 'field: value'.")
+    content = load_fields(path)
     try:
         fields = DatasetFields.model_validate(content)
     except ValidationError as error:

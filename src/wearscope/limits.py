@@ -1,0 +1,22 @@
+"""How large an input may be that comes from someone else; each sentence that refuses one names the limit."""
+
+#: Largest YAML file [bytes], most values in it, deepest nesting, longest number [characters].
+YAML_BYTES, YAML_VALUES, YAML_DEPTH, NUMBER_LENGTH = 2_000_000, 200_000, 40, 40
+#: Largest JSON file that is shown or read as a verdict [bytes], and its deepest nesting.
+JSON_BYTES, JSON_DEPTH = 100_000_000, 100
+#: Largest text file of another kind, such as a URDF [bytes]; most links and joints of a URDF.
+TEXT_BYTES, LINKS = 20_000_000, 5000
+#: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
+TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 1_000_000_000, 1_500_000_000, 2000
+#: Most joints, runs and other entries of a list of a data set.
+JOINTS, RUNS, ENTRIES = 100, 2000, 2000
+#: Most entries of a list of a configuration, largest whole number in it, longest text.
+LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
+#: No number of a machine is larger; products of a few such still have a value.
+NUMBER = 1e30
+#: Longest name of a robot or data set.
+NAME = 100
+#: Most members of an archive; largest of them [bytes].
+MEMBERS, MEMBER_BYTES = 1_000_000, 1 << 38
+#: A setting is named that would take longer [s] or more room [bytes]: a year, a terabyte.
+YEAR, TERABYTE = 365.25 * 86400.0, 1e12

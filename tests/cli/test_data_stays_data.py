@@ -1,0 +1,161 @@
+"""The data set that is named is the one that is asked, and nothing that lies in a folder runs."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from snakemake.common.configfile import load_configfile
+
+from wearscope import example_dataset
+from wearscope.cli import stages
+from wearscope.cli.main import wearscope
+from wearscope.cli.study import list_code
+from wearscope.cli.workflow import keep_settings, merge, read_setting
+from wearscope.closed_loop.intake.data_folder import digest_dataset
+from wearscope.closed_loop.intake.dataset_fields import load_fields
+from wearscope.errors import InputError
+from wearscope.processes import PYTHON, isolate
+
+NAMES = [
+    "arm #2",
+    "a: b",
+    "a{b}",
+    "it's",
+    'a"b',
+    "-rf",
+    "null",
+    "1e3",
+    "[x]",
+    "Ärm 機",
+    "😀",
+    "a\nb",
+    "'q'",
+    "true",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_snakemake_gets_the_very_text(name, tmp_path):
+    with keep_settings(tmp_path, {"dataset": name, "export": {"model": name}}) as file:
+        assert load_configfile(file) == {"dataset": name, "export": {"model": name}}
+    assert not file.exists()
+    if name not in ("null", "1e3", "[x]", "true", "'q'"):  # which --set takes for what they are
+        assert read_setting(f"dataset={name}") == {"dataset": name}
+
+
+COMMANDS = {
+    "diagnose": ("diagnose", ["{}"], "dataset"),
+    "track": ("track", ["{}"], "dataset"),
+    "detect": ("detect", ["{}"], "dataset"),
+    "reevaluate": ("reevaluate", ["quick", "--dataset", "{}"], "dataset"),
+    "export": ("export", ["{}/robot.urdf"], "export"),
+}
+
+
+@pytest.mark.parametrize("name", [one for one in NAMES if one != "-rf"] + ["./-rf"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_hands_on_the_path_that_was_named(command, name, tmp_path, monkeypatch):
+    """Of two folders whose names begin alike, the one that was named; what Snakemake would read is read."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(example_dataset(), tmp_path / name)
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    read = {}
+
+    def call(command, folder, log, watch):
+        assert command[1] == "-P" and command[-2] == "--"
+        read.update(load_configfile(command[command.index("--configfile") + 1]))
+        raise InputError("so far.")
+
+    monkeypatch.setattr(stages, "call_snakemake", call)
+    _, arguments, key = COMMANDS[command]
+    CliRunner().invoke(wearscope, [command, *(one.format(name) for one in arguments)])
+    asked = read[key] if key == "dataset" else str(Path(read[key]["model"]).parent)
+    assert asked == str((tmp_path / name).resolve())
+
+
+def test_an_answer_about_other_files_is_not_shown(tmp_path):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    digest = digest_dataset(tmp_path / "arm", load_fields(tmp_path / "arm" / "dataset.yaml"))
+    answer = tmp_path / "verdict.json"
+    answer.write_text(json.dumps({"dataset_digest": digest}))
+    stages._check_asked(answer, tmp_path / "arm")
+    run = next((tmp_path / "arm" / "runs").iterdir())
+    run.write_bytes(run.read_bytes() + b"x")
+    with pytest.raises(InputError, match=r"is about other files than those of .*arm"):
+        stages._check_asked(answer, tmp_path / "arm")
+
+
+def test_nothing_that_lies_in_a_data_set_runs(tmp_path):
+    """Modules that Python would import, a workflow, a profile, settings of git: none is run or obeyed."""
+    shutil.copytree(example_dataset(), tmp_path, dirs_exist_ok=True)
+    code = f"open({str(tmp_path / 'ran')!r}, 'w')\n"
+    for name in ("yaml", "snakemake", "json", "numpy", "sitecustomize", "job"):
+        (tmp_path / f"{name}.py").write_text(code)
+    (tmp_path / "Snakefile").write_text(code)
+    (tmp_path / "profiles" / "default").mkdir(parents=True)
+    (tmp_path / "profiles" / "default" / "config.yaml").write_text("snakefile: Snakefile\n")
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    hook = f"touch '{tmp_path / 'ran'}'"
+    subprocess.run(["git", "config", "core.fsmonitor", hook], cwd=tmp_path, check=True)
+    scripts = Path(sys.executable).with_name("wearscope")
+    command = [str(scripts)] if scripts.is_file() else [*PYTHON, "-m", "wearscope"]
+    done = subprocess.run(
+        [*command, "diagnose", ".", "--dry-run"], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": ""},
+    )  # fmt: skip
+    assert done.returncode == 0 and "jobs to do" in done.stdout, done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_child_has_no_folder_of_the_data_on_its_path(tmp_path):
+    (tmp_path / "yaml.py").write_text("raise SystemExit(7)")
+    environment = isolate({**os.environ, "PYTHONPATH": f":{os.pathsep}.{os.pathsep}/x"})
+    assert environment["PYTHONPATH"] == "/x"
+    for command in ([*PYTHON, "-c", "import yaml"], [sys.executable, "-c", "import yaml"]):
+        subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+
+
+def test_code_of_a_study_that_nobody_named_is_refused(tmp_path, monkeypatch):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    (tmp_path / "config").mkdir()
+    settings = {"study": "s", "robots": ["medium"], "detectors": {"X": {"use": "evil.py"}}}
+    (tmp_path / "config" / "config.yaml").write_text(yaml.safe_dump(settings))
+    monkeypatch.chdir(tmp_path)
+    seen = []
+    monkeypatch.setattr(stages, "call_snakemake", lambda *given: seen.append(given) or (1, stages.Progress()))
+    outcome = CliRunner().invoke(wearscope, ["diagnose", "arm"])
+    assert isinstance(outcome.exception, InputError) and not seen
+    assert "names code that would run (evil.py)" in str(outcome.exception)
+    monkeypatch.setattr(stages, "call_snakemake", lambda *given: (_ for _ in ()).throw(InputError("so far.")))
+    outcome = CliRunner().invoke(wearscope, ["diagnose", "arm", "--study", "."])
+    assert "config.yaml names runs: evil.py." in outcome.output
+
+
+@pytest.mark.parametrize(
+    ("settings", "code"),
+    [
+        ({"cycles": ["a.py", "b"]}, ["a.py"]),
+        ({"detectors": {"A": "x.py", "B": {"use": "y"}}}, ["x.py"]),
+        (
+            {"closed_loop": {"effects": ["e.py"], "allow_code": True}},
+            ["closed_loop.allow_code: True", "e.py"],
+        ),
+        ({"allow_code": ["m.py"]}, ["m.py"]),
+        ({"allow_code": "yes"}, ["allow_code: yes"]),
+        ({"allow_code": "no", "detectors": 3, "cycles": "x.py"}, []),
+    ],
+)
+def test_code_of_a_configuration_is_listed(settings, code):
+    assert list_code(settings) == code
+
+
+def test_a_change_leaves_the_rest_of_its_section():
+    assert merge({"snr": {"runs": 1, "f0": 2}, "seed": 1}, {"snr": {"runs": 3}}) == {
+        "snr": {"runs": 3, "f0": 2}, "seed": 1,
+    }  # fmt: skip
