@@ -53,14 +53,19 @@ def find_sentences(text: str) -> list[str]:
     return [one for one in found if len(one.split()) > 2]
 
 
-def check_page(path: Path) -> list[str]:
-    """What is wrong with one page."""
-    name, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
-    wrong = []
-    for number, line in enumerate(text.splitlines(), 1):
+def check_words(path: Path) -> list[str]:
+    """Words of a file that are not used here."""
+    name, wrong = path.relative_to(ROOT).as_posix(), []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         for pattern, instead in WORDS.items():
             if found := re.search(pattern, line, re.IGNORECASE):
                 wrong.append(f"{name}:{number}: '{found[0]}' is not used here; say: {instead}.")
+    return wrong
+
+
+def check_page(path: Path) -> list[str]:
+    """What is wrong with one page."""
+    name, text, wrong = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8"), check_words(path)
     lengths = {one: len(one.split()) for one in find_sentences(text)}
     wrong += [
         f"{name}: a sentence of {length} words, at most {LONGEST}: {one[:70]}..."
@@ -84,12 +89,19 @@ def check_sizes() -> list[str]:
     ]
 
 
+def list_sources() -> list[Path]:
+    """Files of the rooms that write what people read."""
+    rooms = (ROOT / "src" / "wearscope" / room for room in ("reporting", "cli"))
+    return sorted(file for room in rooms for kind in ("*.py", "*.html") for file in room.rglob(kind))
+
+
 def list_pages() -> list[Path]:
     """Pages that are checked."""
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 if __name__ == "__main__":
-    found = [line for path in list_pages() for line in check_page(path)] + check_sizes()
+    found = [line for path in list_pages() for line in check_page(path)]
+    found += [line for path in list_sources() for line in check_words(path)] + check_sizes()
     print("\n".join(found) or "Words and sentences: nothing to correct.")
     sys.exit(bool(found))

@@ -11,6 +11,7 @@ import lint_words
 
 def test_pages_keep_to_the_words():
     assert [line for page in lint_words.list_pages() for line in lint_words.check_page(page)] == []
+    assert [line for file in lint_words.list_sources() for line in lint_words.check_words(file)] == []
     assert lint_words.check_sizes() == []
 
 

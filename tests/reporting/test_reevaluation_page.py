@@ -98,7 +98,9 @@ def test_without_a_truth_the_page_names_none(one, table):
 def test_the_study_s_first_page_says_what_the_correction_changes(one, change):
     study = change(reevaluation=one)
     page = render_study(study, compare_with_paper(study))
-    summary = page[: page.index("Beside the paper</h2>")] if "Beside the paper</h2>" in page else page
+    summary = (
+        page[: page.index("Compared with the paper</h2>")] if "Compared with the paper</h2>" in page else page
+    )
     assert "What the correction changes" in summary and "After is nearer to the truth" in summary
     assert "What the correction changes" not in render_study(change(), compare_with_paper(change()))
 

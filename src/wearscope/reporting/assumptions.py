@@ -26,27 +26,28 @@ def list_assumptions(study: Study) -> list[tuple[str, str]]:
         ),
         (
             "Reality",
-            "All is simulated. A surrogate stands for the simulator and the simulator for the robot; only "
+            "All is simulated: a surrogate approximates the simulator, and the simulator the robot. Only "
             "measured data say how well, see the closed loop.",
         ),
     ]
 
 
 def _say_once(texts: Sequence[str]) -> str:
-    """Sources of a robot's numbers; what several of them repeat stands once."""
-    return "; ".join(dict.fromkeys(part for text in texts for part in text.split("; ")))
+    """Sources of a robot's numbers; what several of them repeat is said once."""
+    parts = (part.strip() for text in texts for part in text.split(";"))
+    return "; ".join(dict.fromkeys(part for part in parts if part))
 
 
 def _detectors(study: Study) -> str:
     listed = ", ".join(f"{name} is {one['use']}" for name, one in study.config["detectors"].items())
     stand_ins = [
-        f"{name} for {letter}"
+        name if name == letter else f"{name} for its {letter}"
         for letter, module in STAND_INS.items()
         if (name := study.detector_of(module)) is not None
     ]
     text = f"{listed}."
     if stand_ins:
-        text += f" The paper's FDAs are confidential: {join_words(stand_ins)} stand in for them."
+        text += f" The paper's detectors are confidential; {join_words(stand_ins)} follow its description."
     knowing = study.detector_of("wear_temperature_fit")
     if knowing is not None:
         text += (
@@ -108,7 +109,7 @@ def _asks_chosen(study: Study) -> bool:
 def _density(study: Study) -> str:
     snr, scope = study.config["snr"], study.config["scope"]
     return (
-        f"SNR: {snr['runs']:,} runs a cell and hypothesis (at most 20,000 of a chosen surrogate), beside the "
+        f"SNR: {snr['runs']:,} runs a cell and hypothesis (at most 20,000 of a chosen surrogate), and the "
         "exact value, which for a chosen surrogate is by quadrature on 4,096 Sobol' points. "
         f"Scope: {scope['runs']:,} "
         "runs, all fault changes at one σ sharing those of H¹; Gaussian kernel, bandwidth by Silverman's "

@@ -49,16 +49,16 @@ def describe_candidates(loop: ClosedLoop) -> Markup:
         taken = rows[rows["taken"]]
         labels = list(dict.fromkeys(taken["joint"] + ": " + taken["effect"]))
         what = f"took {join_words(labels)}" if labels else "took nothing"
-        # Of the stage that asks of each joint's standard terms only what was kept is recorded.
+        # Of the stage of the standard terms only what was kept is recorded.
         first = bool(rows["taken"].all()) and set(rows["effect"]) <= standard
         kind = " (standard terms)" if first else " (generic term)" if set(rows["effect"]) == {UNKNOWN} else ""
         steps.append(f"Step {int(step) + 1}{kind}: {what}")
     text = (
-        "Every candidate is fitted beside the model with all of its parameters and scored on held-out "
+        "Every candidate is fitted together with all parameters of the model and scored on held-out "
         "training runs; one is taken only if it gains enough, is significant with all candidates counted, "
-        "and the runs agree. What was taken may still be dropped or replaced beside later terms, get the "
-        "name of a simpler term that does as well, or be left out in the end because its parameters are not "
-        "told from zero. Too little gained is too little of the joint's held-out loss, of what the standard "
+        "and the runs agree. What was taken may still be dropped or replaced when later terms are added, get "
+        "the name of a simpler term that does as well, or be left out because its parameters are not told "
+        "from zero. Too little gained is too little of the joint's held-out loss, of what the standard "
         "model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
         "candidates.parquet has them all."
     )
@@ -88,7 +88,7 @@ def describe_isolability(loop: ClosedLoop) -> Markup:
 
 
 def describe_forward(loop: ClosedLoop) -> Markup:
-    """Both models simulated forward, beside the measurement."""
+    """Both models simulated forward, and the measurement."""
     if loop.forward is None:
         return say_missing("Forward simulation")
     failed = loop.forward[(loop.forward["run"] != "all") & (loop.forward["outcome"] != "ok")]

@@ -38,7 +38,7 @@ _JOINT = {"joint": "joint"}
 
 
 def write_closed_loop_page(folder: str | Path) -> None:
-    """Write ``report.html`` beside the files of a closed loop.
+    """Write ``report.html`` next to the files of a closed loop.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Not determined, and which motion would help", describe_undetermined(loop), "undetermined"),
         Section("Notes", describe_notes(loop), "notes"),
     ]
-    title = f"Closed loop: {loop.verdict['dataset']}"
+    title = f"Diagnosis of {loop.verdict['dataset']}"
     return render_page(
         title,
         [section for section in sections if section.body],

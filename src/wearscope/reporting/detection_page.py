@@ -39,7 +39,7 @@ _MOST_SHOWN = 40
 
 
 def write_detection_page(folder: str | Path) -> None:
-    """Write ``report.html`` beside the files of target ``detect``.
+    """Write ``report.html`` next to the files of target ``detect``.
 
     Raises
     ------

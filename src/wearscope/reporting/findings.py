@@ -1,4 +1,4 @@
-"""The paper's findings beside this study's, line by line; every sentence is made from the tables."""
+"""The paper's findings and this study's, line by line; every sentence is made from the tables."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -21,7 +21,7 @@ from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
 STAND_INS = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
-"""Modules that stand in for the paper's confidential FDAs."""
+"""Modules in the place of the paper's confidential FDAs."""
 LARGE, EQUAL, SMALL = 0.5, 1.0, 0.25
 """Median |normalised coefficient| that counts as considerable, as much as wear, and insignificant."""
 TABLE_4 = {"full": (83.7, 95.0), "simplified": (64.6, 89.8)}
@@ -50,7 +50,7 @@ class Finding:
 
 
 def compare_with_paper(study: Study) -> list[Finding]:
-    """Findings of the paper's Secs. 6.1 to 6.4, each set beside this study's own tables.
+    """Findings of the paper's Secs. 6.1 to 6.4, each compared with this study's own tables.
 
     Intervals are 95 %, over the choice of cells (robot, test-cycle, axis resampled together for all
     detectors).

@@ -13,7 +13,7 @@ PROMISED = 0.9
 
 
 def describe_measurements(verdict: Mapping[str, Any]) -> Markup:
-    """Advised runs of a verdict; nothing where no name stands beside others."""
+    """Advised runs of a verdict; nothing where every name is alone."""
     entries = verdict.get("next_measurement") or []
     return Markup("").join(_describe(entry) for entry in entries)
 

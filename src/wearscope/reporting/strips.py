@@ -1,8 +1,5 @@
 """The strip on top of each page: the answer, how sure it is, what limits it most, what to do next."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
-
 import numpy as np
 from markupsafe import Markup
 
@@ -82,9 +79,12 @@ def _loop_sure(loop: ClosedLoop) -> str:
 
 def _loop_caveat(loop: ClosedLoop) -> str:
     """What limits the verdict most, the first that applies."""
-    if loop.verdict.get("not_judged"):
-        return f"Not judged: {_names(loop.verdict['not_judged'])}."
-    left = [joint for joint in loop.joints if loop.verdict["joints"][joint]["state"] == "unexplained"]
+    states = {joint: loop.verdict["joints"][joint]["state"] for joint in loop.joints}
+    unjudged = [joint for joint, state in states.items() if state == "not_judged"]
+    if unjudged:
+        reason = loop.verdict["joints"][unjudged[0]].get("reason", "")
+        return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
+    left = [joint for joint, state in states.items() if state == "unexplained"]
     if left:
         return f"Something repeatable is left without a name at {join_words(left)}."
     open_names = [
@@ -100,15 +100,6 @@ def _loop_caveat(loop: ClosedLoop) -> str:
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
     return "Names say which formula fits and carries over, not which part of the machine causes it."
-
-
-def _names(not_judged: Iterable[Any]) -> str:
-    """Joints or questions of the verdict's list, whatever its form."""
-    told = [
-        str(one.get("joint", one.get("what", ""))) if isinstance(one, Mapping) else str(one)
-        for one in not_judged
-    ]
-    return join_words([one for one in dict.fromkeys(told) if one])
 
 
 def _loop_action(loop: ClosedLoop) -> Markup:

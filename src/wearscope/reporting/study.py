@@ -55,7 +55,7 @@ class Study:
     thresholds, rankings : DataFrame or None
         Alarm thresholds of the recommended detector by cell, and the ranking of each robot.
     responses, simulated, detection : DataFrame or None
-        Surrogates along each factor, the runs beside them, and ROC; from `wearscope.evaluation`.
+        Surrogates along each factor, the runs along them, and ROC; from `wearscope.evaluation`.
     friction, postures : DataFrame or None
         Of the robots: friction over speed, positions along the test-cycles.
     units : mapping of str to str

@@ -10,7 +10,7 @@ from wearscope.reporting.study import Study
 
 
 def render_speed(study: Study) -> Markup:
-    """The paper's costs beside this study's."""
+    """The paper's costs and this study's."""
     config = study.config
     points = 2 * int(study.checks["points"].iloc[0]) + config["simulation"]["nominal_runs"]
     if study.chosen is not None and len(study.chosen):
@@ -39,7 +39,7 @@ def render_speed(study: Study) -> Markup:
             "jobs took [s]": [float(seconds.get(stage, float("nan"))) for stage in what],
         }
     )
-    return render_table(table, "Costs, each on its own computer; n/a: no timing lies beside the results.")
+    return render_table(table, "Costs, each on its own computer; n/a: there is no timing with the results.")
 
 
 def render_chosen(study: Study) -> Markup:

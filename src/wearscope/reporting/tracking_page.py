@@ -14,12 +14,12 @@ from wearscope.reporting.page import Section, badge, embed_figure, format_number
 from wearscope.reporting.strips import tracking_strip
 from wearscope.reporting.tracking import Tracking, read_tracking
 
-#: Most parameters of which the trend is drawn beside that of friction.
+#: Most parameters of which the trend is drawn in addition to that of friction.
 _MOST = 6
 
 
 def write_tracking_page(folder: str | Path) -> None:
-    """Write ``report.html`` beside the files of a tracked machine.
+    """Write ``report.html`` next to the files of a tracked machine.
 
     Raises
     ------

@@ -92,7 +92,7 @@ def _share(flags: pd.Series, noun: str = "") -> str:
 
 
 def direct_outcome(study: Study) -> list[str]:
-    """What direct Monte Carlo says beside the chosen surrogates; [] where it was not asked."""
+    """What direct Monte Carlo and the chosen surrogates say; [] where it was not asked."""
     if study.direct is None or study.direct.empty:
         return []
     table = study.direct

@@ -86,7 +86,7 @@ class Chart:
     description : str
         What it shows, for who does not see it.
     spec : altair chart
-        Draws data called as `sources` are (`altair.NamedData`). ``⟦key⟧`` in a title stands for the label of
+        Draws data called as `sources` are (`altair.NamedData`). ``⟦key⟧`` in a title becomes the label of
         what is chosen.
     sources : mapping of str to Source
         The first one is what is listed and exported.

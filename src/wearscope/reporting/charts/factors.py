@@ -1,4 +1,4 @@
-"""Charts of Q-1: how much each factor weighs beside wear, and the test quantity over each factor."""
+"""Charts of Q-1: how much each factor weighs relative to wear, and the test quantity over each factor."""
 
 import altair as alt
 

@@ -11,7 +11,7 @@ from wearscope.reporting.closed_loop import signal_label as label_signal
 
 #: Rows that all joints and runs share in the charts over time, and points of a chart over a signal.
 MOST_ROWS, MOST_POINTS = 40_000, 600
-#: What a residual can be drawn over, beside what it depends on most.
+#: What a residual can be drawn over, in addition to what it depends on most.
 OWN = {
     "qd": "its own speed",
     "q": "its own position",

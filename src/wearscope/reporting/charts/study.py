@@ -90,7 +90,7 @@ def together(study: Study) -> str:
 
 
 def places(table: pd.DataFrame) -> list[str]:
-    """Where each row's cell is, beside its detector: test-cycle, axis, and robot where there are several."""
+    """Where each row's cell is, without its detector: test-cycle, axis, and robot where there are several."""
     several = table["robot"].nunique() > 1
     cells = zip(*[table[key].tolist() for key in ("robot", "cycle", "axis")], strict=True)
     name = cache(lambda robot, cycle, axis: f"{words(cycle)} {axis}" + (f", {robot}" if several else ""))

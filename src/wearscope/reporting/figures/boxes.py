@@ -20,7 +20,7 @@ def draw_boxes(
     ----------
     ax : Axes
     values : sequence of array
-        One box each; NaN and infinite values are left out (say how many beside the figure), an empty box is
+        One box each; NaN and infinite values are left out (say how many next to the figure), an empty box is
         not drawn.
     positions : sequence of float
     colour : str

@@ -63,9 +63,9 @@ class Trust(StudySection):
 
 
 class Paper(StudySection):
-    """What the paper found, beside this study; only what the study asked."""
+    """What the paper found, compared with this study; only what the study asked."""
 
-    title, anchor, template = "Beside the paper", "paper", "paper.html"
+    title, anchor, template = "Compared with the paper", "paper", "paper.html"
 
     def is_wanted(self) -> bool:
         """Only where some finding of the paper was asked."""

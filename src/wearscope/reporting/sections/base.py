@@ -18,7 +18,7 @@ class StudySection:
     ----------
     study : Study
     findings : sequence of Finding
-        What the paper found, set beside this study.
+        What the paper found, compared with this study.
     """
 
     title: ClassVar[str]

@@ -13,7 +13,8 @@ from wearscope.reporting.labels import factor_name, quantity_text, unit_text
 from wearscope.reporting.page import format_number, render_table
 from wearscope.reporting.sections.base import StudySection, say
 
-MOST = 6
+#: Sentences of a card; the sections have all of them.
+MOST = 2
 
 
 class Summary(StudySection):
@@ -36,7 +37,7 @@ class Summary(StudySection):
         return {
             "qualifiers": say(qualify(study, first)) if first else [],
             "alarms": say(alarms),
-            "cards": [(title, say(shorten(said)), link, more) for title, said, link, more in cards],
+            "cards": [(title, say(said[:MOST]), link, more) for title, said, link, more in cards],
             "robots": self._robots(),
         }
 
@@ -95,11 +96,3 @@ class Summary(StudySection):
             format_number(float(rows[name].iloc[0])) for name in ("median", "median_low", "median_high")
         )
         return f"{value} ({low} to {high})"
-
-
-def shorten(sentences: list[str], most: int = MOST) -> list[str]:
-    """First and last of many sentences, and how many are left out."""
-    left_out = len(sentences) - most
-    if left_out <= 0:
-        return sentences
-    return [*sentences[: most - 1], f"{left_out} more of this kind below.", sentences[-1]]
