@@ -3,37 +3,44 @@
 # make docs   set everything up and build the documentation
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
-# The first Python 3.11 on the path; expanded only when the environment is made.
-IS_311 := import sys; sys.exit(sys.version_info[:2] != (3, 11))
-PYTHON ?= $(or $(shell for p in python3.11 python3 python; do \
-	$$p -c '$(IS_311)' >/dev/null 2>&1 && echo $$p && break; done),python3)
+# The first Python on the path that will do, or one that uv knows; expanded only when the environment is made.
+GOOD := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+PYTHON ?= $(or $(shell for p in python3.11 python3.12 python3.13 python3 python; do \
+	$$p -c '$(GOOD)' >/dev/null 2>&1 && echo $$p && exit; done; uv python find '>=3.11,<3.14' 2>/dev/null),python3)
+# What gets one: uv where it is there, else the system's newest package, else uv itself.
+GET = $(or $(if $(UV),uv python install 3.13),$(shell for v in 3.13 3.12 3.11; do \
+	apt-cache show python$$v-venv >/dev/null 2>&1 && echo sudo apt install python$$v-venv && break; \
+	done),pipx install uv && uv python install 3.13)
 CORES ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
-LOCKS := envs/build.lock envs/requirements.lock
+# uv, where it is there, is several times as fast; `make UV=` does without it. Hashes are checked by both.
+UV := $(shell command -v uv)
+INSTALL = $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/python -m pip install \
+	--quiet --disable-pip-version-check) --require-hashes --no-build-isolation --requirement
 
 export OMP_NUM_THREADS ?= 1
 export NO_MKDOCS_2_WARNING := true
 
-.PHONY: run test test-fast test-page test-how-to test-kills test-cluster cluster mutants setup docs lint format lock clean
+.PHONY: run test test-fast test-page test-how-to test-kills test-cluster cluster mutants setup developed docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
 
-test: setup
+test: developed
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
 
 # Under a minute: the rooms that neither simulate nor close a loop, and what the code promises about itself.
 FAST := architecture config designs surrogates robots cycles docs/test_tables.py
-test-fast: setup
+test-fast: developed
 	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
 
 # The default study's own page in a browser, against its tables; skips, saying why, where either is not there.
-test-page: setup
+test-page: developed
 	$(BIN)/python -m pytest -m long -rs tests/reporting/test_default_page.py $(ARGS)
 
 # Each how-to page's commands to their end, from an empty folder: half an hour.
-test-how-to: setup
+test-how-to: developed
 	$(BIN)/python -m pytest -m long -rs tests/cli $(ARGS)
 
 # Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md; SLURM, as below.
@@ -47,41 +54,48 @@ test-cluster: cluster
 		tests/workflow/test_kubernetes.py $(ARGS)
 
 # Snakemake's executors and storage for clusters, beside the locked packages.
-cluster: setup
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/cluster.lock
+cluster: developed
+	@$(INSTALL) envs/cluster.lock
 
 # Whether the tests notice a changed operator: docs/reliability.md. ARGS: rooms, --mutants, --seed.
-mutants: setup
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/mutants.lock
+mutants: developed
+	@$(INSTALL) envs/mutants.lock
 	$(BIN)/python -u benchmarks/mutants.py $(ARGS)
 
 setup: $(VENV)/installed
 
-# Two stamps make the second run start at once: a changed lock makes the environment anew, a changed
-# pyproject.toml only installs wearscope again.
+# A changed lock makes the environment anew; a changed pyproject.toml only installs wearscope again.
 $(VENV)/installed: $(VENV)/locked pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@echo "Compiling what studies run (up to a minute) ..."
 	@$(BIN)/python -m wearscope.compiled
 	@touch $@
 
-$(VENV)/locked: $(LOCKS)
-	@$(PYTHON) -c '$(IS_311)' 2>/dev/null || { echo >&2 \
-	"wearscope needs Python 3.11, because snakemake 9.27 needs at least 3.11 and pybullet 3.2.7 has no wheels" \
-	"for anything newer; '$(PYTHON)' is not it: install it, or call 'make PYTHON=/path/to/python3.11'."; exit 1; }
+$(VENV)/locked: envs/build.lock envs/requirements.lock
+	@test ! -L $(VENV) || { echo >&2 "$(VENV) is a symbolic link, and making it anew would clear what others may" \
+	"use: remove the link with 'rm $(VENV)', then run make again."; exit 1; }
+	@$(PYTHON) -c '$(GOOD)' 2>/dev/null || { echo >&2 "wearscope needs Python 3.11, 3.12 or 3.13 with its module" \
+	"venv, which '$(PYTHON)' is not: get one with '$(GET)', or call 'make PYTHON=/path/to/python3.13'."; exit 1; }
 	@echo "Installing the locked packages into $(VENV) (1 to 3 minutes) ..."
 	@$(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement envs/build.lock
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation \
-		--requirement envs/requirements.lock
+	@$(INSTALL) envs/build.lock
+	@$(INSTALL) envs/requirements.lock
+	@touch $@
+
+# What tests, documentation and lint need on top, and all extras.
+developed: $(VENV)/developed
+
+$(VENV)/developed: $(VENV)/installed envs/development.lock
+	@echo "Installing what the tests need ..."
+	@$(INSTALL) envs/development.lock
 	@touch $@
 
 # The site, in site/; a warning is an error.
-docs: setup
+docs: developed
 	$(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Open site/index.html; with its search: $(BIN)/python -m http.server --directory site 8000"
 
-lint: setup
+lint: developed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -94,17 +108,18 @@ format: setup
 	$(BIN)/ruff format
 	$(BIN)/snakefmt Snakefile workflow
 
-# Needs uv, which the environment does not hold. build.lock is what packages without a wheel are built with.
+# Needs uv, which the environment does not hold. Each lock holds for every supported Python. build.lock is what
+# packages without a wheel, and wearscope itself, are built with.
+COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	--no-emit-find-links --no-annotate --no-header
+EXTRAS := export ros test lint docs
 lock:
-	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-		--no-annotate --no-header --upgrade envs/requirements.in --output-file envs/requirements.lock
-	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-		--no-annotate --no-header --constraints envs/requirements.lock envs/cluster.in \
-		--output-file envs/cluster.lock
-	uv pip compile --quiet --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-		--no-annotate --no-header --constraints envs/requirements.lock envs/mutants.in \
-		--output-file envs/mutants.lock
-	awk '/^[a-z]/ {keep = /^setuptools==/} keep' envs/requirements.lock > envs/build.lock
+	$(COMPILE) --upgrade pyproject.toml $(addprefix --extra ,$(EXTRAS)) --group build \
+		--output-file envs/development.lock
+	$(COMPILE) --constraints envs/development.lock pyproject.toml --output-file envs/requirements.lock
+	$(COMPILE) --constraints envs/development.lock --group build --output-file envs/build.lock
+	$(COMPILE) --constraints envs/development.lock envs/cluster.in --output-file envs/cluster.lock
+	$(COMPILE) --constraints envs/development.lock envs/mutants.in --output-file envs/mutants.lock
 
 clean:
 	rm -rf $(VENV) site .pytest_cache .ruff_cache .mypy_cache
