@@ -20,6 +20,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from wearscope.closed_loop.diagnosis import diagnose
     from wearscope.errors import InputError
     from wearscope.example import example_dataset
@@ -39,6 +40,8 @@ _MODULES = {
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is asked for."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("wearscope")
     if name not in _MODULES:
         raise AttributeError(f"module 'wearscope' has no attribute '{name}'")
     return getattr(import_module(_MODULES[name]), name)

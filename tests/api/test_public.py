@@ -2,8 +2,11 @@
 
 import doctest
 import importlib
+import importlib.metadata
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +14,52 @@ import pytest
 import wearscope
 from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.errors import InputError
+from wearscope.extras import EXTRAS, need
 
 
-def test_import_is_lazy():
-    heavy = "numpy pandas pyarrow scipy pybullet pinocchio matplotlib numba sklearn".split()
-    code = f"import sys, wearscope; print([name for name in {heavy} if name in sys.modules])"
+@pytest.mark.parametrize(
+    ("code", "more"),
+    [("import wearscope", "numpy click rich yaml"), ("from wearscope.cli.main import main; main()", "")],
+)
+def test_import_and_help_load_nothing_heavy(code, more):
+    heavy = f"pandas pyarrow scipy pybullet pinocchio matplotlib numba sklearn snakemake pydantic {more}"
+    tell = f"atexit.register(lambda: print([name for name in {heavy.split()} if name in sys.modules]))"
+    code = f"import atexit, sys; sys.argv[1:] = ['--help']; {tell}; {code}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
+    assert run.stdout.splitlines()[-1] == "[]"
+
+
+def test_version_is_the_installed_one():
+    assert wearscope.__version__ == importlib.metadata.version("wearscope")
+
+
+def test_nothing_but_an_extra_needs_the_extras():
+    """All modules of the package are imported without them, but two that a running export imports."""
+    blocked = ["mujoco", "rosbags", "rocrate", "playwright", "pytest"]
+    own = {"wearscope.export.comparison", "wearscope.export.formats", "wearscope.__main__"}
+    code = f"""
+import importlib, pkgutil, sys
+sys.modules.update(dict.fromkeys({blocked}))
+import wearscope
+for one in pkgutil.walk_packages(wearscope.__path__, "wearscope."):
+    if one.name not in {own}:
+        importlib.import_module(one.name)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("module", EXTRAS)
+def test_a_missing_extra_is_one_sentence_with_its_command(module, monkeypatch):
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    extra, _ = EXTRAS[module]
+    assert module in project["optional-dependencies"][extra]
+    need(module)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(
+        InputError, match=rf"{module}.*{sys.executable} -m pip install 'wearscope\[{extra}\]'"
+    ):
+        need(module)
 
 
 def test_every_public_name_is_there():

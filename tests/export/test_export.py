@@ -1,6 +1,7 @@
 """Exported models against MuJoCo and Pinocchio, which share no code with ours."""
 
 import json
+import sys
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from wearscope.cycles.base import required_torque
 from wearscope.cycles.planned import PlannedMotion
+from wearscope.errors import InputError
 from wearscope.export.__main__ import main
 from wearscope.export.comparison import inverse_dynamics
 from wearscope.export.formats import make_spec, write_mjcf, write_urdf
@@ -195,3 +197,10 @@ def test_a_model_that_is_not_there_is_one_sentence(tmp_path, capsys):
 def test_without_motion_limits_there_is_no_comparison(tmp_path):
     model = make_arm(drive={"rotor_inertia": [6.0, 8.0, 5.0]})
     assert export_model(model, tmp_path)["mujoco"] is None
+
+
+def test_without_mujoco_nothing_is_written(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"wearscope\[export\]"):
+        export_model(load_model("medium"), tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,5 +1,6 @@
 """Recordings in the layouts that recorders write: the signals come out as they went in."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.starters.conversion import Mapped, convert_recordings
 from wearscope.starters.dataset import write_dataset
+from wearscope.starters.recordings import read_recording
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 
 URDF = Path(__file__).parents[2] / "config" / "robots" / "medium" / "robot.urdf"
@@ -245,6 +247,13 @@ def test_joint_states_of_ros_2(plugin, apart, batches, tmp_path):
     assert_same(converted, truth)
     with pytest.raises(InputError, match="no joint states on '/other'; they are on /joint_states"):
         convert(path, topic="/other")
+
+
+def test_a_bag_without_its_reader_gets_the_command_that_installs_it(tmp_path, monkeypatch):
+    (tmp_path / "x.mcap").write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(InputError, match=r"wearscope\[ros\]"):
+        read_recording(tmp_path / "x.mcap")
 
 
 def test_a_bag_that_is_none_gets_one_sentence(tmp_path):

@@ -4,16 +4,15 @@ RO-Crate: Soiland-Reyes et al., "Packaging research artefacts with RO-Crate", Da
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 from typing import Any
-
-from rocrate.model.contextentity import ContextEntity
-from rocrate.model.file import File
-from rocrate.rocrate import ROCrate
+from urllib.parse import quote
 
 from wearscope.archives.manifest import CONFIG, FileEntry
 
+VERSION = "https://w3id.org/ro/crate/1.3"
+METADATA = "ro-crate-metadata.json"
 LICENSE = "https://spdx.org/licenses/MIT"
 _KINDS = {
     ".parquet": "application/vnd.apache.parquet",
@@ -45,60 +44,65 @@ def describe_crate(
     files : mapping of str to FileEntry
         The archive's files.
     """
-    crate = ROCrate()
-    crate.name = f"wearscope study {study}"
-    crate.description = (
-        "A simulation-based evaluation of fault detectors: configuration, design, recordings, test "
-        "quantities, surrogates, results and report."
-    )
-    crate.datePublished = date
-    crate.license = LICENSE
-    for name in sorted(files):
-        fields = {
-            "name": PurePosixPath(name).name,
-            "sha256": files[name].sha256,
-            "contentSize": str(files[name].bytes),
-            "encodingFormat": _KINDS.get(PurePosixPath(name).suffix, "application/octet-stream"),
-        }
-        crate.add(File(crate, None, name, properties=fields))
+    root = {
+        "name": f"wearscope study {study}",
+        "description": (
+            "A simulation-based evaluation of fault detectors: configuration, design, recordings, test "
+            "quantities, surrogates, results and report."
+        ),
+        "datePublished": date,
+        "license": LICENSE,
+        "hasPart": _refer(files),
+    }
+    about = {"about": {"@id": "./"}, "conformsTo": {"@id": VERSION}}
     code = made["code"]
     packages = {name: version for name, version in made["packages"].items() if name != "wearscope"}
-    crate.add(
-        _entity(
-            crate,
-            "#wearscope",
-            "SoftwareApplication",
-            name="wearscope",
-            softwareVersion=code["wearscope"],
-            version=code["commit"] or "unknown",
-            sha256=code["sha256"],
-            softwareRequirements=[
-                {"@id": "#package/python"},
-                *({"@id": f"#package/{name}"} for name in packages),
-            ],
-        )
-    )
-    for name, version in {"python": made["python"], **packages}.items():
-        crate.add(
-            _entity(crate, f"#package/{name}", "SoftwareApplication", name=name, softwareVersion=version)
-        )
-    for name, digest in sorted(inputs.items()):
-        crate.add(_entity(crate, f"#input/{name}", "CreativeWork", name=name, sha256=digest))
-    design = [name for name in sorted(files) if name.startswith("design/")]
-    crate.add(
-        _entity(
-            crate,
-            "#study",
-            "CreateAction",
-            name=f"snakemake --configfile {CONFIG}",
-            instrument={"@id": "#wearscope"},
-            object=[{"@id": name} for name in [CONFIG, *design]]
-            + [{"@id": f"#input/{name}"} for name in sorted(inputs)],
-            result=[{"@id": name} for name in sorted(files) if name not in (CONFIG, *design)],
-        )
-    )
-    return (json.dumps(crate.metadata.generate(), indent=1, sort_keys=True) + "\n").encode()
+    software = {
+        "name": "wearscope",
+        "softwareVersion": code["wearscope"],
+        "version": code["commit"] or "unknown",
+        "sha256": code["sha256"],
+        "softwareRequirements": [{"@id": f"#package/{name}"} for name in ("python", *packages)],
+    }
+    design = [name for name in files if name.startswith("design/")]
+    run = {
+        "name": f"snakemake --configfile {CONFIG}",
+        "instrument": {"@id": "#wearscope"},
+        "object": [*_refer([CONFIG]), *_refer(design), *({"@id": f"#input/{one}"} for one in sorted(inputs))],
+        "result": _refer(set(files) - {CONFIG, *design}),
+    }
+    graph = [
+        _entity("./", "Dataset", **root),
+        _entity(METADATA, "CreativeWork", **about),
+        *(
+            _entity(
+                quote(name),
+                "File",
+                name=PurePosixPath(name).name,
+                sha256=files[name].sha256,
+                contentSize=str(files[name].bytes),
+                encodingFormat=_KINDS.get(PurePosixPath(name).suffix, "application/octet-stream"),
+            )
+            for name in sorted(files)
+        ),
+        _entity("#wearscope", "SoftwareApplication", **software),
+        *(
+            _entity(f"#package/{name}", "SoftwareApplication", name=name, softwareVersion=version)
+            for name, version in {"python": made["python"], **packages}.items()
+        ),
+        *(
+            _entity(f"#input/{name}", "CreativeWork", name=name, sha256=digest)
+            for name, digest in sorted(inputs.items())
+        ),
+        _entity("#study", "CreateAction", **run),
+    ]
+    crate = {"@context": f"{VERSION}/context", "@graph": graph}
+    return (json.dumps(crate, indent=1, sort_keys=True) + "\n").encode()
 
 
-def _entity(crate: ROCrate, identifier: str, kind: str, **fields: Any) -> ContextEntity:
-    return ContextEntity(crate, identifier, properties={"@type": kind, **fields})
+def _entity(identifier: str, kind: str, **fields: Any) -> dict[str, Any]:
+    return {"@id": identifier, "@type": kind, **fields}
+
+
+def _refer(files: Iterable[str]) -> list[dict[str, str]]:
+    return [{"@id": quote(name)} for name in sorted(files)]

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -14,10 +14,12 @@ from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
-from wearscope.export.comparison import Comparison, compare
-from wearscope.export.formats import make_spec, write_mjcf, write_urdf
 from wearscope.export.holdings import take_holdings
+from wearscope.extras import need
 from wearscope.robots.model import RobotModel
+
+if TYPE_CHECKING:
+    from wearscope.export.comparison import Comparison
 
 FILES = ("robot.urdf", "robot.xml", "parameters.csv", "export.json")
 #: Motion along which MuJoCo is compared, and its step [s].
@@ -99,6 +101,10 @@ def export_model(
         The content of ``export.json``: `robot`, `temperature`, `left` (format, joint, effect, reason) and
         `mujoco` (by joint: RMS torque, differences; None where the model has no limits to plan a motion in).
     """
+    need("mujoco")
+    from wearscope.export.comparison import compare  # here, as both import MuJoCo
+    from wearscope.export.formats import make_spec, write_mjcf, write_urdf
+
     out = Path(folder)
     held = take_holdings(model, temperature)
     compared = None
@@ -119,7 +125,7 @@ def export_model(
     return summary
 
 
-def _tell_comparison(model: RobotModel, found: Comparison) -> dict[str, dict[str, Any]]:
+def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[str, Any]]:
     return {
         joint: {
             "unit": model.torque_units[j],

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from wearscope.errors import InputError
+from wearscope.extras import need
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
 
 #: Message type of joint states.
@@ -132,6 +133,7 @@ def _is_number(text: str) -> bool:
 
 def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     """Joint states of a bag: ``time`` [s] and ``<joint>.position``, ``.velocity``, ``.effort``."""
+    need("rosbags")
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
