@@ -28,6 +28,7 @@ from typing import IO, Any
 import pandas as pd
 import yaml
 
+from wearscope.archives.code import read_settings, refuse_code
 from wearscope.archives.comparison import compare_archives, list_results
 from wearscope.archives.crate import describe_crate
 from wearscope.archives.manifest import (
@@ -38,6 +39,7 @@ from wearscope.archives.manifest import (
     MANIFEST,
     FileEntry,
     Manifest,
+    check_kinds,
     check_names,
     parse_manifest,
 )
@@ -45,7 +47,7 @@ from wearscope.archives.members import as_content, describe_checksum, walk_archi
 from wearscope.checksums import record_checksums
 from wearscope.config import drop_retired
 from wearscope.errors import InputError
-from wearscope.files import digest_file, write_text, write_whole
+from wearscope.files import digest_file, explain_unwritten, write_text, write_whole
 from wearscope.provenance import describe_provenance
 
 __all__ = [
@@ -152,10 +154,12 @@ def unpack_archive(path: str | Path, folder: str | Path) -> Manifest:
     InputError
         As `verify_archive`; or where the folder holds something, or the disk refuses it.
     """
-    return _unpack(path, Path(folder), restore=False)
+    return _unpack(path, Path(folder))
 
 
-def restore_archive(path: str | Path, root: str | Path = ".") -> tuple[Manifest, Path, list[str]]:
+def restore_archive(
+    path: str | Path, root: str | Path = ".", allow_code: bool = False
+) -> tuple[Manifest, Path, list[str], list[str]]:
     """Put a study's results back, so that the workflow goes on from them.
 
     Parameters
@@ -164,12 +168,16 @@ def restore_archive(path: str | Path, root: str | Path = ".") -> tuple[Manifest,
         The archive.
     root : path-like
         A clone of the repository.
+    allow_code : bool
+        Whether lines of its configuration that name code stay; otherwise they are marked as refused.
 
     Returns
     -------
     manifest : Manifest
     folder : Path
         ``results/<study>`` in `root`, with the configuration as ``config.yaml``.
+    refused : list of str
+        Lines of the configuration that name code and were refused.
     changed : list of str
         Files of code and the user's own inputs that are missing in `root` or not as they were.
 
@@ -181,19 +189,21 @@ def restore_archive(path: str | Path, root: str | Path = ".") -> tuple[Manifest,
     root = Path(root)
     manifest = walk_archive(path)
     folder = root / "results" / manifest.study
-    _unpack(path, folder, restore=True)
+    refused: list[str] = []
+    _unpack(path, folder, lambda place: refused.extend(_prepare(place, manifest, allow_code)))
     changed = [
         name
         for name, digest in sorted({**manifest.code.files, **manifest.inputs}.items())
         if not (root / name).is_file() or digest_file(root / name) != digest
     ]
-    return manifest, folder, changed
+    return manifest, folder, refused, changed
 
 
-def _unpack(path: str | Path, folder: Path, restore: bool) -> Manifest:
+def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lambda _: None) -> Manifest:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty; name a folder that is not there yet.")
     manifest = walk_archive(path)
+    check_kinds(manifest.files, str(path))
     staging = ""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -215,32 +225,39 @@ def _unpack(path: str | Path, folder: Path, restore: bool) -> Manifest:
                 handles.pop().close()
         fields = manifest.model_dump(mode="json", exclude_unset=True)
         write_text(place / MANIFEST, json.dumps(fields, indent=1))
-        if restore:
-            _prepare(place, manifest)
+        prepare(place)
         os.chmod(place, 0o755)
         if folder.exists():
             folder.rmdir()
         os.replace(place, folder)
     except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written ({error.strerror or error}); free disk space or name another place."
-        ) from error
+        raise explain_unwritten(folder, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return manifest
 
 
-def _prepare(place: Path, manifest: Manifest) -> None:
-    """Make unpacked results such as the workflow's own: with checksums, and none older than another."""
-    if CONFIG not in manifest.files:
-        settings = drop_retired(manifest.config)
-        write_text(place / CONFIG, yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
+def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
+    """Make unpacked results such as the workflow's own: with checksums, and none older than another.
+
+    Returns
+    -------
+    list of str
+        Lines of the configuration that were refused.
+    """
+    settings = drop_retired(manifest.config)
+    if CONFIG in manifest.files:
+        settings = read_settings(place / CONFIG)
+    kept, refused = (settings, []) if allow_code else refuse_code(settings)
+    if refused or CONFIG not in manifest.files:
+        write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
     # Logs and timings are no job's output: they are written over without a word.
     outputs = [name for name in manifest.files if not name.startswith(("logs/", "benchmarks/"))]
     record_checksums(place, [place / name for name in outputs])
     now = time.time()
     for file in place.rglob("*"):
         os.utime(file, (now, now))
+    return refused
 
 
 def _open(path: Path) -> IO[bytes]:
@@ -267,6 +284,7 @@ def main(arguments: list[str] | None = None) -> int:
     restore = commands.add_parser("restore", help="put the results back, to go on from them")
     restore.add_argument("file")
     restore.add_argument("root", nargs="?", default=".", help="a clone of the repository, by default here")
+    restore.add_argument("--allow-code", action="store_true", help="keep what its configuration lets run")
     compare = commands.add_parser("compare", help="compare two archives or result folders")
     compare.add_argument("a")
     compare.add_argument("b")
@@ -275,8 +293,8 @@ def main(arguments: list[str] | None = None) -> int:
         if given.command == "compare":
             return _tell_comparison(compare_archives(given.a, given.b))
         if given.command == "restore":
-            manifest, folder, changed = restore_archive(given.file, given.root)
-            _tell_restored(given.file, manifest, folder, changed)
+            restored = restore_archive(given.file, given.root, given.allow_code)
+            _tell_restored(given.file, *restored)
             return 0
         if given.command == "unpack":
             manifest = unpack_archive(given.file, given.folder)
@@ -302,8 +320,13 @@ def _tell_comparison(rows: pd.DataFrame) -> int:
     return int(differ.any())
 
 
-def _tell_restored(file: str, manifest: Manifest, folder: Path, changed: list[str]) -> None:
+def _tell_restored(
+    file: str, manifest: Manifest, folder: Path, refused: list[str], changed: list[str]
+) -> None:
     print(f"{file}: {len(manifest.files)} files, every checksum holds, in {folder}")
+    if refused:
+        told = f"{folder / CONFIG}: names code, which is refused ({'; '.join(refused)})"
+        print(InputError(f"{told}; read it, and restore with --allow-code to let it run."))
     if changed:
         print(
             f"{len(changed)} files of code or input are not as they were ({', '.join(changed[:3])}"

@@ -1,12 +1,13 @@
 """Files written whole or not at all; what a killed writer left is cleared by the next one."""
 
+import errno
 import fcntl
 import hashlib
 import json
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from typing import Any
 from wearscope import limits
 from wearscope.errors import InputError
 
+#: The disk is full, or its user's share of it is.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 #: What a file being written, or one set aside as damaged, is called.
 OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
 
@@ -78,9 +81,7 @@ def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
         os.replace(temporary, path)
         set_aside(path).unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); free disk space or choose another place."
-        ) from error
+        raise explain_unwritten(path, error) from error
     finally:
         if temporary and os.path.exists(temporary):
             os.unlink(temporary)
@@ -88,9 +89,38 @@ def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
             os.close(handle)
 
 
+def explain_unwritten(path: str | Path, error: OSError) -> InputError:
+    """Sentence about a file or folder that cannot be written; a full disk is named by where it is mounted."""
+    if error.errno not in FULL:
+        told = error.strerror or error
+        return InputError(f"{path}: cannot be written ({told}); free disk space or choose another place.")
+    place = Path(error.filename or path).absolute()
+    while not place.exists() or (not os.path.ismount(place) and place != place.parent):
+        place = place.parent
+    return InputError(f"{path}: the disk at {place} is full ({error.strerror}); free disk space there.")
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file whole or not at all."""
     write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+
+
+def check_depth(content: Any) -> None:
+    """Refuse content of a JSON file that what works on it, level by level, could not go through.
+
+    Raises
+    ------
+    ValueError
+    """
+    level, depth = [content], 0
+    while level := [inner for one in level for inner in _list_inner(one)]:
+        depth += 1
+        if depth > limits.JSON_DEPTH:
+            raise ValueError(f"is nested more than {limits.JSON_DEPTH} deep")
+
+
+def _list_inner(one: Any) -> Iterable[Any]:
+    return one.values() if isinstance(one, dict) else one if isinstance(one, list) else ()
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
@@ -108,6 +138,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path}: is larger than {limits.JSON_BYTES / 1e6:g} MB; make it again.")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        check_depth(content)
     except (OSError, ValueError, RecursionError) as error:
         told = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: is no JSON ({told}); make it again.") from None

@@ -16,7 +16,7 @@ LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 NUMBER = 1e30
 #: Longest name of a robot or data set.
 NAME = 100
-#: Most members of an archive; largest of them [bytes].
-MEMBERS, MEMBER_BYTES = 1_000_000, 1 << 38
+#: Largest header of a member of an archive [bytes], such as a long name.
+TAR_HEADER_BYTES = 1_000_000
 #: A setting is named that would take longer [s] or more room [bytes]: a year, a terabyte.
 YEAR, TERABYTE = 365.25 * 86400.0, 1e12

@@ -131,7 +131,7 @@ def test_archive_of_release_0_1_0_opens(tmp_path, capsys):
     manifest = archive.verify_archive(RELEASE)
     assert manifest.format == 1 and manifest.code.wearscope == "0.1.0"
     assert manifest.code.commit == "6f32e8f82465ee6a98a6e0cd31b9a868d5367946"
-    assert archive.main(["restore", str(RELEASE), str(tmp_path)]) == 0
+    assert archive.main(["restore", str(RELEASE), str(tmp_path), "--allow-code"]) == 0
     said = capsys.readouterr().out
     assert "every checksum holds" in said and "commit 6f32e8f" in said and "-R compute_snr" in said
     folder = tmp_path / "results" / "tiny"
@@ -158,7 +158,7 @@ def run_compare(a, b, capsys):
 
 def test_restored_study_has_checksums_and_no_second_restoring(tmp_path):
     path = pack(tmp_path, "a", config={"study": "tiny", "seed": 0})
-    manifest, folder, changed = archive.restore_archive(path, tmp_path / "clone")
+    manifest, folder, _, changed = archive.restore_archive(path, tmp_path / "clone")
     assert changed == []
     assert (folder / ".checksums" / "report.html.sha256").read_text().endswith("  report.html\n")
     assert not (folder / ".checksums" / "logs").exists()

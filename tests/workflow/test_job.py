@@ -47,11 +47,11 @@ def test_progress_and_end_are_logged_and_said(snakemake, capsys):
         (InputError("row 3: no such thing; correct it."), "row 3: no such thing; correct it."),
         (
             OSError(errno.ENOSPC, "No space left on device", "models/x.urdf"),
-            "models/x.urdf cannot be written (No space left on device); free disk space.",
+            "models/x.urdf: the disk at ",
         ),
         (
             OSError(errno.ENOSPC, "No space left"),
-            "a file cannot be written (No space left); free disk space.",
+            " is full (No space left); free disk space there.",
         ),
     ],
 )
@@ -60,7 +60,8 @@ def test_bad_input_and_full_disk_end_in_one_sentence(snakemake, capsys, error, s
     with pytest.raises(SystemExit) as end, job.run_job(snakemake):
         raise error
     assert end.value.code == 1
-    assert capsys.readouterr().err == f"compute_it medium: {sentence}\n"
+    said = capsys.readouterr().err
+    assert said.startswith("compute_it medium: ") and sentence in said and said.count("\n") == 1
     if log is None:
         assert sentence in Path(snakemake.log[0]).read_text()
 

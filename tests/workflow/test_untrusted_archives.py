@@ -1,5 +1,6 @@
 """Archives that were damaged, or made by someone who means no good."""
 
+import errno
 import gzip
 import hashlib
 import io
@@ -225,3 +226,59 @@ def test_what_is_no_file_is_refused(tmp_path):
 def test_names_of_a_study_pass():
     check_names(["snr.parquet", "parts/scope/medium.parquet", "figures/scope w3 (ö).svg"], "a")
     assert parse_manifest(json.dumps(make_manifest()).encode(), "a").study == "tiny"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["own.py", "__pycache__/a.parquet", "-rf", "a/-x.json", ".bashrc", ".checksums/a.json", "x.so", "a.pkl",
+     "run.sh", "Snakefile", "a.pyc", "x.nbi", "a.pth", "a.ipynb", "noending"],
+)  # fmt: skip
+def test_no_archive_brings_code_or_odd_names(tmp_path, name):
+    one = {"sha256": hashlib.sha256(b"x").hexdigest(), "bytes": 1}
+    path = tmp_path / "a.tar"
+    write(path, ("MANIFEST.json", json.dumps(make_manifest(files={name: one})).encode()), (name, b"x"))
+    for act in (archive.unpack_archive, archive.restore_archive):
+        with pytest.raises(InputError, match=r"is of no kind that an archive may bring"):
+            act(path, tmp_path / "out")
+    assert not (tmp_path / "out" / name).exists() and not (tmp_path / "out" / "results" / "tiny").exists()
+
+
+def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):
+    config = {
+        "study": "tiny", "seed": 0, "cycles": ["point_to_point", "evil.py"], "allow_code": True,
+        "detectors": {"A": {"use": "/tmp/evil.py"}}, "closed_loop": {"effects": ["e.py"], "allow_code": True},
+        "__use_yte__": True,
+    }  # fmt: skip
+    path = pack(tmp_path, "a", config=config)
+    assert archive.main(["restore", str(path), str(tmp_path / "one")]) == 0
+    said = capsys.readouterr().out
+    assert "allow_code: True; detectors.A.use: /tmp/evil.py; closed_loop.effects: e.py" in said and "__use_yte__" in said
+    kept = (tmp_path / "one" / "results" / "tiny" / "config.yaml").read_text()
+    assert ".py" not in kept and "yte" not in kept and "point_to_point" in kept and "true" not in kept
+    assert archive.main(["restore", str(path), str(tmp_path / "two"), "--allow-code"]) == 0
+    assert "evil.py" in (tmp_path / "two" / "results" / "tiny" / "config.yaml").read_text()
+
+
+def test_headers_and_manifests_without_end_are_refused(tmp_path):
+    path = tmp_path / "a.tar"
+    header = entry("././@LongLink", tarfile.GNUTYPE_LONGNAME, size=1 << 40)
+    path.write_bytes(header.tobuf(tarfile.GNU_FORMAT) + b"x" * 1024)
+    with pytest.raises(InputError, match=r"a header of more than"):
+        archive.verify_archive(path)
+    deep = {}
+    for _ in range(900):
+        deep = {"a": deep}
+    write(path, ("MANIFEST.json", json.dumps(make_manifest(config=deep)).encode()), ("a", b"x"))
+    with pytest.raises(InputError, match=r"nested more than 100 deep"):
+        archive.restore_archive(path, tmp_path)
+
+
+def test_a_full_disk_is_named_and_not_the_archive(tmp_path, monkeypatch):
+    path = pack(tmp_path, "a")
+
+    def full(*given, **named):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(archive, "open", full, raising=False)
+    with pytest.raises(InputError, match=r"the disk at .* is full"):
+        archive.unpack_archive(path, tmp_path / "out")

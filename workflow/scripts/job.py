@@ -1,7 +1,6 @@
 """What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
 
 import atexit
-import errno
 import gc
 import os
 import resource
@@ -15,7 +14,7 @@ from typing import Any
 
 from wearscope.checksums import check_file, record_checksums, withdraw
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile
+from wearscope.files import FULL, DamagedFile, explain_unwritten
 from wearscope.processes import MAIN, end_with
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
@@ -23,8 +22,6 @@ from wearscope.processes import MAIN, end_with
 gc.disable()
 
 Say = Callable[[str], None]
-#: The disk is full, or its user's share of it is.
-FULL = (errno.ENOSPC, errno.EDQUOT)
 #: Whether the job of this process ended well.
 _done = False
 
@@ -89,7 +86,7 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         if error.errno not in FULL:
             note(traceback.format_exc())
             raise
-        say(f"{error.filename or 'a file'} cannot be written ({error.strerror}); free disk space.")
+        say(str(explain_unwritten(error.filename or os.getcwd(), error)))
         sys.exit(1)
     except Exception:
         note(traceback.format_exc())

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wearscope.errors import InputError
+from wearscope.files import check_depth
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
 CRATE, CONFIG = "ro-crate-metadata.json", "config.yaml"
@@ -17,8 +18,13 @@ FORMAT = 2
 #: Made by packing; no file of a study has these names.
 MADE = (MANIFEST, CHECKSUM, CRATE, CONFIG)
 #: Bounds of what is read at all.
-LARGEST_MANIFEST = 256_000_000
+LARGEST_MANIFEST = 50_000_000
 MOST_BYTES = 1 << 40
+#: Endings of the files that an archive may bring: tables, settings, models, figures, pages, text.
+KINDS = (
+    ".parquet", ".csv", ".tsv", ".json", ".yaml", ".npz", ".tar", ".urdf", ".xml", ".svg", ".png", ".html",
+    ".md", ".txt", ".log",
+)  # fmt: skip
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -78,6 +84,7 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
     """
     try:
         fields = json.loads(content, object_pairs_hook=_refuse_doubles)
+        check_depth(fields)
     except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(
@@ -130,6 +137,23 @@ def check_names(names: Iterable[str], where: str) -> None:
             reason = "is taken by the archive itself"
         if reason:
             raise InputError(f"{where}: the name {show(name)} {reason}; get the file again.")
+
+
+def check_kinds(names: Iterable[str], where: str) -> None:
+    """Refuse what no archive of a study brings: code, what Python keeps of it, hidden files, odd names.
+
+    Raises
+    ------
+    InputError
+        Naming the first.
+    """
+    for name in sorted(names):
+        odd = any(part[0] in ".-" or part == "__pycache__" for part in name.split("/"))
+        if odd or not name.endswith(KINDS):
+            raise InputError(
+                f"{where}: {show(name)} is of no kind that an archive may bring ({', '.join(KINDS)}; no name "
+                "begins with '.' or '-'); nothing was unpacked, have it packed without that file."
+            )
 
 
 def show(name: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO, Any
 
+from wearscope import limits
 from wearscope.archives.manifest import (
     CHECKSUM,
     LARGEST_MANIFEST,
@@ -17,10 +18,30 @@ from wearscope.archives.manifest import (
     show,
 )
 from wearscope.errors import InputError
+from wearscope.files import FULL
 
 _BLOCK = 1 << 20
 #: Makes a place for a file's content: called with its name, gives a function that is called with each block.
 Visit = Callable[[str], Callable[[bytes], Any]]
+
+
+#: Kinds of header that `tarfile` reads whole.
+_LARGE = (
+    tarfile.GNUTYPE_LONGNAME,
+    tarfile.GNUTYPE_LONGLINK,
+    tarfile.XHDTYPE,
+    tarfile.XGLTYPE,
+    tarfile.SOLARIS_XHDTYPE,
+)
+
+
+class _Header(tarfile.TarInfo):
+    """A header; refused where its own content is large, such as a long name that `tarfile` reads whole."""
+
+    def _proc_member(self, tar: tarfile.TarFile) -> Any:
+        if self.type in _LARGE and self.size > limits.TAR_HEADER_BYTES:
+            raise tarfile.ReadError(f"a header of more than {limits.TAR_HEADER_BYTES} bytes")
+        return super()._proc_member(tar)  # type: ignore[misc]
 
 
 def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[bytes]]]]) -> None:
@@ -62,7 +83,7 @@ def walk_archive(path: str | Path, visit: Visit | None = None) -> Manifest:
         if not path.is_file():
             reason = "is no plain file" if path.exists() else "no such file"
             raise InputError(f"{path}: {reason}; name an archive made by the target archive.")
-        with tarfile.open(path, "r:") as tar:
+        with tarfile.open(path, "r:", tarinfo=_Header) as tar:
             manifest = _read_manifest(tar, path)
             waiting = dict(manifest.files)
             while (member := tar.next()) is not None:
@@ -73,8 +94,8 @@ def walk_archive(path: str | Path, visit: Visit | None = None) -> Manifest:
             end = tar.offset
         _check_end(path, end)
     except (tarfile.TarError, EOFError, OSError, ValueError, OverflowError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
+        if isinstance(error, InputError) or getattr(error, "errno", None) in FULL:
+            raise  # what unpacks it found the disk full
         reason = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: is no whole tar archive ({reason}); get the file again.") from error
     if waiting:
