@@ -252,7 +252,8 @@ def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):
     path = pack(tmp_path, "a", config=config)
     assert archive.main(["restore", str(path), str(tmp_path / "one")]) == 0
     said = capsys.readouterr().out
-    assert "allow_code: True; detectors.A.use: /tmp/evil.py; closed_loop.effects: e.py" in said and "__use_yte__" in said
+    assert "allow_code: True; detectors.A.use: /tmp/evil.py; closed_loop.effects: e.py" in said
+    assert "__use_yte__" in said
     kept = (tmp_path / "one" / "results" / "tiny" / "config.yaml").read_text()
     assert ".py" not in kept and "yte" not in kept and "point_to_point" in kept and "true" not in kept
     assert archive.main(["restore", str(path), str(tmp_path / "two"), "--allow-code"]) == 0
