@@ -3,11 +3,15 @@
 import os
 import subprocess
 import sys
+from functools import partial
 from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from reporting.browser import find_browser
 
 from wearscope import plugins
 from wearscope.effects.base import load_effect
@@ -121,3 +125,51 @@ def test_mathematics_is_shown_as_such(site):
     for path, page in site.items():
         text = " ".join(page.words)
         assert not any(sign in text for sign in (":math:", ".. math::", r"\frac", "$$")), path.name
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless browser, where there is one."""
+    path = find_browser()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.mark.parametrize("name", ["index", "tutorial", "gallery", "closed-loop", "torque-column"])
+def test_pages_fit_a_phone_and_show_their_pictures_when_opened_as_files(site, browser, name):
+    path = next(path for path in site if path.name == f"{name}.html")
+    page = browser.new_page(viewport={"width": 390, "height": 800})
+    page.goto(path.as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    # Pictures are loaded as they come into view.
+    script = "[...document.images].map(one => (one.loading = 'eager', one.decode().then(() => 1, () => 0)))"
+    assert all(page.evaluate(f"Promise.all({script})"))
+    page.close()
+
+
+def test_the_search_finds_a_word_when_the_site_is_served(site, browser):
+    folder = next(path for path in site if path.name == "index.html").parent
+    handler = partial(QuietHandler, directory=str(folder))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    Thread(target=server.serve_forever, daemon=True).start()
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    try:
+        page.goto(f"http://127.0.0.1:{server.server_port}/index.html")
+        page.locator("input.md-search__input").focus()
+        page.keyboard.type("counterbalance")
+        page.wait_for_selector(".md-search-result__item", state="attached", timeout=30_000)
+        assert "effects.html" in page.locator(".md-search-result__link").first.get_attribute("href")
+    finally:
+        page.close()
+        server.shutdown()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves files without a word."""
+
+    def log_message(self, *_):
+        pass
