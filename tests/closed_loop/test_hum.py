@@ -91,7 +91,7 @@ def test_an_effect_beneath_a_hum_is_named(record, monkeypatch, effect, values, n
     assert named["joint"] == "a" and named["effect"] in names and named["status"] != "refuted"
     # The hum itself is told, and is in every error.
     assert {j["state"] for j in verdict["joints"].values()} == {"unexplained"}
-    assert all("2.3" in j["unexplained_reason"] for j in verdict["joints"].values())
+    assert all("2.3" in j["reason"] for j in verdict["joints"].values())
     assert all(j["rms_after"] > 0.6 * a for j, a in zip(verdict["joints"].values(), AMPLITUDES, strict=True))
     assert sum("2.37 Hz in time" in note for note in verdict["notes"]) == 2
     monkeypatch.setattr(answer, "find_hum", lambda *_: None)

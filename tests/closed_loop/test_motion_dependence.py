@@ -106,7 +106,7 @@ def test_a_memory_is_no_empty_verdict(record):
     """Trees on all signals do not see what depends on the past; a tenth of the variance is enough."""
     joint = diagnose(record(extra_torque=turning, seed=71, runs=4, duration=12.0)).verdict["joints"]["a"]
     assert joint["state"] == "unexplained"
-    assert joint["unexplained_depends_on"] == ["q_a"]
+    assert joint["depends_on"] == ["q_a"]
     assert 0.0 < joint["unexplained_rms"] < joint["rms_after"]
 
 

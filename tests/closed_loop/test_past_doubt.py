@@ -29,7 +29,7 @@ def test_what_follows_the_last_turn_is_given_no_name(record, monkeypatch, runs, 
     verdict = diagnose(folder).verdict
     assert verdict["verdict"] == []
     assert verdict["joints"]["a"]["state"] == "unexplained"
-    assert "q_a" in verdict["joints"]["a"]["unexplained_depends_on"]
+    assert "q_a" in verdict["joints"]["a"]["depends_on"]
     monkeypatch.setattr(generic, "doubt_for_past", lambda search, found: found)
     assert {e["joint"] for e in diagnose(folder).verdict["verdict"]} == {"a"}
 

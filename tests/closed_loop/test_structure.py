@@ -258,10 +258,10 @@ def test_what_differs_from_run_to_run_is_said(record, signal, seed):
     verdict = diagnose(record(extra_torque=differs(signal), seed=seed, runs=5, duration=16.0)).verdict
     joint = verdict["joints"]["a"]
     assert joint["state"] == "unexplained"
-    assert "differs from run to run" in joint["unexplained_reason"]
+    assert "differs from run to run" in joint["reason"]
     # Friction that differs makes the reversal look wide, over which the direction is like the speed.
     alike = [["qd_a"], ["sign_qd_a"]]
-    assert joint["unexplained_depends_on"] in (alike if signal == "qd_a" else [[signal] if signal else []])
+    assert joint["depends_on"] in (alike if signal == "qd_a" else [[signal] if signal else []])
     assert joint["unexplained_rms"] > 0.5
     assert verdict["joints"]["b"]["state"] == "explained"
 

@@ -29,8 +29,10 @@ def one_joint(before, after, floor):
     return {
         "unit": "N m", "rms_as_declared": before * 1.1, "rms_before": before, "rms_after": after,
         "rms_before_ci95": [0.9 * before, 1.1 * before], "rms_after_ci95": [0.9 * after, 1.1 * after],
-        "noise_floor": floor, "state": "corrected", "unexplained_rms": None, "unexplained_depends_on": [],
-        "unexplained_reason": "", "test_runs": {"runs/r2.parquet": [before, after]},
+        "noise_floor": floor, "state": "corrected", "left_percent": 3.0,
+        "error": "smaller" if after < before else "larger",
+        "unexplained_rms": None, "depends_on": [],
+        "reason": "", "test_runs": {"runs/r2.parquet": [before, after]},
         "relative_error_percent": {"runs/r2.parquet": [10 * before, 10 * after]},
     }  # fmt: skip
 
@@ -239,8 +241,8 @@ def test_page_of_none_says_so(tmp_path):
 def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path):
     verdict = copy.deepcopy(VERDICT) | {"verdict": []}
     verdict["joints"]["b"] |= {
-        "state": "unexplained", "unexplained_rms": 0.8, "unexplained_depends_on": ["q_a", "t"],
-        "unexplained_reason": "a line at 3 Hz in time",
+        "state": "unexplained", "unexplained_rms": 0.8, "depends_on": ["q_a", "t"],
+        "reason": "a line at 3 Hz in time",
     }  # fmt: skip
     write(tmp_path, verdict)
     html = page(tmp_path)
@@ -251,7 +253,7 @@ def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path
     assert "Left unexplained: 0.8 N m RMS, depending on q_a and t (a line at 3 Hz in time)." in text
     loop = read_closed_loop(tmp_path)
     assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
-    verdict["joints"]["b"]["unexplained_depends_on"] = []
+    verdict["joints"]["b"]["depends_on"] = []
     write(tmp_path, verdict)
     assert "0.8 N m RMS, on what it depends is not known" in text_of(page(tmp_path))
 

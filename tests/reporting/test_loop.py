@@ -109,7 +109,7 @@ def test_refuted_effects_are_told_first():
 
 def test_what_is_left_and_why_the_search_stopped_are_told():
     verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": ["axis_1: the most terms are named"]}
-    left = {"state": "unexplained", "unexplained_rms": 30.0, "unexplained_depends_on": ["q_axis_2", "t"]}
+    left = {"state": "unexplained", "unexplained_rms": 30.0, "depends_on": ["q_axis_2", "t"]}
     verdict["joints"]["axis_2"] |= left
     assert verdict_sentences(verdict) == [
         "No effect was named, and the declared model does not suffice.",

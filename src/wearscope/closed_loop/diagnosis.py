@@ -11,7 +11,9 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
+from wearscope.closed_loop.corrected import withdraw_worse
 from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
+from wearscope.closed_loop.diagnostics.worth import Worth, measure_worth, withhold_judgement
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
@@ -19,6 +21,7 @@ from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
+from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
@@ -52,12 +55,15 @@ class Attribution:
         Other names in its confidence set.
     marked : Marked
         What the test runs say.
+    kept : bool
+        Whether the corrected model has it.
     """
 
     term: ModelTerm
     evidence: Evidence
     equivalent: list[str]
     marked: Marked
+    kept: bool
 
 
 @dataclass(frozen=True)
@@ -70,10 +76,13 @@ class Diagnosis:
     policy : Policy
         Numbers of the rule.
     attributions : list of Attribution
-    before, after : Regression
-        The declared model refitted; the same with the named terms.
+    before, proposed, after : Regression
+        The declared model refitted; the same with all named terms, which come last; the same with those that
+        make no joint's error on the test runs larger (`withdraw_worse`).
     states : list of JointState
         What is left at each joint.
+    worth : list of Worth
+        What became of each joint's error.
     candidates : DataFrame
         Every candidate of every step.
     full : list of str
@@ -87,8 +96,10 @@ class Diagnosis:
     policy: Policy
     attributions: list[Attribution]
     before: Regression
+    proposed: Regression
     after: Regression
     states: list[JointState]
+    worth: list[Worth]
     candidates: pd.DataFrame
     full: list[str]
     notes: list[str]
@@ -101,8 +112,8 @@ class Diagnosis:
 
     @cached_property
     def estimates(self) -> dict[str, list[Estimate]]:
-        """Parameters with intervals of the models ``before`` and ``after``."""
-        return {"before": estimate(self.before), "after": estimate(self.after)}
+        """Parameters with intervals of the models ``before``, ``proposed`` and ``after``."""
+        return {stage: estimate(getattr(self, stage)) for stage in ("before", "proposed", "after")}
 
     @cached_property
     def models(self) -> dict[str, RobotModel]:
@@ -231,24 +242,42 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     """Fit the model with the terms found, and mark them by what the rests and the test runs say."""
     problem, found = search.problem, answer.found
     prepared = problem.prepared
-    before = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    after, kept = drop_undetermined(before, found, search.sigma, search.policy.zero_level)
+    declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    proposed, kept = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
     equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
     found = kept
-    after, equivalent = settle_rests(problem, after, len(before.entries), equivalent)
-    marked = mark_terms(prepared, after, after.entries[len(before.entries) :])
+    proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
+    terms = proposed.entries[len(declared.entries) :]
+    marked = mark_terms(prepared, proposed, terms)
+    before, impossible = keep_possible(declared, len(declared.entries))
+    after, stays, beyond = withdraw_worse(declared, before, search.sigma, terms, marked)
     named = [
-        Attribution(term, f.evidence, names, mark)
-        for term, f, names, mark in zip(
-            after.entries[len(before.entries) :], found, equivalent, marked, strict=True
-        )
+        Attribution(term, f.evidence, names, mark, kept)
+        for term, f, names, mark, kept in zip(terms, found, equivalent, marked, stays, strict=True)
     ]
-    declared = before if named else None
-    states = judge_joints(prepared, after, named, answer.left, answer.dependence, search.policy, declared)
+    here, gone = [a for a in named if a.kept], [a for a in named if not a.kept]
+    states = judge_joints(
+        prepared, after, here, answer.left, answer.dependence, search.policy, before if here else None, gone
+    )
+    worth = measure_worth(prepared, predict_runs(prepared, before, after))
+    states = withhold_judgement(prepared, states, worth)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
+    impossible = [one for one in (beyond if here else impossible) if one.is_significant]
+    notes = answer.notes + [one.describe(prepared.dataset.joints) for one in impossible]
     return Diagnosis(
-        prepared, search.policy, named, before, after, states, candidates, full, answer.notes, problem
+        prepared,
+        search.policy,
+        named,
+        before,
+        proposed,
+        after,
+        states,
+        worth,
+        candidates,
+        full,
+        notes,
+        problem,
     )
 
 

@@ -43,7 +43,7 @@ def draw_models(diagnosis: Diagnosis, stage: str, draws: int, seed: int) -> Iter
 def _fit(diagnosis: Diagnosis, stage: str, chosen: list[ModelTerm]) -> Regression:
     if stage == "before":
         return diagnosis.before
-    if chosen == [one.term for one in diagnosis.attributions]:
+    if chosen == [one.term for one in diagnosis.attributions if one.kept]:
         return diagnosis.after
     return refit(diagnosis.after, [*diagnosis.before.entries, *chosen])
 
@@ -53,7 +53,7 @@ def _alternatives(diagnosis: Diagnosis) -> list[list[ModelTerm]]:
     problem = diagnosis.problem
     effects = {effect.name: effect for effect in problem.effects}
     options = []
-    for named in diagnosis.attributions:
+    for named in (one for one in diagnosis.attributions if one.kept):
         terms = [named.term]
         for name in named.equivalent:
             effect = effects[name]

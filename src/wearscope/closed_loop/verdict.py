@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wearscope.closed_loop.diagnostics.structure import JointState
+from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.inertials import name_unbelievable_links
 from wearscope.closed_loop.model.prediction import (
@@ -33,8 +34,12 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
     prepared = diagnosis.prepared
     joints = prepared.dataset.joints
     entries = []
-    estimates = diagnosis.estimates["after"][len(diagnosis.before.entries) :]
-    for named, estimate in zip(diagnosis.attributions, estimates, strict=True):
+    first = len(diagnosis.proposed.entries) - len(diagnosis.attributions)
+    proposed = diagnosis.estimates["proposed"][first:]
+    kept = {id(estimate.entry): estimate for estimate in diagnosis.estimates["after"]}
+    for named, estimate in zip(diagnosis.attributions, proposed, strict=True):
+        # Of a name that the corrected model has, what that model has it with.
+        estimate = kept.get(id(named.term), estimate)
         term, j = named.term, named.term.joint
         units = prepared.dataset.position_unit[j], prepared.dataset.torque_unit[j]
         unit_of = {p.name: p.unit_at(*units) for p in term.effect.parameters}
@@ -51,9 +56,10 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
                 "fixed": {
                     name: value for name, value in estimate.values.items() if name not in estimate.intervals
                 },
-                "error_reduction": named.marked.reduction,
-                "error_reduction_ci95": list(named.marked.interval),
+                "error_reduction": _number(named.marked.reduction),
+                "error_reduction_ci95": [_number(v) for v in named.marked.interval],
                 "status": named.marked.status,
+                "in_model": named.kept,
             }
         )
     entries.sort(key=lambda entry: entry["status"] != "refuted")
@@ -68,7 +74,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
             "left may hold more"
             for joint in diagnosis.full
         ],
-        "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states),
+        "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
         "notes": prepared.notes + diagnosis.notes + list_unbelievable_links(diagnosis),
     }
@@ -84,7 +90,7 @@ def list_unbelievable_links(diagnosis: "Diagnosis") -> list[str]:
 
 
 def summarise_joints(
-    prepared: Prepared, predicted: list[Predicted], states: list[JointState]
+    prepared: Prepared, predicted: list[Predicted], states: list[JointState], worth: list[Worth]
 ) -> dict[str, Any]:
     """Errors by joint over the test runs, at the common bandwidth, rows where the joint moves."""
     test = [p for p in predicted if p.run.use == "test"]
@@ -115,10 +121,15 @@ def summarise_joints(
             "rms_after": _number(value["after"][j]),
             "rms_after_ci95": [_number(v) for v in interval["after"][:, j]],
             "noise_floor": None if floor is None else _number(floor[j]),
+            "torque_rms": _number(worth[j].torque),
+            "error": worth[j].error,
+            "error_change_percent": _number(worth[j].change),
+            "error_change_ci95": [_number(v) for v in worth[j].interval],
+            "left_percent": _number(100.0 * worth[j].share),
             "state": states[j].state,
             "unexplained_rms": states[j].unexplained_rms,
-            "unexplained_depends_on": states[j].depends_on,
-            "unexplained_reason": states[j].reason,
+            "depends_on": states[j].depends_on,
+            "reason": states[j].reason,
             "test_runs": runs,
             "relative_error_percent": relative,
         }

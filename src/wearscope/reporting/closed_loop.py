@@ -150,7 +150,7 @@ def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     direction of motion is drawn as the speed, where it is a step.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
-    wanted += loop.verdict["joints"][joint]["unexplained_depends_on"]
+    wanted += loop.verdict["joints"][joint]["depends_on"]
     if loop.dependence is not None:
         table = loop.dependence
         own = table[(table["joint"] == joint) & (table["stage"] == "before")]

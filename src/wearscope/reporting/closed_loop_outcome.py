@@ -17,7 +17,7 @@ from wearscope.reporting.page import badge, render_table, unbreak
 
 #: Colour of a status and of a joint's state.
 _KINDS = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
-_STATES = {"explained": "good", "corrected": "good", "unexplained": "bad"}
+_STATES = {"explained": "good", "corrected": "good", "unexplained": "bad", "not_judged": "unsure"}
 #: Growth of the error on the test runs from which a joint is said to have become worse.
 _WORSE = 1.03
 
@@ -35,11 +35,17 @@ def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
     entries = [one for one in loop.verdict["verdict"] if one["effect"] != UNKNOWN]
     held = [one for one in entries if one["status"] != "refuted"]
     left = [joint for joint in loop.joints if loop.verdict["joints"][joint]["state"] == "unexplained"]
-    rest = f"{join_words(left)} {'keeps' if len(left) == 1 else 'keep'} something unexplained" if left else ""
+    unjudged = [joint for joint in loop.joints if loop.verdict["joints"][joint]["state"] == "not_judged"]
+    said = (
+        [f"{join_words(left)} {'keeps' if len(left) == 1 else 'keep'} something unexplained"] if left else []
+    )
+    if unjudged:
+        said.append(f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged")
+    rest = join_words(said)
     if not held:
-        if not left:
+        if not said:
             return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
-        return "bad", f"No effect that the test runs bear out was named, and {rest}."
+        return "bad" if left else "unsure", f"No effect that the test runs bear out was named, and {rest}."
     marks = {"confirmed": "", "not_confirmed": " (not confirmed)"}
     named = [
         f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} {_where(one)}"
@@ -49,7 +55,7 @@ def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
     text = f"The declared model lacks {'; '.join(named)}. {_tell_gain(loop)}"
     grown = _tell_growth(loop)
     sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
-    return ("good" if sure and not left else "unsure"), f"{text}{grown}{f'; {rest}' if left else ''}."
+    return ("good" if sure and not said else "unsure"), f"{text}{grown}{f'; {rest}' if said else ''}."
 
 
 def _where(entry: Mapping[str, Any]) -> str:
@@ -99,18 +105,25 @@ def _alarms(loop: ClosedLoop) -> Markup:
         said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
     said += [("notice", f"Stopped. {text}.") for text in loop.verdict["stopped"]]
     if not loop.verdict["verdict"]:
-        left = [j for j in loop.joints if loop.verdict["joints"][j]["state"] == "unexplained"]
+        states = {j: loop.verdict["joints"][j]["state"] for j in loop.joints}
+        left = [j for j, state in states.items() if state == "unexplained"]
+        unjudged = [j for j, state in states.items() if state == "not_judged"]
         if left:
             text = (
                 f"Nothing was named, and the declared model does not suffice: {join_words(left)} "
                 f"{'is' if len(left) == 1 else 'are'} left unexplained."
+            )
+        elif unjudged:
+            text = (
+                f"Nothing was named; that says nothing of {join_words(unjudged)}, which "
+                f"{'is' if len(unjudged) == 1 else 'are'} not judged."
             )
         else:
             text = (
                 "None: the declared model suffices. No candidate beat it outside the noise, and no further "
                 "structure was found; the model after is the model before."
             )
-        said.append(("alarm" if left else "notice", text))
+        said.append(("alarm" if left or unjudged else "notice", text))
     return Markup("").join(
         Markup('<div class="{}">{}</div>').format(kind, unbreak(text)) for kind, text in said
     )
@@ -172,7 +185,8 @@ def _joints(loop: ClosedLoop) -> Markup:
     text = (
         "Explained: what is left is noise, with or without a memory. Corrected: the same, with what was "
         "added. Unexplained: what is left repeats with the motion, depends on a signal or on time, or is "
-        "larger on the test runs than on those for training. All but the last is judged on the training runs."
+        "larger on the test runs than on those for training. All but that is judged on the training runs. "
+        "Not judged: no row of the test runs counts, or the error is above half of the torque."
     )
     return Markup('<h3>State of the joints</h3>{}<p class="note">{}</p>').format(
         list_items(_tell_joint(loop, joint) for joint in loop.joints), text
@@ -181,12 +195,10 @@ def _joints(loop: ClosedLoop) -> Markup:
 
 def _tell_joint(loop: ClosedLoop, joint: str) -> Markup:
     one = loop.verdict["joints"][joint]
-    before = number(one.get("rms_before"))
-    if not np.isfinite(before):
-        return Markup("<strong>{}</strong>: {} it does not move on the test runs.").format(
-            joint, badge("not judged")
-        )
-    said = Markup("<strong>{}</strong>: {}").format(joint, badge(one["state"], _STATES[one["state"]]))
+    word = one["state"].replace("_", " ")
+    said = Markup("<strong>{}</strong>: {}").format(joint, badge(word, _STATES[one["state"]]))
+    if not np.isfinite(number(one.get("rms_before"))):
+        return said + f" {one['reason']}."
     entries = [entry["effect"] for entry in loop.entries_at(joint)]
     felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in _shared() - set(entries)]
     if entries:
@@ -200,27 +212,31 @@ def _tell_joint(loop: ClosedLoop, joint: str) -> Markup:
 
 def _tell_error(one: Mapping[str, Any]) -> Markup:
     before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
+    of = number(one.get("left_percent"))
+    share = f", {of:.3g} % of the torque" if np.isfinite(of) else ""
     if abs(after - before) <= 1e-6 * before:
         told = f", noise floor {write_value(floor)}" if np.isfinite(floor) else ""
-        return Markup(" RMS error {} {}{}.").format(write_value(before), one["unit"], told)
+        return Markup(" RMS error {} {}{}{}.").format(write_value(before), one["unit"], share, told)
     gap = gap_closed(one)[1]
     told = f", {gap} of the gap to the noise floor closed" if gap.endswith("%") else ""
     grown = Markup("")
     if after > _WORSE * before:
         grown = Markup(" {}").format(badge(unbreak(f"larger by {100 * (after / before - 1):.0f} %"), "bad"))
-    return Markup(" RMS error {} → {} {}{}.{}").format(
-        write_value(before), write_value(after), one["unit"], unbreak(told), grown
+    return Markup(" RMS error {} → {} {} ({}{}){}.{}").format(
+        write_value(before), write_value(after), one["unit"], one["error"], share, unbreak(told), grown
     )
 
 
 def _tell_rest(one: Mapping[str, Any]) -> str:
     """What is left unexplained: how much, on what it depends, how it was seen."""
+    if one["state"] == "not_judged":
+        return f" Not judged: {one['reason']}."
     if one["state"] != "unexplained":
         return ""
     size = number(one["unexplained_rms"])
-    on = one["unexplained_depends_on"]
+    on = one["depends_on"]
     depends = f", depending on {join_words(on)}" if on else ", on what it depends is not known"
-    seen = f" ({one['unexplained_reason']})" if one["unexplained_reason"] else ""
+    seen = f" ({one['reason']})" if one["reason"] else ""
     return f" Left unexplained: {write_value(size)} {one['unit']} RMS{depends}{seen}."
 
 

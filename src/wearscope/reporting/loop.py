@@ -79,14 +79,18 @@ def _rest_sentences(verdict: Mapping[str, Any]) -> list[str]:
     sentences = []
     for name, joint in verdict["joints"].items():
         if joint["state"] == "unexplained":
-            on = joint["unexplained_depends_on"]
+            on = joint["depends_on"]
             depends = f", depending on {join_words(on)}" if on else ""
             size = f"{format_number(_number(joint['unexplained_rms']))} {joint['unit']}"
             sentences.append(f"Unexplained on {name}: {size} RMS{depends}.")
+        elif joint["state"] == "not_judged":
+            sentences.append(f"Not judged on {name}: {joint['reason']}.")
     if not verdict["verdict"] and not sentences:
         sentences.append("None: the declared model suffices, no effect was added.")
     elif not verdict["verdict"]:
-        sentences.insert(0, "No effect was named, and the declared model does not suffice.")
+        unexplained = any(joint["state"] == "unexplained" for joint in verdict["joints"].values())
+        also = ", and the declared model does not suffice" if unexplained else ""
+        sentences.insert(0, f"No effect was named{also}.")
     return sentences + [f"{text}." for text in verdict["stopped"]]
 
 

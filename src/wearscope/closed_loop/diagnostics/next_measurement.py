@@ -171,8 +171,8 @@ def plan_measurements(
     cycles : sequence of str, optional
         As of `list_plans`.
     """
-    prepared, after = diagnosis.prepared, diagnosis.after
-    first = len(diagnosis.before.entries)
+    prepared, after = diagnosis.prepared, diagnosis.proposed
+    first = len(after.entries) - len(diagnosis.attributions)
     model = planning_model(prepared, diagnosis.models["before"])
     found = []
     for number, named in enumerate(diagnosis.attributions):

@@ -10,9 +10,15 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
-from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
+from wearscope.closed_loop.diagnostics.run_differences import (
+    SIGNALS,
+    compare_offsets,
+    gain_by_halves,
+    list_train_repeats,
+    see_repeats,
+)
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.prediction import find_repeats, predict_full, predict_reduced
+from wearscope.closed_loop.model.prediction import predict_full, predict_reduced
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
@@ -22,7 +28,7 @@ if TYPE_CHECKING:
     from wearscope.closed_loop.selection.evidence import Evidence
     from wearscope.closed_loop.selection.motion_dependence import Dependence
 
-State = Literal["explained", "corrected", "unexplained"]
+State = Literal["explained", "corrected", "unexplained", "not_judged"]
 #: Rows that trees are grown on, folds, seed.
 _MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
 
@@ -58,6 +64,7 @@ def judge_joints(
     dependence: "Mapping[int, Dependence]",
     policy: Policy,
     before: Regression | None = None,
+    withdrawn: "Sequence[Attribution]" = (),
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -77,6 +84,8 @@ def judge_joints(
     policy : Policy
     before : Regression, optional
         The declared model, refitted, than which the corrected one must not predict worse.
+    withdrawn : sequence of Attribution
+        What was named and is not in the corrected model.
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -87,22 +96,23 @@ def judge_joints(
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
     declared, declared_test = (None if before is None else _leave(before, runs) for runs in (train, test))
     features = [_features(run) for run in train]
-    repeats = _list_train_repeats(prepared)
+    repeats = list_train_repeats(prepared)
     states, moving = [], int(prepared.moving.sum())
     for j in range(prepared.n):
         corrected = any(a.term.joint == j for a in named)
         if not prepared.moving[j]:
-            states.append(JointState(j, "explained"))
+            states.append(JointState(j, "not_judged"))
             continue
         own = [r[:, j] for r in residuals]
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
         inside = [
             *_from_declared(declared, own, keep, j, policy, "training"),
+            *_from_withdrawn(prepared, withdrawn, j),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
             *_from_trees(features, own, keep, prepared, j, policy),
-            *_from_repeats(repeats, own, keep, policy),
+            *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
             *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
@@ -163,6 +173,18 @@ def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
 def _features(run: PreparedRun) -> np.ndarray:
     thin = code_signals(run)
     return np.concatenate([x for x in thin.values()], axis=1)
+
+
+def _from_withdrawn(prepared: Prepared, withdrawn: "Sequence[Attribution]", joint: int) -> list[Seen]:
+    """What training runs have by a name that the test runs do not bear out."""
+    seen = []
+    for term, e in ((a.term, a.evidence) for a in withdrawn if a.term.joint == joint):
+        depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))
+        told = (
+            f"{term.effect.name} fits the training runs and makes the test runs' error larger: it is left out"
+        )
+        seen.append(Seen(e.share, depends, told))
+    return seen
 
 
 def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[Seen]:
@@ -251,38 +273,6 @@ def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: i
     group = join_blocks(own, find_memory(np.bincount(number, y), own))
     sums = np.bincount(np.unique(group, return_inverse=True)[1][number], gain)
     return sums if len(sums) > 1 else np.array([part.sum() for part in np.array_split(gain, 2)])
-
-
-def _list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
-    """Pairs of training runs, among themselves, that follow the same trajectory."""
-    train = [i for i, run in enumerate(prepared.runs) if run.use == "train"]
-    place = {i: k for k, i in enumerate(train)}
-    return [(place[a], place[b]) for a, b in find_repeats(prepared) if a in place and b in place]
-
-
-def _from_repeats(
-    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[Seen]:
-    """What repeats when the motion does, from pairs of runs."""
-    seen = []
-    for a, b in repeats:
-        x, y = own[a], own[b]
-        short = min(len(x), len(y))
-        both = keep[a][:short] & keep[b][:short]
-        if both.sum() < 100:
-            continue
-        x, y = x[:short][both], y[:short][both]
-        size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
-        share = float(np.mean(x * y)) / size
-        # What autocorrelated noise gives by chance: the same runs, shifted against each other.
-        shifts = np.linspace(0.2, 0.8, 60) * len(x)
-        chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
-        highest = max(
-            (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
-        )
-        if share > max(policy.structure_share, highest):
-            seen.append(Seen(share, [], "it repeats where a run repeats another's motion"))
-    return seen
 
 
 def _from_runs(

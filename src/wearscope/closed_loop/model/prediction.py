@@ -167,6 +167,26 @@ def bootstrap_rms(
     parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int, draws: int = 400
 ) -> np.ndarray:
     """95 % interval (2, n) of the pooled rms, resampling blocks of `rows` rows."""
+    return np.quantile(_draw_rms(parts, rows, seed, draws), [0.025, 0.975], axis=0)
+
+
+def bootstrap_change(
+    before: list[tuple[np.ndarray, np.ndarray]],
+    after: list[tuple[np.ndarray, np.ndarray]],
+    rows: int,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change of the pooled rms [%] (n,) and its 95 % interval (2, n), the same blocks drawn for both."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = 100.0 * (_draw_rms(after, rows, seed) / _draw_rms(before, rows, seed) - 1.0)
+        change = 100.0 * (pooled_rms(after) / pooled_rms(before) - 1.0)
+    return change, np.quantile(drawn, [0.025, 0.975], axis=0)
+
+
+def _draw_rms(
+    parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int, draws: int = 400
+) -> np.ndarray:
+    """Pooled rms (draws, n) of blocks of `rows` rows drawn with replacement."""
     squares, counts = [], []
     for residual, keep in parts:
         for start in range(0, len(residual), rows):
@@ -177,8 +197,7 @@ def bootstrap_rms(
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(square)]))
     pick = rng.integers(0, len(square), (draws, len(square)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        value = np.sqrt(square[pick].sum(axis=1) / count[pick].sum(axis=1))
-    return np.quantile(value, [0.025, 0.975], axis=0)
+        return np.asarray(np.sqrt(square[pick].sum(axis=1) / count[pick].sum(axis=1)))
 
 
 def find_repeats(prepared: Prepared) -> list[tuple[int, int]]:

@@ -28,7 +28,7 @@ class Marked:
         ``not_confirmed`` else.
     reduction : float
         Share of the test runs' residual variance that the term removes at its joint (at all joints where it
-        is felt, by their variance, for one that is felt at several).
+        is felt, by their variance, for one that is felt at several); NaN where no row of theirs counts.
     interval : tuple of (float, float)
         Its 95 % interval, by resampling blocks of rows.
     """
@@ -62,6 +62,9 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
         joints = slice(None) if term.effect.spread else slice(term.joint, term.joint + 1)
         own = (without[:, joints] / scale[joints]).sum(axis=1)
         best = (whole[:, joints] / scale[joints]).sum(axis=1)
+        if not best.any():
+            marked.append(Marked("not_confirmed", np.nan, (np.nan, np.nan)))
+            continue
         drawn = 1.0 - best[pick].sum(axis=1) / np.maximum(own[pick].sum(axis=1), 1e-300)
         low, high = np.quantile(drawn, [0.025, 0.975])
         status: Status = "confirmed" if low > 0.0 else "refuted" if high < 0.0 else "not_confirmed"

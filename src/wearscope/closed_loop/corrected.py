@@ -1,0 +1,101 @@
+"""The corrected model that a user takes away: never worse than the declared one on the test runs.
+
+Training runs alone choose and fit. A correction that held-out training runs bear out can still be wrong
+elsewhere, as at another temperature, and only test runs show it. They therefore have a veto and no vote: a
+name that they refute, or that makes a joint's error larger, is taken out, and the joint goes back towards the
+declared model, which claims nothing. No test run is spent twice on a claim by that:
+
+- A name is `confirmed` where the whole interval of what it removes is above zero. A name that is withdrawn
+  never has such an interval, so that the veto makes no false confirmation likelier.
+- An error is called `smaller` only where the interval of its change lies below zero. The choice of the
+  smaller of two errors alone, which favours the corrected model, reaches no such claim either.
+
+A part of the test runs that decides and another that reports would make both less sure, and would promise
+nothing on the part that reports.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.possible import Impossible, keep_possible, list_beyond
+from wearscope.closed_loop.model.prediction import bootstrap_change, predict_reduced, refit
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.status import Marked
+
+#: Growth of an error [%] that is none: figures of three digits agree.
+_SAME = 0.1
+_SEED = 31
+
+
+def withdraw_worse(
+    base: Regression,
+    before: Regression,
+    sigma: np.ndarray,
+    terms: Sequence[ModelTerm],
+    marked: Sequence[Marked],
+) -> tuple[Regression, list[bool], list[Impossible]]:
+    """The corrected model without names that the test runs refute or that make a joint's error larger.
+
+    Parameters
+    ----------
+    base : Regression
+        The declared model with all its coefficients.
+    before : Regression
+        The same with those that are possible.
+    sigma : ndarray (n,)
+        Residual scale of the model with all names.
+    terms : sequence of ModelTerm
+    marked : sequence of Marked
+        What the test runs say of each.
+
+    Returns
+    -------
+    Regression
+        `before` itself where no name is left.
+    list of bool
+        Whether each name is in it.
+    list of Impossible
+        What the fit of the declared effects with the names left out.
+    """
+    start = Regression(base.prepared, base.entries, sigma, base.inertial, base.blocks)
+    kept = [k for k, mark in enumerate(marked) if mark.status != "refuted"]
+    while kept:
+        model = refit(start, [*base.entries, *(terms[k] for k in kept)])
+        model, out = keep_possible(model, len(base.entries))
+        first = len(model.entries) - len(kept)
+        impossible = [kept[i - first] for i, *_ in list_beyond(model)]
+        worse = impossible or _find_worse(base.prepared, before, model, {k: terms[k] for k in kept})
+        if not worse:
+            return model, [k in kept for k in range(len(terms))], out
+        # What removes least of the test runs' error goes first.
+        kept.remove(min(worse, key=lambda k: np.nan_to_num(marked[k].reduction)))
+    return before, [False] * len(terms), []
+
+
+def _find_worse(
+    prepared: Prepared, before: Regression, after: Regression, kept: dict[int, ModelTerm]
+) -> list[int]:
+    """Names of which one must go for the joint whose error grows most; none where no joint's does.
+
+    Bodies couple the joints: one without a name of its own may change by chance where another has one, and
+    must be worse outside the noise.
+    """
+    errors = []
+    for model in (before, after):
+        theta = model.solve()
+        test = prepared.runs_for("test")
+        errors.append([(run.measured - predict_reduced(model, theta, run), run.keep) for run in test])
+    change, interval = bootstrap_change(errors[0], errors[1], max(4, int(4 * prepared.band.torque)), _SEED)
+    for j in np.argsort(-np.nan_to_num(change)).tolist():
+        if not change[j] > _SAME:
+            return []
+        own = [k for k, term in kept.items() if term.joint == j and not term.effect.spread]
+        felt = [k for k, term in kept.items() if term.effect.spread]
+        if own:
+            return own
+        if interval[0][j] > 0.0:
+            return felt or list(kept)
+    return []

@@ -1,0 +1,97 @@
+"""What a user takes away: two honest statements a joint, and a corrected model that is never worse."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.robots.model import load_model
+
+FAST = {"runs": 4, "duration": 8.0}
+RIPPLE = {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}
+
+
+def change(folder, run, edit):
+    path = folder / "runs" / f"r{run}.parquet"
+    table = pd.read_parquet(path)
+    edit(table)
+    table.to_parquet(path)
+
+
+def test_a_refuted_name_is_not_in_the_model_and_no_joint_is_worse(record, tmp_path):
+    """The ripple of the test run has changed phase: adding it doubles the error there."""
+    folder = record([(0, "torque_ripple", RIPPLE)], seed=3, **FAST)
+    angle = 20.0
+    change(
+        folder, 3,
+        lambda x: x.__setitem__(
+            "tau_a", x["tau_a"] - 2.0 * (np.cos(angle * x["q_a"]) + 0.8 * np.sin(angle * x["q_a"]))
+        ),
+    )  # fmt: skip
+    found = diagnose(folder)
+    (entry,) = found.verdict["verdict"]
+    assert (entry["effect"], entry["status"], entry["in_model"]) == ("torque_ripple", "refuted", False)
+    joint = found.verdict["joints"]["a"]
+    assert joint["rms_after"] == joint["rms_before"] and joint["error"] == "same"
+    assert joint["state"] == "unexplained" and "torque_ripple" in joint["reason"]
+    found.write(tmp_path)
+    effects = yaml.safe_load((tmp_path / "model_after.yaml").read_text())["effects"]
+    assert "torque_ripple" not in [one["effect"] for one in effects]
+
+
+def test_a_confirmed_name_makes_the_error_smaller_by_what_it_removes(record):
+    found = diagnose(record([(0, "torque_ripple", RIPPLE)], seed=3, **FAST))
+    (entry,) = found.verdict["verdict"]
+    joint, other = (found.verdict["joints"][name] for name in ("a", "b"))
+    assert entry["in_model"] and joint["state"] == "corrected" and joint["error"] == "smaller"
+    low, high = joint["error_change_ci95"]
+    assert low < joint["error_change_percent"] < high < 0.0
+    assert joint["error_change_percent"] == pytest.approx(
+        100 * (joint["rms_after"] / joint["rms_before"] - 1)
+    )
+    assert joint["left_percent"] == pytest.approx(100 * joint["rms_after"] / joint["torque_rms"])
+    assert (other["state"], other["error"]) == ("explained", "same")
+
+
+def test_noise_above_half_of_the_torque_is_not_judged(record):
+    """Pure noise, 1.6 times the torque of a joint that carries next to nothing."""
+    folder = record(seed=5, **FAST)
+    rng = np.random.default_rng(1)
+    for run in range(4):
+        change(
+            folder, run,
+            lambda x: x.__setitem__("tau_b", x["tau_b"] + 60.0 * rng.standard_normal(len(x))),
+        )  # fmt: skip
+    joint = diagnose(folder).verdict["joints"]["b"]
+    assert joint["left_percent"] > 50.0
+    assert joint["state"] == "not_judged" and "record" in joint["reason"]
+
+
+def test_a_declared_friction_that_would_drive_the_motion_is_zero_and_said(record, tmp_path):
+    """The torque of joint a lacks its friction and more: the fit alone gives a negative level."""
+
+    def without_friction(x):
+        x["tau_a"] -= 10.0 * np.sign(np.gradient(x["q_a"], x["t"]))
+
+    folder = record(seed=7, **FAST)
+    for run in range(4):
+        change(folder, run, without_friction)
+    found = diagnose(folder)
+    (told,) = [note for note in found.verdict["notes"] if "which no machine has" in note]
+    assert told.startswith("a: the runs give coulomb level -")
+    found.write(tmp_path)
+    model = load_model(tmp_path / "model_after.yaml")
+    levels = {one.joint: one.parameters["level"] for one in model.effects if one.effect == "coulomb"}
+    assert "a" not in levels and levels["b"] == pytest.approx(3.0, abs=0.3)
+
+
+def test_every_value_of_the_model_lies_in_its_own_interval(record, tmp_path):
+    found = diagnose(record([(0, "load_dependent_friction", {"coefficient": 0.1})], seed=4, **FAST))
+    found.write(tmp_path)
+    told = 0
+    for one in yaml.safe_load((tmp_path / "model_after.yaml").read_text())["effects"]:
+        for name, (low, high) in one.get("intervals", {}).items():
+            assert low <= one["parameters"][name] <= high, (one["effect"], name)
+            told += 1
+    assert told > 4
