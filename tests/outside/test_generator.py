@@ -178,11 +178,11 @@ def test_a_name_whose_parameter_no_machine_has_leaves_its_joint_unexplained(tmp_
         ("joint_1", "concave_viscous")
     ]
     joint = diagnosis.verdict["joints"]["joint_2"]
-    assert joint["state"] == "unexplained" and joint["unexplained_depends_on"] == [
+    assert joint["state"] == "unexplained" and joint["depends_on"] == [
         "load_joint_2",
         "qdd_joint_2",
     ]
-    assert joint["unexplained_reason"].startswith("joint_elasticity would explain it: compliance 0.0096")
+    assert joint["reason"].startswith("joint_elasticity would explain it: compliance 0.0096")
     assert joint["unexplained_rms"] > 0.8 * joint["rms_after"]
 
 
