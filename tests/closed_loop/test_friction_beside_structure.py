@@ -35,7 +35,7 @@ def hump(record, pose):
             (c for c in terms.roughly(0) if c.shapes[0][:3] == (1.0, 0.0, 1.0) and c.shapes[0][5] < 0.0),
             key=lambda c: c.count,
         )
-        candidate = _scale(terms.exactly(finest), search.sigma[0])
+        candidate = _scale(terms.exactly(0, finest.shapes[0]), search.sigma[0])
         own = weigh(search.assemble([]), candidate, tuple(range(candidate.count)), search.policy)
         return search, [Found(own.chosen, own)]
 

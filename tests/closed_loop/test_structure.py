@@ -65,7 +65,7 @@ def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose
     problem, assembly = search.problem, search.assemble(())
     terms = GenericTerms(problem.prepared, problem.joined)
     rough = next(iter(terms.roughly(0)))
-    e = weigh(assembly, terms.exactly(rough), tuple(range(rough.count)), search.policy)
+    e = weigh(assembly, terms.exactly(0, rough.shapes[0]), tuple(range(rough.count)), search.policy)
     left = {0: replace(e, share=-3.0, fitted=0.64, refusal=Refusal.DISAGREES)}
     model = fit_declared_model(
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks

@@ -57,14 +57,12 @@ class _JointRows:
     averaged: bool
 
     def design(self, width: float, beside: bool) -> np.ndarray:
-        """Regressors (M, P): direction; friction towards rest and what lags, where asked for; the rest."""
+        """Regressors (M, K) that the width changes: direction, friction towards rest, friction by load."""
         take = average_direction if self.averaged else soften_direction
         sign = take(self.v, width, self.sign)
         rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK] if beside else []
         moving = np.column_stack([sign, *rest, sign * np.abs(self.load)])
-        reduced = low_pass(moving, self.band.torque, self.band.rate)
-        fixed = self.fixed if beside else self.fixed[:, len(_PRESLIDING) :]
-        return np.hstack([reduced[rows(self.band, len(sign))], fixed])[self.keep]
+        return low_pass(moving, self.band.torque, self.band.rate)[rows(self.band, len(sign))][self.keep]
 
 
 def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -> _JointRows:
@@ -80,22 +78,44 @@ def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -
     return _JointRows(reduced[~bad, 0], reduced[:, 1:], v, run.known[:, j], sign, ~bad, top, band, averaged)
 
 
-def _losses(parts: list[_JointRows], width: float, length: int, beside: bool) -> np.ndarray:
-    """Squared residual of each block (B,) where the direction changes over `width`."""
-    x = np.vstack([part.design(width, beside) for part in parts])
-    y = np.concatenate([part.tau for part in parts])
-    lower = np.full(x.shape[1], -np.inf)
-    # Friction takes power, what is added towards rest does too, and what lags comes late.
-    lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if beside else 0)] = 0.0
-    theta = fit_bounded(x, y, lower, np.full(x.shape[1], np.inf))[1]
-    left = (y - x @ theta) ** 2
-    edges = np.cumsum([0, *(len(part.tau) for part in parts)])
-    blocks = [
-        left[start:stop][k : k + length].sum()
-        for start, stop in pairwise(edges.tolist())
-        for k in range(0, stop - start, length)
-    ]
-    return np.array(blocks)
+class _Losses:
+    """Squared residuals by block as a function of the width; what does not change with it is factorised once.
+
+    Parameters
+    ----------
+    parts : list of _JointRows
+    length : int
+        Rows of a block.
+    beside : bool
+        Whether friction towards rest and what lags are fitted too.
+    """
+
+    def __init__(self, parts: list[_JointRows], length: int, beside: bool) -> None:
+        self.parts, self.beside = parts, beside
+        self.y = np.concatenate([part.tau for part in parts])
+        first = 0 if beside else len(_PRESLIDING)
+        self.fixed = np.vstack([part.fixed[part.keep, first:] for part in parts])
+        self.basis, self.factor = np.linalg.qr(self.fixed)
+        edges = np.cumsum([0, *(len(part.tau) for part in parts)])
+        self.starts = np.concatenate([np.arange(a, b, length) for a, b in pairwise(edges.tolist())])
+
+    def at(self, width: float) -> np.ndarray:
+        """Squared residual of each block (B,) where the direction changes over `width`."""
+        moving = np.vstack([part.design(width, self.beside) for part in self.parts])
+        onto = self.basis.T @ moving
+        rest = moving - self.basis @ onto
+        # Once more, so that nearly collinear columns are orthogonal to rounding.
+        again = self.basis.T @ rest
+        own, factor = np.linalg.qr(rest - self.basis @ again)
+        k, fixed = moving.shape[1], self.fixed.shape[1]
+        x = np.block([[onto + again, self.factor], [factor, np.zeros((k, fixed))]])
+        y = np.concatenate([self.basis.T @ self.y, own.T @ self.y])
+        lower = np.full(k + fixed, -np.inf)
+        # Friction takes power, what is added towards rest does too, and what lags comes late.
+        lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if self.beside else 0)] = 0.0
+        theta = fit_bounded(x, y, lower, np.full(k + fixed, np.inf))[1]
+        left = (self.y - moving @ theta[:k] - self.fixed @ theta[k:]) ** 2
+        return np.add.reduceat(left, self.starts)
 
 
 def _choose_width(parts: list[_JointRows], length: int) -> float:
@@ -114,19 +134,20 @@ def _choose_width(parts: list[_JointRows], length: int) -> float:
 def _choose_width_beside(parts: list[_JointRows], length: int, beside: bool) -> tuple[float, np.ndarray]:
     """Narrowest width that does as well as the best within a standard error, and its losses by block."""
     top = parts[0].top
-    losses = {width: _losses(parts, width * top, length, beside) for width in WIDTHS}
+    by_width = _Losses(parts, length, beside)
+    losses = {width: by_width.at(width * top) for width in WIDTHS}
     best = min(losses, key=lambda width: losses[width].sum())
     k = WIDTHS.index(best)
     if k > 0:
         low, high = WIDTHS[k - 1] or 0.3 * WIDTHS[1], WIDTHS[min(k + 1, len(WIDTHS) - 1)]
         found = optimize.minimize_scalar(
-            lambda log: float(_losses(parts, np.exp(log) * top, length, beside).sum()),
+            lambda log: float(by_width.at(np.exp(log) * top).sum()),
             bounds=(np.log(low), np.log(high)),
             method="bounded",
             options={"xatol": 0.02, "maxiter": 12},
         )
         refined = float(np.exp(found.x))
-        losses[refined] = _losses(parts, refined * top, length, beside)
+        losses[refined] = by_width.at(refined * top)
         best = min(losses, key=lambda width: losses[width].sum())
     for width in sorted(losses):
         worse = losses[width] - losses[best]

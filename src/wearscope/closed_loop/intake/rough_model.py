@@ -53,7 +53,7 @@ def fit_bounded(
     """
     scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
     held = _HELD * np.eye(x.shape[1], x.shape[1] + 1)
-    r = np.linalg.qr(np.vstack([np.column_stack([x / scale, y]), held]))[1]
+    r = np.asarray(np.linalg.qr(np.vstack([np.column_stack([x / scale, y]), held]), mode="r"))
     # The interior-reflective method may never end where the torque is far smaller than the columns.
     with np.errstate(invalid="ignore"):
         found = optimize.lsq_linear(r[:-1, :-1], r[:-1, -1], (lower * scale, upper * scale), method="bvls").x

@@ -12,7 +12,7 @@ import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
-from wearscope.closed_loop.selection.layout import Layout
+from wearscope.closed_loop.selection.layout import Layout, Products
 
 #: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
 _TINY = 1e-10
@@ -137,19 +137,59 @@ class Assembly:
                 self.at[j], self.columns[j] = self.at[j][:0], self.columns[j][:, :0]
                 self._packed.append(none)
                 continue
-            w = layout.keep[:, j] / sigma[j]
-            x, y = layout.pack(self.columns[j] * w[:, None]), layout.pack(target[:, j] * w)
+            x, y, gram, score = self._multiply(j)
             self._packed.append((x, y))
             k = self.at[j]
-            if len(k):
-                self.gram[:, k[:, None], k] += np.matmul(x.transpose(0, 2, 1), x)
-                self.score[:, k] += np.matmul(x.transpose(0, 2, 1), y[..., None])[..., 0]
+            self.gram[:, k[:, None], k] += gram
+            self.score[:, k] += score
             self.power[:, j] = (y**2).sum(axis=1)
         self.prior = np.diag(_TINY * np.maximum(np.einsum("bii->i", self.gram), 1e-12))
         for term, span in zip(chosen, self.spans, strict=True):
             if term.candidate.penalty is not None:
                 picked = list(term.subset)
                 self.prior[span, span] += term.candidate.penalty[np.ix_(picked, picked)]
+
+    def _multiply(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Packed columns and target at a joint, and their products by block, in residual variances.
+
+        The first term, which most models have in common, has the most columns: its products are made once.
+        """
+        layout, weight = self.layout, 1.0 / self.sigma[joint]
+        keep = layout.keep[:, joint]
+        y = layout.pack(self.target[:, joint] * keep)
+        columns, count = self.columns[joint], 0
+        first = next((c for c in self.chosen if joint in c.candidate.joints), None)
+        parts, grams, scores = [], [], []
+        if first is not None:
+            count = len(first.subset)
+            owner = (first.candidate, first.subset, self.target)
+            made = layout.first_terms.get(joint)
+            if made is None or not made.is_of(owner):
+                x = layout.pack(columns[:, :count] * keep[:, None])
+                turned = x.transpose(0, 2, 1)
+                score = np.matmul(turned, y[..., None])[..., 0]
+                made = layout.first_terms[joint] = Products(owner, x, np.matmul(turned, x), score)
+            parts, grams, scores = [made.x], [made.gram], [made.score]
+        if columns.shape[1] > count:
+            x = layout.pack(columns[:, count:] * keep[:, None])
+            turned = x.transpose(0, 2, 1)
+            cross = [np.matmul(turned, part) for part in parts]
+            own = np.concatenate([*cross, np.matmul(turned, x)], axis=2)
+            above = [
+                np.concatenate([g, c.transpose(0, 2, 1)], axis=2) for g, c in zip(grams, cross, strict=True)
+            ]
+            grams = [np.concatenate([*above, own], axis=1)]
+            scores = [np.concatenate([*scores, np.matmul(turned, y[..., None])[..., 0]], axis=1)]
+            parts = [np.concatenate([*parts, x], axis=2)]
+        if not parts:
+            blocks = len(y)
+            return (
+                np.zeros((blocks, y.shape[1], 0)),
+                y * weight,
+                np.zeros((blocks, 0, 0)),
+                np.zeros((blocks, 0)),
+            )
+        return parts[0] * weight, y * weight, grams[0] * weight**2, scores[0] * weight**2
 
     @cached_property
     def by_fifths(self) -> "Assembly":

@@ -10,10 +10,10 @@ from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
-from wearscope.closed_loop.model.regression import penalise
+from wearscope.closed_loop.model.regression import penalise, regularise
 from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.assembly import Assembly, Sums
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.past_doubt import doubt_for_past
@@ -56,33 +56,45 @@ class GenericTerms:
         self._shapes: dict[int, np.ndarray] = {}
 
     def roughly(self, joint: int) -> Iterator[Candidate]:
-        """Candidates at a joint, from the signals at the rows: every signal and product, at every level."""
+        """Candidates at a joint from the signals at the rows: each signal and product, at its finest."""
         if joint not in self._shapes:
             self._shapes[joint] = self.effect.shapes(self.joined, joint)
         for number, shape in enumerate(self._shapes[joint]):
-            knots = int(shape[-1])
             if (joint, number) not in self._rough:
                 make = partial(_evaluate, self.effect, self.thinned, joint, shape)
                 self._rough[joint, number] = MadeRows(self._room, make)
-            x = self._rough[joint, number][0]
-            for level in (PRODUCT,) if shape[5] >= 0 else (k for k in LEVELS if k <= knots):
-                named = shape.copy()
-                named[-1] = level
-                yield self._wrap(joint, named, [x if level == knots else x @ coarsen(knots, level)])
+            yield self._wrap(joint, shape, self._rough[joint, number])
 
-    def exactly(self, rough: Candidate) -> Candidate:
-        """The same from the full-rate signals, through the common filter."""
-        key = (rough.joint, rough.shapes[0])
+    def exactly(self, joint: int, shape: tuple[float, ...]) -> Candidate:
+        """A candidate from the full-rate signals, through the common filter."""
+        key = (joint, shape)
         if key not in self._exact:
-            shape = np.array(rough.shapes)
-            make = partial(_reduce, self.effect, self.runs, rough.joint, shape)
-            rows = MadeRows(self._room, make)
-            self._exact[key] = self._wrap(rough.joint, shape[0], rows)
+            make = partial(_reduce, self.effect, self.runs, joint, np.array([shape]))
+            self._exact[key] = self._wrap(joint, np.array(shape), MadeRows(self._room, make))
         return self._exact[key]
 
     def _wrap(self, joint: int, shape: np.ndarray, rows: Sequence[np.ndarray]) -> Candidate:
         named = (tuple(float(v) for v in shape),)
         return Candidate(self.effect, joint, named, (joint,), rows, penalise(rows[0]))
+
+
+def list_levels(shape: tuple[float, ...]) -> list[int]:
+    """Numbers of hat functions at which a spline is asked whose finest level is a shape's."""
+    return [PRODUCT] if shape[5] >= 0 else [k for k in LEVELS if k <= shape[-1]]
+
+
+def _coarsen(sums: Sums, finest: Candidate, level: int, sigma: float) -> Sums:
+    """Products of a spline with fewer hat functions, from those of its finest level, with its penalty."""
+    onto = coarsen(finest.count, level) if level < finest.count else np.eye(level)
+    x = finest.rows[0]
+    size = float(np.einsum("pk,pq,qk->", onto, x.T @ x, onto))
+    return Sums(
+        sums.columns,
+        np.einsum("pk,bspq->bskq", onto, sums.cross),
+        onto.T @ sums.gram @ onto,
+        sums.score @ onto,
+        size / level * regularise(level) / sigma**2,
+    )
 
 
 def _evaluate(effect: Effect, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
@@ -111,15 +123,22 @@ def try_generic(
     for joint in joints:
         sigma = assembly.sigma[joint]
         least = policy.structure_share * assembly.sample_losses[joint]
-        for rough in terms.roughly(joint):
-            count += 1
-            if not by_run and rough.count > COARSE:
+        for finest in terms.roughly(joint):
+            sums = assembly.sum_products(replace(finest, penalty=None))
+            levels = list_levels(finest.shapes[0])
+            count += len(levels)
+            # No level, nor any penalty, gains more than the finest one without.
+            if float(assembly.add(sums).gain[0]) < _ROUGHLY * least:
                 continue
-            if _gain(assembly, _scale(rough, sigma)) < _ROUGHLY * least:
-                continue
-            candidate = _scale(terms.exactly(rough), sigma)
-            if _gain(assembly, candidate) >= least:
-                weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), policy))
+            for level in levels:
+                if not by_run and level > COARSE:
+                    continue
+                if float(assembly.add(_coarsen(sums, finest, level, sigma)).gain[0]) < _ROUGHLY * least:
+                    continue
+                named = (*finest.shapes[0][:-1], float(level))
+                candidate = _scale(terms.exactly(joint, named), sigma)
+                if _gain(assembly, candidate) >= least:
+                    weighed.append(weigh(assembly, candidate, tuple(range(candidate.count)), policy))
     return weighed, max(1.0, count / max(len(weighed), 1))
 
 

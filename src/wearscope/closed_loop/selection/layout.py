@@ -18,6 +18,32 @@ def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Products:
+    """Block sums of products of a term's columns at one joint, not weighed.
+
+    Attributes
+    ----------
+    owner : tuple
+        The candidate, the subset and the target that they are of.
+    x : ndarray (B, L, m)
+        Its columns at the rows that count.
+    gram : ndarray (B, m, m)
+    score : ndarray (B, m)
+    """
+
+    owner: tuple
+    x: np.ndarray
+    gram: np.ndarray
+    score: np.ndarray
+
+    def is_of(self, owner: tuple) -> bool:
+        """Whether they are of the same objects."""
+        return all(
+            a is b or (isinstance(a, tuple) and a == b) for a, b in zip(self.owner, owner, strict=True)
+        )
+
+
+@dataclass(frozen=True)
 class Layout:
     """Blocks, folds and rows of the training runs.
 
@@ -55,6 +81,7 @@ class Layout:
         """The same with fifths of every recording held out."""
         other = Layout(self.prepared, self.blocks, hold_out_fifths(self.blocks, self.folds))
         other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of, by_fifths=other)
+        other.__dict__["first_terms"] = self.first_terms
         return other
 
     @property
@@ -93,6 +120,11 @@ class Layout:
         keep[:, joint] &= rows
         other.__dict__["keep"] = keep
         return other
+
+    @cached_property
+    def first_terms(self) -> dict[int, "Products"]:
+        """Products of the first term of the model that was last asked about, by joint."""
+        return {}
 
     def pack(self, x: np.ndarray) -> np.ndarray:
         """Rows (M, ...) as (B, L, ...), zero beyond a block's end."""

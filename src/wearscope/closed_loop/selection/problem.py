@@ -74,7 +74,8 @@ class Problem:
             fixed.add("rigid_body")
         self.effects = candidate_effects(self.declared, own, fixed, prepared.n)
         self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
-        self._made: dict[tuple[str, int], Candidate | None] = {}
+        self._made: dict[tuple, Candidate | None] = {}
+        self._waves: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def base(self) -> tuple[Chosen, ...]:
@@ -106,10 +107,11 @@ class Problem:
         old = self.prepared.reversals
         other = Problem(self.prepared.reverse_over(reversals), self.declared, self.own, self.hum)
         same = set(np.flatnonzero(~reversals.differ(old)).tolist())
-        for (name, joint), made in self._made.items():
+        other._waves = self._waves
+        for key, made in self._made.items():
             alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
-            if joint in same and alone:
-                other._made[name, joint] = made
+            if key[1] in same and alone:
+                other._made[key] = made
         return other
 
     def take_out(self, hum: "Hum") -> "Problem":
@@ -119,6 +121,7 @@ class Problem:
     def forget(self) -> None:
         """Let go of candidates, which are made again when they are asked for."""
         self._made.clear()
+        self._waves.clear()
 
     def remake(self, chosen: Chosen) -> Chosen:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
@@ -203,23 +206,34 @@ class Problem:
             return None
         shapes = effect.shapes(self.joined, joint)
         keep = self.layout.keep[:, joint]
-        q, v = self.at_rows("q")[:, joint], self.at_rows("v")[:, joint]
         pick = np.flatnonzero(keep)
         pick = pick[:: max(1, len(pick) // _MOST_ROWS)]
         if len(pick) < 30:
             return None
-        power = np.empty(len(shapes))
-        for start in range(0, len(shapes), 64):
-            k = shapes[start : start + 64, 0]
-            seen = np.abs(v[pick])[:, None] * k < 2 * np.pi * p.band.torque
-            wave = np.exp(1j * q[pick][:, None] * k) * seen
-            power[start : start + 64] = np.abs(residual[pick] @ wave) ** 2 / np.maximum(seen.sum(axis=0), 10)
+        if (effect.name, joint) not in self._waves:
+            q, v, k = self.at_rows("q")[pick, joint], self.at_rows("v")[pick, joint], shapes[:, 0]
+            seen = np.abs(v)[:, None] * k < 2 * np.pi * p.band.torque
+            wave = np.exp(1j * q[:, None] * k).astype(np.complex64) * seen
+            self._waves[effect.name, joint] = wave, np.maximum(seen.sum(axis=0), 10)
+        wave, count = self._waves[effect.name, joint]
+        power = np.abs(residual[pick].astype(np.float32) @ wave) ** 2 / count
         rises = np.concatenate([[True], power[1:] >= power[:-1]])
         falls = np.concatenate([power[:-1] >= power[1:], [True]])
         peaks = np.flatnonzero(rises & falls)
-        peaks = peaks[np.argsort(-power[peaks])][:_PEAKS]
-        made = make_candidate(effect, joint, p, shapes[np.sort(peaks)])
-        return replace(made, tried=max(1.0, len(shapes) / len(peaks)))
+        peaks = np.sort(peaks[np.argsort(-power[peaks])][:_PEAKS])
+        made = [self._make_wave(effect, joint, shapes[k]) for k in peaks]
+        named = tuple(one.shapes[0] for one in made)
+        columns = np.concatenate([one.rows[0] for one in made], axis=1)
+        return replace(made[0], shapes=named, rows=(columns,), tried=max(1.0, len(shapes) / len(peaks)))
+
+    def _make_wave(self, effect: Effect, joint: int, shape: np.ndarray) -> Candidate:
+        """Candidate of a periodic effect with one shape (k,)."""
+        key = (effect.name, joint, shape.tobytes())
+        if key not in self._made:
+            self._made[key] = make_candidate(effect, joint, self.prepared, shape[None])
+        made = self._made[key]
+        assert made is not None
+        return made
 
     def at_rows(self, name: str) -> np.ndarray:
         """A signal (M, n) at the rows of the training runs."""
