@@ -25,6 +25,8 @@ _LEAST_ROWS = 512
 #: periods in the longest run, highest frequency [1/row], and frequencies about the best one in the residual
 #: itself that are compared.
 FEWEST_ROWS, _MOST_ROWS, _FEWEST_PERIODS, _HIGHEST, _NEAR = 128, 300, 2.5, 0.25, 2
+#: Frequencies whose waves are made at once.
+_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,7 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     frequencies = np.arange(_FEWEST_PERIODS / longest, highest, 0.5 / longest)
     if not len(frequencies):
         return None
-    held = np.array(
-        [[1.0 - leave(make_waves(t, f), x, np.ones(1)) / (x @ x) for f in frequencies] for t, x in parts]
-    )
+    held = np.array([hold_waves(t, x, frequencies) for t, x in parts])
     best = int(np.argmax(held.sum(axis=0)))
     near = frequencies[max(best - _NEAR, 0) : best + _NEAR + 1]
     deviance = np.zeros(len(near))
@@ -130,6 +130,18 @@ def find_common_line(residuals: Sequence[np.ndarray], rate: float) -> CommonLine
     k = int(np.argmax(deviance))
     p_value = min(1.0, 2.0 * len(frequencies) * float(stats.chi2.sf(deviance[k], 2 * len(parts))))
     return CommonLine(float(near[k]), float(held[:, best].mean()), p_value)
+
+
+def hold_waves(t: np.ndarray, x: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """Share (K,) of a series' power (M,) at times (M,) [s] that a sine of each frequency [Hz] holds."""
+    shares = []
+    for some in np.array_split(frequencies, -(-len(frequencies) // _AT_ONCE)):
+        waves = make_waves(t, some)
+        cosine, sine = waves[:, : len(some)], waves[:, len(some) :]
+        a, b, c = (np.einsum("mk,mk->k", u, v) for u, v in ((cosine, cosine), (cosine, sine), (sine, sine)))
+        p, q = x @ cosine, x @ sine
+        shares.append((c * p**2 - 2.0 * b * p * q + a * q**2) / ((a * c - b**2) * (x @ x)))
+    return np.concatenate(shares)
 
 
 def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
