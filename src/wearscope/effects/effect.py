@@ -121,7 +121,9 @@ class Effect:
         Whether it is how a joint's friction depends on a temperature that is recorded.
     passive : callable or None
         ``passive(values, temperature)``: what formats with passive joints hold of it, of `friction`,
-        `damping`, `quadratic` (factor of v abs(v)), `stiffness` and `preload`; nothing where None.
+        `damping`, `quadratic` (factor of v abs(v)), `stiffness`, `preload`, and tuples of `falling` (level,
+        speed, exponent), `presliding` (level, displacement) and `wave` (cosine, sine, wavenumber); nothing
+        where None.
     passive_lacks : str
         What they do not hold of it, with ``{temperature}`` [deg C]; empty where that is nothing.
     reference : str
@@ -169,7 +171,7 @@ class Effect:
     change_shape: Callable[[float], np.ndarray] | None = None
     mounted: bool = False
     thermal: bool = False
-    passive: Callable[[Mapping[str, float], float], Mapping[str, float]] | None = None
+    passive: Callable[[Mapping[str, float], float], Mapping[str, float | tuple[float, ...]]] | None = None
     passive_lacks: str = ""
     reference: str = ""
 

@@ -43,4 +43,5 @@ EFFECT = Effect(
     search=_search,
     parents=("coulomb",),
     excitation=REVERSALS,
+    passive=lambda values, temperature: {"presliding": (values["level"], values["displacement"])},
 )

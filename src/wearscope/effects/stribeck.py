@@ -35,4 +35,5 @@ EFFECT = Effect(
     search=_search,
     parents=("coulomb",),
     excitation=SLOW_MOTION,
+    passive=lambda values, temperature: {"falling": (values["level"], values["speed"], values["exponent"])},
 )

@@ -61,4 +61,5 @@ EFFECT = Effect(
     periodic=True,
     resembles_any=_resembles_any,
     excitation=SESSIONS,
+    passive=lambda values, temperature: {"wave": (values["cosine"], values["sine"], values["wavenumber"])},
 )

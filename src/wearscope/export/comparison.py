@@ -6,13 +6,16 @@ import mujoco
 import numpy as np
 
 from wearscope.cycles.base import Reference, required_torque
-from wearscope.export.holdings import Holdings
+from wearscope.export.formats import make_spec
+from wearscope.export.holdings import Holdings, without_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
 #: A joint moves above this share of its highest speed: there MuJoCo's friction, which it solves for as a soft
 #: constraint, has reached its level.
 MOVING = 0.01
+#: Steps of the passive motors' states for each instant of a motion.
+_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -51,36 +54,45 @@ def inverse_dynamics(
     place = [model.joint(name) for name in joints]
     q = [int(joint.qposadr[0]) for joint in place]
     v = [int(joint.dofadr[0]) for joint in place]
+    model.opt.timestep = float(reference.t[1] - reference.t[0]) / _STEPS
     torque = np.empty(reference.q.shape)
     for row in range(len(reference.t)):
+        for _ in range(_STEPS if model.na else 1):
+            # Steps let the passive motors' bristles follow the motion.
+            data.qpos[q], data.qvel[v] = reference.q[row], reference.v[row]
+            mujoco.mj_step(model, data)
+        passive = data.qfrc_actuator[v].copy()
         data.qpos[q], data.qvel[v], data.qacc[v] = reference.q[row], reference.v[row], reference.a[row]
         mujoco.mj_inverse(model, data)
-        torque[row] = data.qfrc_inverse[v]
+        torque[row] = data.qfrc_inverse[v] - passive
     return torque
 
 
-def compare(
-    model: RobotModel, held: Holdings, spec: mujoco.MjSpec, reference: Reference, temperature: float
-) -> Comparison:
+def whole_torque(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Array:
+    """Torque (N, n) that a motion needs of the whole model [N m or N]."""
+    links = model.rigid_body().inertial_regressor(reference.q, reference.v, reference.a)
+    return required_torque(reference, model, temperature, 0.0, 1.0) + links @ held.corrected.ravel()
+
+
+def compare(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Comparison:
     """Compare MuJoCo's inverse dynamics along a motion with the model's.
 
     Parameters
     ----------
     model : RobotModel
     held : Holdings
-    spec : MjSpec
     reference : Reference
     temperature : float
         [deg C]
     """
-    theirs = inverse_dynamics(spec, model.joints, reference)
+    theirs = inverse_dynamics(make_spec(model, held), model.joints, reference)
     load = held.body.inverse_dynamics(reference.q, reference.v, reference.a)
     own = held.torque(reference.v, reference.a, reference.q, load)
-    whole = required_torque(reference, model, temperature, 0.0, 1.0)
-    links = model.rigid_body()
-    whole += links.inertial_regressor(reference.q, reference.v, reference.a) @ held.corrected.ravel()
-    smooth = inverse_dynamics(spec, model.joints, reference, friction=False)
-    smooth = smooth - own + held.friction * np.sign(reference.v)
+    whole = whole_torque(model, held, reference, temperature)
+    bare = without_motors(held)
+    smooth = inverse_dynamics(make_spec(model, bare), model.joints, reference, friction=False)
+    smooth = smooth - bare.torque(reference.v, reference.a, reference.q, load)
+    smooth += held.friction * np.sign(reference.v)
     moving = np.abs(reference.v) > MOVING * np.abs(reference.v).max(axis=0)
 
     def rms(x: Array, where: Array | None = None) -> Array:

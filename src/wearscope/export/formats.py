@@ -1,13 +1,15 @@
 """A model as URDF and as MJCF text."""
 
+import json
 import xml.etree.ElementTree as ET
 
 import mujoco
 import numpy as np
 
 from wearscope.export.holdings import Holdings
+from wearscope.export.passive_motors import add_passive_motors
 from wearscope.robots.model import RobotModel
-from wearscope.robots.urdf_file import Link, Tree, parse_urdf
+from wearscope.robots.urdf_file import OPEN_LIMIT, Link, Tree, parse_urdf
 
 #: Body and link that the declared payload is.
 PAYLOAD = "payload"
@@ -48,6 +50,29 @@ def write_mjcf(model: RobotModel, held: Holdings) -> str:
     return make_spec(model, held).to_xml()
 
 
+def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
+    """Settings of Isaac Lab's actuators by joint, named as its ``ImplicitActuatorCfg`` has them.
+
+    Its friction is static at rest and dynamic in motion [N m or N]; where friction falls with the speed, the
+    static one is that at rest.
+    """
+    settings = {}
+    for j, name in enumerate(model.joints):
+        static = float(held.friction[j]) + sum(level for level, _, _ in held.falling.get(j, []))
+        one = {
+            "armature": float(held.armature[j]),
+            "friction": static,
+            "dynamic_friction": float(held.friction[j]),
+            "viscous_friction": float(held.damping[j]),
+        }
+        if np.isfinite(model.torque_limit[j]):
+            one["effort_limit_sim"] = float(model.torque_limit[j])
+        if model.drive.speed_limit is not None:
+            one["velocity_limit_sim"] = float(model.drive.speed_limit[j])
+        settings[name] = one
+    return json.dumps(settings, indent=2) + "\n"
+
+
 def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
     """The robot as MuJoCo builds it."""
     tree = parse_urdf(held.body.urdf_text())
@@ -84,14 +109,14 @@ def _add_joint(
     joint = body.add_joint(name=name, axis=list(stated.axis))
     joint.type = kind.mjJNT_SLIDE if stated.kind == "prismatic" else kind.mjJNT_HINGE
     joint.armature = float(held.armature[j])
-    joint.frictionloss = float(held.friction[j])
+    joint.frictionloss = add_passive_motors(spec, name, held, j)
     joint.damping = [float(held.damping[j]), float(held.quadratic[j]), 0.0]
     if held.stiffness[j] > 0.0:
         joint.stiffness = [float(held.stiffness[j]), 0.0, 0.0]
         joint.springref = float(-held.preload[j] / held.stiffness[j])
-    low, high = model.position_limits
-    if np.isfinite(low[j]) and np.isfinite(high[j]):
-        joint.limited, joint.range = True, [float(low[j]), float(high[j])]
+    # The robot's own limits: those of a corrected model are the recordings'.
+    if max(abs(stated.lower), abs(stated.upper)) < OPEN_LIMIT:
+        joint.limited, joint.range = True, [float(stated.lower), float(stated.upper)]
     motor = spec.add_actuator(name=name, target=name)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     limit = float(model.torque_limit[j])

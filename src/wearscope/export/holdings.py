@@ -1,6 +1,6 @@
 """What a format can hold of a model's effects, and what is left."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,13 +11,26 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array, Inertia
 from wearscope.simulation.plant import build_plant
 
-URDF, MJCF = "URDF", "MJCF"
+URDF, MJCF, ISAAC = "URDF", "MJCF", "Isaac Lab"
+FORMATS = (URDF, MJCF, ISAAC)
 #: Effects that bodies and rotors of the model hold already.
 BODIES = (RigidBodyEffect, ArmatureEffect, PayloadEffect, InertialEffect)
-#: Passive terms that URDF has not.
-URDF_LACKS = {
-    "quadratic": "URDF's damping is linear in the speed",
-    "stiffness": "URDF has no joint spring",
+#: Passive terms that a format has not.
+LACKS = {
+    URDF: {
+        "quadratic": "URDF's damping is linear in the speed",
+        "stiffness": "URDF has no joint spring",
+        "falling": "URDF's friction does not fall with the speed",
+        "presliding": "URDF's friction has no memory",
+        "wave": "URDF has no torque that goes with the position",
+    },
+    ISAAC: {
+        "quadratic": "its viscous friction is linear in the speed",
+        "stiffness": "its actuators have no passive spring",
+        "falling": "its static friction holds at rest only, whatever the speed from which friction falls",
+        "presliding": "its friction has no memory",
+        "wave": "it has no torque that goes with the position",
+    },
 }
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3
@@ -58,6 +71,12 @@ class Holdings:
     corrected : ndarray (n, 10)
         Corrections of the links' inertial parameters in the model, those of the payload at the last link.
     left : list of Left
+    falling : dict of int to list
+        By joint: level, speed and exponent of friction that falls with the speed.
+    presliding : dict of int to list
+        Level, and displacement over which it turns round.
+    wave : dict of int to list
+        Cosine, sine and wavenumber of a torque that goes with the position.
     """
 
     friction: Array
@@ -69,6 +88,9 @@ class Holdings:
     body: RigidBody
     corrected: Array
     left: list[Left] = field(default_factory=list)
+    falling: dict[int, list[tuple[float, float, float]]] = field(default_factory=dict)
+    presliding: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    wave: dict[int, list[tuple[float, float, float]]] = field(default_factory=dict)
 
     def torque(self, v: Array, a: Array, q: Array, load: Array, format: str = MJCF) -> Array:
         """Torque (N, n) that is held, with the rigid body's `load` (N, n)."""
@@ -77,7 +99,28 @@ class Holdings:
             held = (
                 held + self.quadratic * v * np.abs(v) + self.armature * a + self.stiffness * q + self.preload
             )
+            for j, terms in self.falling.items():
+                for level, speed, exponent in terms:
+                    falls = np.exp(-((np.abs(v[:, j]) / speed) ** exponent))
+                    held[:, j] += level * falls * np.sign(v[:, j])
+            for j, waves in self.wave.items():
+                for cosine, sine, wavenumber in waves:
+                    held[:, j] += cosine * np.cos(wavenumber * q[:, j]) + sine * np.sin(wavenumber * q[:, j])
         return held
+
+
+def without_motors(held: Holdings) -> Holdings:
+    """What MJCF holds without passive motors."""
+    return replace(held, falling={}, presliding={}, wave={})
+
+
+def held_by(held: Holdings, format: str) -> Holdings:
+    """What a format holds, as MuJoCo can run it."""
+    if format == MJCF:
+        return held
+    zero = np.zeros_like(held.friction)
+    bare = replace(without_motors(held), quadratic=zero, stiffness=zero, preload=zero)
+    return replace(bare, armature=zero) if format == URDF else bare
 
 
 def take_holdings(model: RobotModel, temperature: float) -> Holdings:
@@ -102,6 +145,11 @@ def take_holdings(model: RobotModel, temperature: float) -> Holdings:
         _take(
             held, model, model.joints.index(entry.joint), entry.joint, effect, entry.parameters, temperature
         )
+    for number, terms in held.presliding.items():
+        if sum(level for level, _ in terms) > held.friction[number] or min(level for level, _ in terms) < 0.0:
+            reason = "its level is not one of the Coulomb friction, of which it is a part"
+            _leave(held, MJCF, model.joints[number], "presliding_hysteresis", reason)
+            terms.clear()
     _take_inertials(held, model)
     _refuse_negative(held, model)
     return held
@@ -125,18 +173,22 @@ def _take(
             reason = "it has no memory of the kind and no such sensor or transmission"
         elif any("temp" in signal or signal == "t" for signal in effect.depends_on):
             reason = "it knows no temperature and no time"
-        for format in (URDF, MJCF):
+        for format in FORMATS:
             _leave(held, format, joint, name, reason)
         return
     coefficients, shape = effect.pack(values)
     numbers = [*coefficients.tolist(), *shape.tolist()]
     given = {p.name: value for p, value in zip(effect.parameters, numbers, strict=True)}
     for term, value in effect.passive(given, warmth).items():
-        getattr(held, term)[j] += value
-        if term in URDF_LACKS:
-            _leave(held, URDF, joint, name, URDF_LACKS[term])
+        if isinstance(value, tuple):
+            getattr(held, term).setdefault(j, []).append(value)
+        else:
+            getattr(held, term)[j] += value
+        for format, lacks in LACKS.items():
+            if term in lacks:
+                _leave(held, format, joint, name, lacks[term])
     if effect.passive_lacks:
-        for format in (URDF, MJCF):
+        for format in FORMATS:
             _leave(held, format, joint, name, effect.passive_lacks.format(temperature=f"{warmth:g}"))
 
 
@@ -168,7 +220,7 @@ def _take_inertials(held: Holdings, model: RobotModel) -> None:
                 f"no body has its inertia with its mass and centre of mass; its moments are raised by "
                 f"{grown:.3g} kg m^2"
             )
-        for format in (URDF, MJCF):
+        for format in FORMATS:
             _leave(held, format, model.joints[j], "payload_error" if last else "inertial_error", reason)
 
 
@@ -214,7 +266,7 @@ def _refuse_negative(held: Holdings, model: RobotModel) -> None:
         (held.armature, "rotor inertia"),
     ):
         for j in np.flatnonzero(values < 0.0):
-            for format in (URDF, MJCF):
+            for format in FORMATS:
                 _leave(held, format, model.joints[j], what, f"{values[j]:.4g} is negative")
             values[j] = 0.0
     for j in np.flatnonzero((held.stiffness <= 0.0) & ((held.stiffness != 0.0) | (held.preload != 0.0))):

@@ -21,7 +21,7 @@ from wearscope.robots.model import RobotModel
 if TYPE_CHECKING:
     from wearscope.export.comparison import Comparison
 
-FILES = ("robot.urdf", "robot.xml", "parameters.csv", "export.json")
+FILES = ("robot.urdf", "robot.xml", "isaac_lab.json", "parameters.csv", "export.json")
 #: Motion along which MuJoCo is compared, and its step [s].
 MOTION, STEP = PlannedMotion("points", pace=0.7, size=0.8, seconds=15.0), 0.004
 
@@ -98,12 +98,14 @@ def export_model(
     Returns
     -------
     dict
-        The content of ``export.json``: `robot`, `temperature`, `left` (format, joint, effect, reason) and
-        `mujoco` (by joint: RMS torque, differences; None where the model has no limits to plan a motion in).
+        The content of ``export.json``: `robot`, `temperature`, `left` (format, joint, effect, reason),
+        `mujoco` (by joint: RMS torque, differences) and `replay` (see `compare_replays`); the last two are
+        None where the model has no limits to plan a motion in.
     """
     need("mujoco")
-    from wearscope.export.comparison import compare  # here, as both import MuJoCo
-    from wearscope.export.formats import make_spec, write_mjcf, write_urdf
+    from wearscope.export.comparison import compare  # here, as all three import MuJoCo
+    from wearscope.export.formats import write_isaac_lab, write_mjcf, write_urdf
+    from wearscope.export.replay import compare_replays
 
     out = Path(folder)
     held = take_holdings(model, temperature)
@@ -111,15 +113,17 @@ def export_model(
     if reference is None and model.drive.speed_limit is not None:
         reference = MOTION.build(model, 0.05, STEP)
     if reference is not None:
-        compared = compare(model, held, make_spec(model, held), reference, temperature)
+        compared = compare(model, held, reference, temperature)
     summary = {
         "robot": model.name,
         "temperature": temperature,
         "left": [asdict(one) for one in held.left],
         "mujoco": None if compared is None else _tell_comparison(model, compared),
+        "replay": None if reference is None else compare_replays(model, held, reference, temperature),
     }
     tables.write_text(out / "robot.urdf", write_urdf(model, held))
     tables.write_text(out / "robot.xml", write_mjcf(model, held))
+    tables.write_text(out / "isaac_lab.json", write_isaac_lab(model, held))
     tables.write_text(out / "parameters.csv", list_parameters(model, verdict).to_csv(index=False))
     tables.write_text(out / "export.json", json.dumps(summary, indent=2) + "\n")
     return summary
