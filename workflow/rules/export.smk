@@ -27,6 +27,7 @@ else:
         output:
             f"{EXPORT}/robot.urdf",
             f"{EXPORT}/robot.xml",
+            f"{EXPORT}/isaac_lab.json",
             f"{EXPORT}/parameters.csv",
             f"{EXPORT}/export.json",
         log:
