@@ -21,12 +21,14 @@ from wearscope.extras import EXTRAS, need
 @pytest.mark.parametrize(
     ("code", "more"),
     [
-        ("import wearscope", "numpy pyarrow click rich yaml"),
+        ("import wearscope", "click rich yaml"),
         ("from wearscope.cli.main import main; main()", ""),
     ],
 )
 def test_import_and_help_load_nothing_heavy(code, more):
-    heavy = f"pandas scipy pybullet pinocchio matplotlib numba sklearn snakemake pydantic {more}"
+    heavy = (
+        f"numpy pyarrow pandas scipy pybullet pinocchio matplotlib numba sklearn snakemake pydantic {more}"
+    )
     tell = f"atexit.register(lambda: print([name for name in {heavy.split()} if name in sys.modules]))"
     code = f"import atexit, sys; sys.argv[1:] = ['--help']; {tell}; {code}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

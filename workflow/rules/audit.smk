@@ -34,7 +34,7 @@ rule choose_audit_points:
 
 use rule compute_test_quantities as compute_audit_quantities with:
     input:
-        **quantity_inputs("audit"),
+        **PLAN.quantity_inputs("audit"),
         audit=f"{R}/design/audit.parquet",
         nominal=f"{R}/design/nominal.parquet",
         robot=lambda w: robot_files(ROBOTS[w.robot]),

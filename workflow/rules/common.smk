@@ -34,6 +34,7 @@ from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.files import check_folder
 from wearscope.plain_yaml import take_label
+from wearscope.planning import Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.processes import MAIN, STARTER, end_with, identify_process, isolate
 from wearscope.robots.model_file import (
@@ -88,22 +89,10 @@ MADE_MODELS = {
 }
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
-N_POINTS = STUDY.design.count_points(STUDY.factors)
-N_FILLING, N_CHECKING = STUDY.count_filling_points()
-POINTS = {
-    "identification": N_POINTS,
-    "validation": N_POINTS,
-    "filling": N_FILLING,
-    "checking": N_CHECKING,
-    "nominal": STUDY.simulation.nominal_runs,
-    "audit": STUDY.count_audit_points(),
-    "direct": 2 * STUDY.direct.runs,
-}
-POINTS_PER_JOB = STUDY.simulation.points_per_job()
+PLAN = Plan(STUDY, R, PACKED)
+POINTS, POINTS_PER_JOB = PLAN.points, PLAN.points_per_job
 FILLED = STUDY.surrogates.filling.enabled
-# Runs that are asked for a test quantity in every cell, and those that are simulated for it.
-RUN_SETS = ["identification", "validation", *(["filling", "checking"] if FILLED else [])]
-STUDY_SETS = [*RUN_SETS, "nominal"]
+RUN_SETS, STUDY_SETS = PLAN.run_sets, PLAN.study_sets
 # Direct Monte Carlo stands beside the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen" and not PARTITIONS
 # What a correction changes is asked where a loop is closed, or models of both sides are given.
@@ -186,18 +175,6 @@ def needs(mib, minutes):
 
 #: Time [min] for what goes through all robots: 1.5 s of a processor a robot were measured (docs/cluster.md).
 JOIN_MINUTES = max(20, len(ROBOTS) // 10)
-
-
-def job_minutes():
-    """Time [min] that a job asks for whose points were cut to its length: three times what it is said to take."""
-    return max(20, round(3 * (STUDY.simulation.job_seconds or 0) / 60))
-
-
-def partition_minutes():
-    """Time [min] that a partition asks for: three times what its points are said to take."""
-    points = sum(POINTS[set] for set in STUDY_SETS) * len(CYCLES) * STUDY.partitions.robots
-    seconds = points * (STUDY.simulation.point_seconds + STUDY.simulation.quantity_seconds)
-    return max(60, round(3 * seconds / STUDY.partitions.threads / 60))
 
 
 # Snakemake asks for a job's inputs each time it looks at the job; the answers are kept, as files do not change
@@ -295,56 +272,6 @@ def own_files():
     files += [*cycle_files(), *detector_files()]
     named = {os.path.relpath(file) for file in files if PACKAGE not in Path(os.path.abspath(file)).parents}
     return here(sorted(named))
-
-
-def traces(robot, cycle, *sets):
-    """Markers of the simulated chunks of some sets."""
-    return [f"{R}/traces/{robot}/{cycle}/{set}/_chunk-{chunk}.json" for set in sets for chunk in chunks(set)]
-
-
-def packed(robot, cycle, *sets):
-    """The recordings of some sets where they are packed, a file a chunk."""
-    return [marker.replace(".json", ".tar") for marker in traces(robot, cycle, *sets) if PACKED]
-
-
-def chunks(set):
-    """Numbers of the chunks into which a set's points are cut."""
-    return range(-(-POINTS[set] // POINTS_PER_JOB))
-
-
-def quantity_chunks(*sets):
-    """Set and number of the chunks in which test quantities are computed; none where one job does all of them."""
-    size = STUDY.simulation.quantities_per_job()
-    if size is None or sum(POINTS[set] for set in sets) <= size:
-        return []
-    return [(set, chunk) for set in sorted(sets) for chunk in range(-(-POINTS[set] // size))]
-
-
-def quantity_inputs(*sets):
-    """Inputs from which the test quantities of some sets come: traces, or what was computed of chunks of them."""
-    simulated, cut = [*sets, "nominal"], quantity_chunks(*sets)
-    folder = f"{R}/parts/quantity_chunks/{{robot}}/{{cycle}}"
-    return dict(
-        traces=lambda w: [] if cut else traces(w.robot, w.cycle, *simulated),
-        recordings=lambda w: [] if cut else packed(w.robot, w.cycle, *simulated),
-        parts=[f"{folder}/{set}-{chunk}.parquet" for set, chunk in cut],
-        failed=[f"{folder}/{set}-{chunk}-failed.parquet" for set, chunk in cut],
-    )
-
-
-def quantity_memory(*sets):
-    """Memory [MiB] for the test quantities of some sets: 330 bytes a point and cell were measured to be joined."""
-    return 1200 + round(
-        350 * sum(POINTS[set] for set in sets) * len(STUDY.axes) * len(STUDY.detectors) / 2**20
-    )
-
-
-def quantity_traces(list_files, w):
-    """Of what `list_files` lists: files of the nominal runs, and those that a chunk of test quantities lies in."""
-    size, first = STUDY.simulation.quantities_per_job(), int(w.chunk)
-    last = min((first + 1) * size, POINTS[w.set]) - 1
-    held = slice(first * size // POINTS_PER_JOB, last // POINTS_PER_JOB + 1)
-    return [*list_files(w.robot, w.cycle, w.set)[held], *list_files(w.robot, w.cycle, "nominal")]
 
 
 def effect_files():

@@ -31,7 +31,7 @@ rule make_direct_design:
 
 use rule compute_test_quantities as compute_direct_quantities with:
     input:
-        **quantity_inputs("direct"),
+        **PLAN.quantity_inputs("direct"),
         direct=f"{R}/design/direct.parquet",
         nominal=f"{R}/design/nominal.parquet",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
@@ -42,7 +42,7 @@ use rule compute_test_quantities as compute_direct_quantities with:
     log:
         f"{R}/logs/compute_direct_quantities/{{robot}}/{{cycle}}.log",
     resources:
-        **needs(quantity_memory("direct"), 30),
+        **needs(PLAN.quantity_memory("direct"), 30),
     params:
         sets=["direct"],
         reference=lambda w: ROBOTS[w.robot],

@@ -45,7 +45,7 @@ if PARTITIONS:
             ENV
         threads: STUDY.partitions.threads
         resources:
-            **needs(1000 + 1300 * STUDY.partitions.threads, partition_minutes()),
+            **needs(1000 + 1300 * STUDY.partitions.threads, PLAN.partition_minutes()),
         params:
             installed=installed("robots", "cycles", "detectors", "effects"),
             study=lambda w: PARTITIONS[w.part].model_dump(mode="json"),

@@ -52,8 +52,8 @@ rule describe_robots:
 rule draw_setup:
     input:
         designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
-        traces=traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
-        recordings=packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
+        traces=PLAN.traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
+        recordings=PLAN.packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=lambda w: code(
             "draw_setup",

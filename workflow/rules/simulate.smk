@@ -16,7 +16,7 @@ rule simulate:
                 marker
                 for robot in ROBOTS
                 for cycle in CYCLES
-                for marker in traces(robot, cycle, *STUDY_SETS)
+                for marker in PLAN.traces(robot, cycle, *STUDY_SETS)
             ]
         ),
 
@@ -161,7 +161,7 @@ rule simulate_points:
     conda:
         ENV
     resources:
-        **needs(1300, job_minutes()),
+        **needs(1300, PLAN.job_minutes()),
         gate=1,
     params:
         installed=installed("robots", "cycles", "effects"),

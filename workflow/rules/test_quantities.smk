@@ -6,7 +6,7 @@ rule test_quantities:
 rule compute_test_quantities:
     input:
         **{name: f"{R}/design/{name}.parquet" for name in RUN_SETS},
-        **quantity_inputs(*RUN_SETS),
+        **PLAN.quantity_inputs(*RUN_SETS),
         nominal=f"{R}/design/nominal.parquet",
         detectors=f"{R}/check/detectors.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
@@ -19,7 +19,7 @@ rule compute_test_quantities:
     conda:
         ENV
     resources:
-        **needs(quantity_memory(*RUN_SETS), 30),
+        **needs(PLAN.quantity_memory(*RUN_SETS), 30),
     params:
         installed=installed("robots", "detectors", "effects"),
         sets=RUN_SETS,
@@ -40,8 +40,8 @@ rule compute_quantity_chunk:
     input:
         design=f"{R}/design/{{set}}.parquet",
         nominal=f"{R}/design/nominal.parquet",
-        traces=lambda w: quantity_traces(traces, w),
-        recordings=lambda w: quantity_traces(packed, w),
+        traces=lambda w: PLAN.quantity_traces(PLAN.traces, w),
+        recordings=lambda w: PLAN.quantity_traces(PLAN.packed, w),
         detectors=f"{R}/check/detectors.json",
         robot=lambda w: robot_files(ROBOTS[w.robot]),
         code=lambda w: code("compute_quantity_chunk", *detector_files(), *robot_effects(ROBOTS[w.robot])),
@@ -53,7 +53,7 @@ rule compute_quantity_chunk:
     conda:
         ENV
     resources:
-        **needs(1200, job_minutes()),
+        **needs(1200, PLAN.job_minutes()),
     params:
         installed=installed("robots", "detectors", "effects"),
         reference=lambda w: ROBOTS[w.robot],

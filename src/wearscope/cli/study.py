@@ -10,9 +10,8 @@ from typing import Any
 import click
 import yaml
 
-from wearscope import tables
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import read_json
+from wearscope.files import read_json, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
@@ -89,7 +88,7 @@ def remember_study(place: StudyPlace) -> None:
     """Keep which study was run in the working directory last."""
     if (place.folder / "results").is_dir():
         content = {"folder": str(place.folder), "config": str(place.config)}
-        tables.write_text(Path.cwd() / LAST, json.dumps(content))
+        write_text(Path.cwd() / LAST, json.dumps(content))
 
 
 def find_last_study(reference: str | None) -> StudyPlace:

@@ -1,13 +1,13 @@
 """The fields of `dataset.yaml`, read and checked against each other."""
 
 import difflib
+import math
 import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -260,7 +260,7 @@ def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[st
     _check_runs(path, fields)
     read_servos(str(path), fields.servo, fields.robot.joints)
     accepted = Acceptance.read(str(path), fields.accept, fields.robot.joints, files)
-    strength = float(np.linalg.norm(fields.robot.gravity))
+    strength = math.hypot(*fields.robot.gravity)
     notes = []
     if strength > _STRONGEST:
         told = f"robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."

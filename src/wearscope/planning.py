@@ -1,0 +1,116 @@
+"""How a study is cut into jobs: the points of each set, the files of their chunks, memory and time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from wearscope.config.study import StudyConfig
+
+#: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
+CELL_BYTES = 350
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sets, chunks and files of a study.
+
+    Attributes
+    ----------
+    study : StudyConfig
+    folder : str
+        Of the results.
+    packs : bool
+        Whether the recordings of a chunk are one file.
+    """
+
+    study: StudyConfig
+    folder: str
+    packs: bool
+
+    @cached_property
+    def points(self) -> dict[str, int]:
+        """Number of points of each set."""
+        designed = self.study.design.count_points(self.study.factors)
+        filling, checking = self.study.count_filling_points()
+        return {
+            "identification": designed,
+            "validation": designed,
+            "filling": filling,
+            "checking": checking,
+            "nominal": self.study.simulation.nominal_runs,
+            "audit": self.study.count_audit_points(),
+            "direct": 2 * self.study.direct.runs,
+        }
+
+    @cached_property
+    def run_sets(self) -> list[str]:
+        """Sets that are asked for a test quantity in every cell."""
+        more = ["filling", "checking"] if self.study.surrogates.filling.enabled else []
+        return ["identification", "validation", *more]
+
+    @cached_property
+    def study_sets(self) -> list[str]:
+        """Sets that are simulated for the test quantities."""
+        return [*self.run_sets, "nominal"]
+
+    @cached_property
+    def points_per_job(self) -> int:
+        """Points that one job simulates."""
+        return self.study.simulation.points_per_job()
+
+    def chunks(self, name: str) -> range:
+        """Numbers of the chunks into which a set's points are cut."""
+        return range(-(-self.points[name] // self.points_per_job))
+
+    def traces(self, robot: str, cycle: str, *sets: str) -> list[str]:
+        """Markers of the simulated chunks of some sets."""
+        folder = f"{self.folder}/traces/{robot}/{cycle}"
+        return [f"{folder}/{name}/_chunk-{chunk}.json" for name in sets for chunk in self.chunks(name)]
+
+    def packed(self, robot: str, cycle: str, *sets: str) -> list[str]:
+        """The recordings of some sets where they are packed, a file a chunk."""
+        markers = self.traces(robot, cycle, *sets) if self.packs else []
+        return [marker.replace(".json", ".tar") for marker in markers]
+
+    def quantity_chunks(self, *sets: str) -> list[tuple[str, int]]:
+        """Set and number of the chunks in which test quantities are computed; none where one job does all."""
+        size = self.study.simulation.quantities_per_job()
+        if size is None or sum(self.points[name] for name in sets) <= size:
+            return []
+        return [(name, chunk) for name in sorted(sets) for chunk in range(-(-self.points[name] // size))]
+
+    def quantity_inputs(self, *sets: str) -> dict[str, Any]:
+        """Inputs of the test quantities of some sets: traces, or what was computed of chunks of them."""
+        simulated, cut = [*sets, "nominal"], self.quantity_chunks(*sets)
+        folder = f"{self.folder}/parts/quantity_chunks/{{robot}}/{{cycle}}"
+        return {
+            "traces": lambda w: [] if cut else self.traces(w.robot, w.cycle, *simulated),
+            "recordings": lambda w: [] if cut else self.packed(w.robot, w.cycle, *simulated),
+            "parts": [f"{folder}/{name}-{chunk}.parquet" for name, chunk in cut],
+            "failed": [f"{folder}/{name}-{chunk}-failed.parquet" for name, chunk in cut],
+        }
+
+    def quantity_traces(self, list_files: Callable[..., list[str]], w: Any) -> list[str]:
+        """Of what `list_files` lists: the nominal runs, and what a chunk of test quantities lies in."""
+        size, first = self.study.simulation.quantities_per_job(), int(w.chunk)
+        assert size is not None, "there are chunks"
+        last = min((first + 1) * size, self.points[w.set]) - 1
+        held = slice(first * size // self.points_per_job, last // self.points_per_job + 1)
+        return [*list_files(w.robot, w.cycle, w.set)[held], *list_files(w.robot, w.cycle, "nominal")]
+
+    def quantity_memory(self, *sets: str) -> int:
+        """Memory [MiB] for the test quantities of some sets."""
+        cells = len(self.study.axes) * len(self.study.detectors)
+        return 1200 + round(CELL_BYTES * sum(self.points[name] for name in sets) * cells / 2**20)
+
+    def job_minutes(self) -> int:
+        """Time [min] for a job whose points were cut to its length: three times what it is said to take."""
+        return max(20, round(3 * (self.study.simulation.job_seconds or 0) / 60))
+
+    def partition_minutes(self) -> int:
+        """Time [min] for a partition: three times what its points are said to take."""
+        points = sum(self.points[name] for name in self.study_sets)
+        points *= len(self.study.cycles) * self.study.partitions.robots
+        seconds = points * (self.study.simulation.point_seconds + self.study.simulation.quantity_seconds)
+        return max(60, round(3 * seconds / self.study.partitions.threads / 60))

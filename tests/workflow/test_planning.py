@@ -1,0 +1,89 @@
+"""How a study is cut into jobs, without Snakemake."""
+
+import subprocess
+import sys
+from itertools import chain
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from wearscope.config import load_config
+from wearscope.planning import Plan
+
+ROOT = Path(__file__).parents[2]
+
+
+def make_plan(packs=False, **simulation):
+    config = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
+    config["simulation"] = {"chunk": 7, **simulation}
+    return Plan(load_config(config), "results/quick", packs)
+
+
+def count_points(plan, name):
+    """Points of all chunks of a set, the last of which may be short."""
+    return sum(
+        min(plan.points_per_job, plan.points[name] - chunk * plan.points_per_job)
+        for chunk in plan.chunks(name)
+    )
+
+
+def test_chunks_hold_each_point_once():
+    plan = make_plan()
+    for name in plan.study_sets:
+        assert count_points(plan, name) == plan.points[name] > 0
+        files = plan.traces("medium", "moves", name)
+        assert len(set(files)) == len(plan.chunks(name))
+        assert all(file.startswith(f"results/quick/traces/medium/moves/{name}/") for file in files)
+
+
+def test_recordings_are_files_only_where_they_are_packed():
+    assert make_plan().packed("medium", "moves", "identification") == []
+    plan = make_plan(packs=True)
+    packed = plan.packed("medium", "moves", "identification", "nominal")
+    assert [file.replace(".tar", ".json") for file in packed] == plan.traces(
+        "medium", "moves", "identification", "nominal"
+    )
+
+
+@pytest.mark.parametrize(("point", "quantity"), [(1.0, 0.25), (0.3, 2.0), (2.0, 2.0)])
+def test_a_chunk_of_test_quantities_takes_the_traces_that_its_points_lie_in(point, quantity):
+    """Each point's trace, counted by itself, is among them, and none that holds no point of the chunk."""
+    plan = make_plan(job_seconds=8, point_seconds=point, quantity_seconds=quantity)
+    size = plan.study.simulation.quantities_per_job()
+    cut = plan.quantity_chunks(*plan.run_sets)
+    assert cut and [name for name, _ in cut] == sorted(name for name, _ in cut)
+    for name, chunk in cut:
+        points = range(chunk * size, min((chunk + 1) * size, plan.points[name]))
+        needed = sorted({point // plan.points_per_job for point in points})
+        expected = [plan.traces("r", "c", name)[k] for k in needed] + plan.traces("r", "c", "nominal")
+        w = SimpleNamespace(robot="r", cycle="c", set=name, chunk=str(chunk))
+        assert plan.quantity_traces(plan.traces, w) == expected
+    covered = chain(
+        *(range(c * size, min((c + 1) * size, plan.points[n])) for n, c in cut if n == "validation")
+    )
+    assert list(covered) == list(range(plan.points["validation"]))
+
+
+def test_test_quantities_come_from_traces_or_from_their_chunks():
+    w = SimpleNamespace(robot="r", cycle="c")
+    whole = make_plan().quantity_inputs("identification")
+    assert whole["parts"] == [] and len(whole["traces"](w)) > 0
+    cut = make_plan(job_seconds=8, point_seconds=1.0, quantity_seconds=1.0).quantity_inputs("identification")
+    assert len(cut["parts"]) == len(cut["failed"]) > 1 and cut["traces"](w) == []
+
+
+def test_what_plans_imports_nothing_heavy():
+    """The modules that common.smk imports, each time that anything is run."""
+    text = (ROOT / "workflow" / "rules" / "common.smk").read_text()
+    modules = sorted({line.split()[1] for line in text.splitlines() if line.startswith("from wearscope")})
+    assert len(modules) > 10
+    heavy = "numpy pyarrow pandas scipy pinocchio pybullet numba matplotlib sklearn jinja2 rich".split()
+    code = f"""
+import importlib, sys
+for name in {modules}:
+    importlib.import_module(name)
+print([name for name in {heavy} if name in sys.modules])"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
