@@ -166,6 +166,7 @@ def test_the_search_finds_a_word_when_the_site_is_served(site, browser):
     finally:
         page.close()
         server.shutdown()
+        server.server_close()
 
 
 class QuietHandler(SimpleHTTPRequestHandler):

@@ -8,16 +8,15 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.effects.vocabulary import list_effects
-from wearscope.reporting.closed_loop import ClosedLoop, gap_closed, number
-from wearscope.reporting.closed_loop_details import MOST_SHOWN, list_items, write_value
+from wearscope.reporting.closed_loop import ClosedLoop, number
+from wearscope.reporting.closed_loop_details import MOST_SHOWN, write_value
+from wearscope.reporting.joint_cards import list_shared, render_joint_cards
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words, unit_text
 from wearscope.reporting.loop import STATUSES, say_share, tell_status
 from wearscope.reporting.page import badge, render_table, unbreak
 
-#: Colour of a status and of a joint's state.
+#: Colour of a status.
 _KINDS = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
-_STATES = {"explained": "good", "corrected": "good", "unexplained": "bad", "not_judged": "unsure"}
 #: Growth of the error on the test runs from which a joint is said to have become worse.
 _WORSE = 1.03
 
@@ -27,7 +26,7 @@ def describe_outcome(loop: ClosedLoop) -> Markup:
     effects = {status: _effects(loop, status) for status in STATUSES}
     parts = [effects.pop("refuted"), _alarms(loop), *effects.values()]
     parts.append(_explain_statuses(loop))
-    return Markup("").join([*parts, _joints(loop), _parameters(loop), _rule(loop)])
+    return Markup("").join([*parts, render_joint_cards(loop), _parameters(loop), _rule(loop)])
 
 
 def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
@@ -59,7 +58,7 @@ def conclude_loop(loop: ClosedLoop) -> tuple[str, str]:
 
 
 def _where(entry: Mapping[str, Any]) -> str:
-    return "of the robot" if entry["effect"] in _shared() else f"at {entry['joint']}"
+    return "of the robot" if entry["effect"] in list_shared() else f"at {entry['joint']}"
 
 
 def _changes(loop: ClosedLoop) -> list[tuple[float, str, float, float, str]]:
@@ -156,7 +155,7 @@ def _explain_statuses(loop: ClosedLoop) -> Markup:
 
 def _card(entry: Mapping[str, Any]) -> Markup:
     kind = _KINDS[entry["status"]]
-    where = "all joints together" if entry["effect"] in _shared() else entry["joint"]
+    where = "all joints together" if entry["effect"] in list_shared() else entry["joint"]
     lines: list[Any] = [f"{tell_status(entry)}: {say_share(entry)} at {where}."]
     if entry["effect"] == UNKNOWN:
         lines.append("Structure that no named effect explains.")
@@ -174,70 +173,6 @@ def _card(entry: Mapping[str, Any]) -> Markup:
     return Markup('<div class="card {}"><h3>{}: {}</h3>{}</div>').format(
         kind, entry["joint"], badge(entry["effect"], kind), body
     )
-
-
-def _shared() -> set[str]:
-    """Effects that the robot has once and every joint feels."""
-    return {effect.name for effect in list_effects() if effect.per_robot}
-
-
-def _joints(loop: ClosedLoop) -> Markup:
-    text = (
-        "Explained: what is left is noise, with or without a memory. Corrected: the same, with what was "
-        "added. Unexplained: what is left repeats with the motion, depends on a signal or on time, or is "
-        "larger on the test runs than on those for training. All but that is judged on the training runs. "
-        "Not judged: no row of the test runs counts, or the error is above half of the torque."
-    )
-    return Markup('<h3>State of the joints</h3>{}<p class="note">{}</p>').format(
-        list_items(_tell_joint(loop, joint) for joint in loop.joints), text
-    )
-
-
-def _tell_joint(loop: ClosedLoop, joint: str) -> Markup:
-    one = loop.verdict["joints"][joint]
-    word = one["state"].replace("_", " ")
-    said = Markup("<strong>{}</strong>: {}").format(joint, badge(word, _STATES[one["state"]]))
-    if not np.isfinite(number(one.get("rms_before"))):
-        return said + f" {one['reason']}."
-    entries = [entry["effect"] for entry in loop.entries_at(joint)]
-    felt = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in _shared() - set(entries)]
-    if entries:
-        said += f" with {join_words(entries)}."
-    elif felt:
-        said += f" nothing added here, but {join_words(felt)} acts on it too."
-    else:
-        said += " nothing added."
-    return said + _tell_error(one) + _tell_rest(one)
-
-
-def _tell_error(one: Mapping[str, Any]) -> Markup:
-    before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
-    of = number(one.get("left_percent"))
-    share = f", {of:.3g} % of the torque" if np.isfinite(of) else ""
-    if abs(after - before) <= 1e-6 * before:
-        told = f", noise floor {write_value(floor)}" if np.isfinite(floor) else ""
-        return Markup(" RMS error {} {}{}{}.").format(write_value(before), one["unit"], share, told)
-    gap = gap_closed(one)[1]
-    told = f", {gap} of the gap to the noise floor closed" if gap.endswith("%") else ""
-    grown = Markup("")
-    if after > _WORSE * before:
-        grown = Markup(" {}").format(badge(unbreak(f"larger by {100 * (after / before - 1):.0f} %"), "bad"))
-    return Markup(" RMS error {} → {} {} ({}{}){}.{}").format(
-        write_value(before), write_value(after), one["unit"], one["error"], share, unbreak(told), grown
-    )
-
-
-def _tell_rest(one: Mapping[str, Any]) -> str:
-    """What is left unexplained: how much, on what it depends, how it was seen."""
-    if one["state"] == "not_judged":
-        return f" Not judged: {one['reason']}."
-    if one["state"] != "unexplained":
-        return ""
-    size = number(one["unexplained_rms"])
-    on = one["depends_on"]
-    depends = f", depending on {join_words(on)}" if on else ", on what it depends is not known"
-    seen = f" ({one['reason']})" if one["reason"] else ""
-    return f" Left unexplained: {write_value(size)} {one['unit']} RMS{depends}{seen}."
 
 
 def _parameters(loop: ClosedLoop) -> Markup:

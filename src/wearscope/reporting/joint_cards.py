@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.closed_loop import ClosedLoop, number
+from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.closed_loop import ClosedLoop, gap_closed, number
 from wearscope.reporting.closed_loop_details import write_value
 from wearscope.reporting.labels import join_words
 from wearscope.reporting.page import badge, unbreak
@@ -24,27 +25,43 @@ _LEFT = {
 _SAME = 0.03
 #: Of the small curves: width, height, seconds and points.
 _WIDTH, _HEIGHT, _SECONDS, _POINTS = 320, 64, 8.0, 240
-_CURVES = (("measured", "var(--soft)"), ("predicted_before", "var(--before)"), ("predicted_after", "var(--after)"))
+_CURVES = (
+    ("measured", "var(--soft)"),
+    ("predicted_before", "var(--before)"),
+    ("predicted_after", "var(--after)"),
+)
 
 
 def render_joint_cards(loop: ClosedLoop) -> Markup:
     """Cards of all joints, with a line on the colours of their curves."""
     cards = Markup("").join(_card(loop, joint) for joint in loop.joints)
     note = (
-        "Grey: measured torque of a test run; orange: the declared model; blue: the corrected one. Left: what "
-        "the corrected model does not predict, as a share of the torque, and whether it depends on the motion."
+        "Grey: measured torque of a test run; orange: the declared model; blue: the corrected one. Left: "
+        "what the corrected model does not predict. It is noise, or structure that repeats with the motion, "
+        "depends on a signal, or is larger on the test runs than on those for training. Not judged: no row "
+        "of the test runs counts, or the error is above half of the torque."
     )
-    return Markup('<h3>Joint by joint</h3><div class="cards">{}</div><p class="note">{}</p>').format(cards, note)
+    return Markup('<h3>Joint by joint</h3><div class="cards">{}</div><p class="note">{}</p>').format(
+        cards, note
+    )
+
+
+def list_shared() -> set[str]:
+    """Effects that the robot has once and every joint feels."""
+    return {effect.name for effect in list_effects() if effect.per_robot}
 
 
 def _card(loop: ClosedLoop, joint: str) -> Markup:
     one = loop.verdict["joints"][joint]
-    named = [entry["effect"].replace("_", " ") for entry in loop.entries_at(joint)]
+    own = [entry["effect"] for entry in loop.entries_at(joint)]
+    shared = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in list_shared() - set(own)]
+    named = [name.replace("_", " ") for name in own]
+    named += [f"{name.replace('_', ' ')} of the robot" for name in shared]
     kind, word = _LEFT[one["state"]]
     change = tell_change(one)
     lines = [
         Markup("<p><strong>Error</strong> {} {}</p>").format(
-            badge(change or "n/a", _ERRORS.get(change, "neutral")), unbreak(_tell_sizes(one))
+            badge(_tell_growth(one, change), _ERRORS.get(change, "neutral")), unbreak(_tell_sizes(one))
         ),
         Markup("<p><strong>Left</strong> {} {}</p>").format(badge(word, kind), unbreak(_tell_left(one))),
     ]
@@ -66,24 +83,37 @@ def tell_change(one: Mapping[str, Any]) -> str:
     return "smaller" if after < before else "larger"
 
 
+def _tell_growth(one: Mapping[str, Any], change: str) -> str:
+    if change != "larger":
+        return change or "n/a"
+    return f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
+
+
 def _tell_sizes(one: Mapping[str, Any]) -> str:
-    before, after = number(one.get("rms_before")), number(one.get("rms_after"))
+    before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
     if not np.isfinite([before, after]).all():
         return "the joint does not move on the test runs"
+    told = f"{write_value(before)} → {write_value(after)}"
     if abs(after - before) <= 1e-6 * before:
-        return f"{write_value(before)} {one['unit']} RMS"
-    return f"{write_value(before)} → {write_value(after)} {one['unit']} RMS"
+        told = str(write_value(before))
+    gap = gap_closed(one)[1]
+    if gap.endswith("%"):
+        return f"{told} {one['unit']} RMS, {gap} of the gap to the noise floor closed"
+    return f"{told} {one['unit']} RMS" + (f", noise floor {write_value(floor)}" if np.isfinite(floor) else "")
 
 
 def _tell_left(one: Mapping[str, Any]) -> str:
     """How much is left, on what it depends, how it was seen."""
     share = number(one.get("left_percent"))
-    said = [f"{share:.2g} % of the torque"] if np.isfinite(share) else []
+    told = f"{share:.2g} % of the torque" if np.isfinite(share) else ""
     if one["state"] == "unexplained":
-        on = one.get("depends_on", one.get("unexplained_depends_on", []))
-        said.append(f"depends on {join_words(on)}" if on else "on what it depends is not known")
-    reason = one.get("reason", one.get("unexplained_reason", ""))
-    return "; ".join([*said, *([reason] if reason and one["state"] in ("unexplained", "not_judged") else [])])
+        on = one["depends_on"]
+        depends = f"depending on {join_words(on)}" if on else "on what it depends is not known"
+        size = f"{write_value(number(one['unexplained_rms']))} {one['unit']} RMS, {depends}"
+        told = f"{size}; in all {told}" if told else size
+    if one["state"] in ("unexplained", "not_judged") and one["reason"]:
+        told = f"{told} ({one['reason']})" if told else str(one["reason"])
+    return told
 
 
 def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
@@ -107,9 +137,9 @@ def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
         )
         for name, colour in _CURVES
     )
-    return Markup(
-        '<svg viewBox="0 0 {} {}" class="curves" role="img" aria-label="{}">{}</svg>'
-    ).format(_WIDTH, _HEIGHT, f"Measured and predicted torque of {joint} over {_SECONDS:g} s", paths)
+    return Markup('<svg viewBox="0 0 {} {}" class="curves" role="img" aria-label="{}">{}</svg>').format(
+        _WIDTH, _HEIGHT, f"Measured and predicted torque of {joint} over {_SECONDS:g} s", paths
+    )
 
 
 def _path(t: pd.Series, torque: pd.Series, low: float, high: float) -> str:
