@@ -1,6 +1,6 @@
 """Seconds for all scope matrices by each method, against the paper's 3 h 15 min for 108 cells x 2 factors.
 
-python benchmarks/scope.py [--cells 144] [--runs 100000] [--sample 12]
+python -m benchmarks.scope [--cells 144] [--runs 100000] [--sample 12]
 """
 
 import argparse
@@ -8,10 +8,10 @@ import time
 
 import numpy as np
 
+from benchmarks.planted import planted_test_quantities
 from wearscope.evaluation.scope import paper_grid, scope_disagreement, scope_quadratics, scope_table
 from wearscope.evaluation.scope_kde import bandwidth_factor
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.planted import planted_test_quantities
 
 PAPER_SECONDS = 3.25 * 3600
 PAPER_MATRICES = 216

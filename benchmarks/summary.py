@@ -154,12 +154,11 @@ def bin_axes(table: pd.DataFrame) -> pd.DataFrame:
         if not str(column).startswith("axis_"):
             continue
         values, name = table[column], str(column).removeprefix("axis_")
-        if (
-            values.nunique() < FEWEST_BINNED
-            or not pd.api.types.is_float_dtype(values)
-            or not (values > 0).all()
-        ):
+        if not pd.api.types.is_float_dtype(values):
             out[name] = values.astype(str)
+            continue
+        if values.nunique() < FEWEST_BINNED or not (values > 0).all():
+            out[name] = [f"{value:.3g}" for value in values]
             continue
         edges = np.geomspace(values.min(), values.max(), 4)
         labels = [f"{low:.3g} to {high:.3g}" for low, high in pairwise(edges)]

@@ -1,6 +1,6 @@
 """Surrogate runs per second, and seconds for the SNRs of all cells, against the paper's.
 
-python benchmarks/surrogates.py [--runs 100000] [--cells 144]
+python -m benchmarks.surrogates [--runs 100000] [--cells 144]
 """
 
 import argparse
@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 
+from benchmarks.planted import planted_test_quantities
 from wearscope.evaluation.snr import sample_output, snr_table
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.planted import planted_test_quantities
 
 PAPER_RUNS_PER_SECOND = 9e5
 PAPER_SNR_SECONDS = 12.0

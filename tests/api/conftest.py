@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
@@ -11,7 +12,6 @@ from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
-from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates
 
 

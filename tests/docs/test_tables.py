@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.designs.checks import describe_design
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
@@ -15,7 +16,6 @@ from wearscope.evaluation.scope import group_scope, scope_table
 from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
-from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates
 
 ROOT = Path(__file__).parents[2]

@@ -16,7 +16,6 @@ from wearscope.effects.vocabulary import (
     plain_friction,
     separating_motions,
     session_effects,
-    standard_effects,
     thermal_friction,
     worn_effect,
 )
@@ -132,8 +131,9 @@ def test_a_joint_spring_is_not_contained_in_a_counterbalance(signals):
 
 
 def test_standard_effects_are_those_of_a_plain_joint():
-    assert names_of(standard_effects()) == {"rotor_inertia", "coulomb", "viscous", "torque_offset"}
-    assert all(not effect.parents for effect in standard_effects())
+    standard = [effect for effect in list_effects() if effect.standard]
+    assert names_of(standard) == {"rotor_inertia", "coulomb", "viscous", "torque_offset"}
+    assert all(not effect.parents for effect in standard)
     assert empirical_effect().name == "unknown"
 
 
@@ -205,11 +205,6 @@ def test_wrong_links_are_asked_one_by_one_then_together():
         "moment_z_3",
     ]
     assert [list(s) for s in effect.plain_subsets()] == [[10 * k + i for i in range(4)] for k in range(3)]
-    richer = effect.richer_subsets((10, 11, 12, 13))
-    assert [len(s) for s in richer] == [6, 8, 26]
-    assert list(richer[0]) == list(range(14, 20))
-    alone = EFFECTS["inertial_error"].for_robot(1)
-    assert [len(s) for s in alone.richer_subsets((0, 1, 2, 3))] == [6]
 
 
 def test_effects_apply_where_the_signals_hold_what_they_need(signals):

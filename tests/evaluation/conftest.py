@@ -1,7 +1,7 @@
 import pytest
 
+from benchmarks.planted import planted_test_quantities
 from wearscope.surrogates.fitting import fit_surrogates
-from wearscope.surrogates.planted import planted_test_quantities
 
 
 @pytest.fixture(scope="session")

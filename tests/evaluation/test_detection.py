@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 from scipy.special import ndtr, ndtri
 
+from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.detection import detection_table, pick_levels, weighted_threshold
@@ -10,7 +11,6 @@ from wearscope.evaluation.responses import response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
 from wearscope.surrogates.fitting import CELL, fit_surrogates, surrogates_of
 from wearscope.surrogates.kinds.linear import fit_quadratic
-from wearscope.surrogates.planted import planted_test_quantities
 from wearscope.surrogates.selection import ChosenSurrogate
 
 LEVELS = nominal_levels(PAPER_FACTORS)

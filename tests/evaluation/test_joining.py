@@ -8,6 +8,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from benchmarks.planted import planted_test_quantities
 from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
@@ -17,7 +18,6 @@ from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
 from wearscope.evaluation.sensitivity import sensitivity_of, sensitivity_table
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.planted import planted_test_quantities
 
 ROBOTS = ("r1", "r2", "r3", "r4", "r5")
 

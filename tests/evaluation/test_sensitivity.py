@@ -1,10 +1,9 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import box_statistics, wilson_interval
-from wearscope.evaluation.sensitivity import group_matrices, relevant_terms, sensitivity_table
+from wearscope.evaluation.sensitivity import group_matrices, sensitivity_table
 
 
 def test_group_matrices_have_a_row_a_cell_and_a_column_a_coefficient(surrogates):
@@ -56,24 +55,12 @@ def test_a_dominant_nuisance_is_found_and_stated_with_its_interval(quantities):
     loud = quantities.copy()
     loud["y"] += 5.0 * loud["w3"]
     table = sensitivity_table(fit_surrogates(loud, ["simplified"]))
-    found = relevant_terms(table)
+    found = table[(table["share_relevant"] > 0.5) & (table["term"] != "f")]
     assert set(found["term"]) == {"w3"}
-    assert len(found) == 3 and found["certain"].all()
+    assert len(found) == 3 and (found["share_low"] > 0.5).all()
     row = found.iloc[0]
     assert (row["n"], row["n_relevant"], row["share_relevant"]) == (12, 12, 1.0)
     assert row["share_low"] == pytest.approx(0.7575, abs=5e-4)
-
-
-def test_a_term_is_relevant_in_more_than_half_of_the_cells_and_certain_where_its_interval_says_so():
-    table = pd.DataFrame(
-        {
-            "term": ["w1", "w2", "w3", "w4", "f"],
-            "share_relevant": [0.5, 0.6, 0.7, np.nan, 1.0],
-            "share_low": [0.3, 0.5, 0.51, np.nan, 0.9],
-        }
-    )
-    found = relevant_terms(table)
-    assert found["term"].tolist() == ["w2", "w3"] and found["certain"].tolist() == [False, True]
 
 
 def test_a_cell_without_direct_effect_is_nan_not_zero(odd):

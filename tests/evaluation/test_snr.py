@@ -9,11 +9,10 @@ from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.snr import (
     exact_snr,
     monte_carlo_error,
-    monte_carlo_snr,
     parametric_interval,
     quadratic_moments,
     ratio,
-    snr_boxes,
+    sample_hypotheses,
     snr_table,
 )
 from wearscope.surrogates.fitting import surrogates_of
@@ -51,9 +50,13 @@ def test_monte_carlo_agrees_with_the_exact_snr_within_its_own_error(table):
     assert np.abs(z).max() < 4.5
 
 
+def simulate_snr(surrogate, k, runs):
+    return monte_carlo_error(*sample_hypotheses(surrogate, generator_for(1, k), runs, -0.5, 1.0, 0.25))
+
+
 def test_the_monte_carlo_error_is_as_large_as_it_says(surrogates):
     _, surrogate = next(surrogates_of(surrogates, "full"))
-    runs = [monte_carlo_snr(surrogate, generator_for(1, k), 500) for k in range(400)]
+    runs = [simulate_snr(surrogate, k, 500) for k in range(400)]
     values, errors = np.array(runs).T
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.12)
 
@@ -62,7 +65,7 @@ def test_the_error_holds_for_a_skewed_output_too():
     # y = 0.2 f + w^2: chi-square, where the covariance of mean and deviation matters
     surrogate = Surrogate(("1", "f", "w1", "w1^2"), np.array([0.0, 0.2, 0.0, 1.0]), np.zeros((4, 4)), 0.0, 9)
     exact = exact_snr(surrogate.theta, surrogate.terms)
-    runs = [monte_carlo_snr(surrogate, generator_for(1, k), 2000) for k in range(300)]
+    runs = [simulate_snr(surrogate, k, 2000) for k in range(300)]
     values, errors = np.array(runs).T
     assert np.mean(values) == pytest.approx(float(exact), abs=0.02)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.15)
@@ -119,11 +122,11 @@ def test_each_cell_has_its_own_stream_whatever_else_is_computed(surrogates, tabl
 
 
 def test_the_interval_holds_the_true_snr(quantities):
+    from benchmarks.planted import PAPER_OPTIONS
     from wearscope.designs.bases import model_matrix, model_terms
     from wearscope.designs.factors import PAPER_FACTORS
     from wearscope.designs.kinds import make_design
     from wearscope.surrogates.fitting import fit_surrogate
-    from wearscope.surrogates.planted import PAPER_OPTIONS
 
     names = [factor.name for factor in PAPER_FACTORS]
     z = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)[names].to_numpy()
@@ -217,11 +220,9 @@ def test_a_draw_s_medians_are_those_of_its_columns_in_one_call_where_none_is_mis
         assert ranking.loc[fda, "median"] == median(column)
 
 
-def test_boxes_and_ranking_group_over_any_subset(table):
-    boxes = snr_boxes(table, ["robot", "fda"])
-    assert len(boxes) == 6 and (boxes["n"] == 6).all()
+def test_ranking_groups_over_any_subset(table):
     assert len(rank_by_median(table, by=["robot", "fda"], draws=50)) == 6
-    overall = snr_boxes(table, [])
+    overall = rank_by_median(table, by=[], draws=50)
     assert overall["median"].item() == pytest.approx(table["snr"].median())
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.config import load_config
 from wearscope.cycles.base import load_cycle
 from wearscope.cycles.poses import posture_table
@@ -32,7 +33,6 @@ from wearscope.reporting.study import Study
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import fit_table, validate_surrogates
 
 WEAR = {"kind": "wear", "range": [0, 50], "unit": "1", "validation": [5, 45]}

@@ -1,3 +1,5 @@
+import base64
+import gzip
 import json
 import re
 
@@ -5,12 +7,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits, unpack_table
+from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits
 from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
 from wearscope.reporting.charts.study import ALL_ROBOTS, study_filters, study_labels, study_tables
 from wearscope.reporting.labels import quantity_text, term_name
 from wearscope.reporting.page import Section, embed_chart, embed_json, render_page
 from wearscope.reporting.study_page import render_study
+
+
+def unpack_table(text):
+    """Values by column, as a page's script reads them."""
+    columns = json.loads(gzip.decompress(base64.b64decode(text)))["columns"]
+    return {
+        name: [column["values"][code] for code in column["codes"]] if isinstance(column, dict) else column
+        for name, column in columns.items()
+    }
 
 
 def test_tables_keep_their_numbers_to_five_digits_and_what_is_missing():

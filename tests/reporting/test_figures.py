@@ -2,6 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.planted import PAPER_OPTIONS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.scope_counts import count_matrix
 from wearscope.reporting.figures.audit import draw_audit
@@ -15,7 +16,6 @@ from wearscope.reporting.figures.sensitivity import draw_sensitivity
 from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure
 from wearscope.simulation.recording import Recording
-from wearscope.surrogates.planted import PAPER_OPTIONS
 
 
 def titles(figure):

@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
@@ -16,7 +17,6 @@ from wearscope.surrogates.fitting import (
     read_surrogate,
     surrogates_of,
 )
-from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.surrogate import Surrogate
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

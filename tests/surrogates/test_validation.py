@@ -3,12 +3,12 @@ import pytest
 import statsmodels.api as sm
 from scipy import stats
 
+from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design, validation_design
 from wearscope.errors import InputError
 from wearscope.surrogates.fitting import fit_surrogate, fit_surrogates
-from wearscope.surrogates.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.surrogates.validation import (
     diagnose,
     fault_effect,

@@ -294,13 +294,6 @@ class Effect:
         sets = [{int(i) for i in subset} for subset in self.subsets()]
         return [np.array(sorted(a)) for a in sets if not any(b < a for b in sets)]
 
-    def richer_subsets(self, subset: tuple[int, ...]) -> list[np.ndarray]:
-        """What variants and extensions add to a subset that they contain."""
-        names = [p.name for p in self.coefficients]
-        sets = [{int(i) for i in s} for s in self.subsets()]
-        sets += [{names.index(name) for name in extension} for extension in self.extensions]
-        return [np.array(sorted(s - set(subset))) for s in sets if set(subset) < s]
-
     def has_parent(self, present: Iterable["Effect"]) -> bool:
         """Whether the model of a joint has what this effect refines.
 

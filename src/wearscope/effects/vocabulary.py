@@ -18,11 +18,6 @@ def list_effects() -> list[Effect]:
     return list(_builtin())
 
 
-def standard_effects() -> list[Effect]:
-    """Effects of a plain joint."""
-    return [effect for effect in _builtin() if effect.standard]
-
-
 def plain_friction() -> list[Effect]:
     """Friction of a plain joint."""
     return [effect for effect in _builtin() if effect.is_plain_friction]

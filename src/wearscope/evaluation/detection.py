@@ -1,6 +1,6 @@
 """Threshold and detection probability (13), (14) at any probability of false alarm: ROC of every cell."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -144,9 +144,3 @@ def weighted_threshold(values: Array, weights: Array, false_alarm: float) -> flo
         return float(np.nextafter(previous, np.inf))
     part = (false_alarm - above[place - 1]) / weights[order][place]
     return float(previous + part * (ranked[place] - previous))
-
-
-def keep_cells(cells: Cells, detectors: Iterable[str]) -> Cells:
-    """Cells of some detectors only."""
-    wanted = set(detectors)
-    return [(key, surrogate) for key, surrogate in cells if key[3] in wanted]

@@ -263,11 +263,6 @@ def add_group_scopes(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return table.groupby(keys, sort=True, observed=True)[["passes", "cells"]].sum().reset_index()
 
 
-def scope_matrix(rows: pd.DataFrame, value: str = "passes") -> pd.DataFrame:
-    """Matrix (N_Delta, N_sigma) of one factor and method: index ``delta``, columns ``sigma``."""
-    return rows.pivot(index="delta", columns="sigma", values=value)
-
-
 def scope_disagreement(scope: pd.DataFrame) -> pd.DataFrame:
     """Grid cells where the exact and the kernel-density scope disagree.
 

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pandas as pd
 
-from wearscope.designs.factors import FAULT
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import box_statistics, check_group, groups_of, wilson_interval
 from wearscope.surrogates.fitting import CELL
@@ -116,17 +115,3 @@ def sensitivity_of(
                 }
             )
     return pd.DataFrame(records)
-
-
-def relevant_terms(sensitivity: pd.DataFrame, share: float = 0.5) -> pd.DataFrame:
-    """Rows of terms that outweigh the fault in more than `share` of the cells, with what the interval allows.
-
-    Returns
-    -------
-    DataFrame
-        The rows other than the fault's own with ``share_relevant`` > `share`; ``certain`` is True where the
-        whole interval lies above.
-    """
-    rows = sensitivity[(sensitivity["share_relevant"] > share) & (sensitivity["term"] != FAULT)].copy()
-    rows["certain"] = rows["share_low"] > share
-    return rows.reset_index(drop=True)

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import box_statistics, groups_of
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 
@@ -69,25 +68,6 @@ def exact_snr(
     mean0, _ = quadratic_moments(*condition_on_fault(theta, terms, f0), sigma)
     mean1, deviation1 = quadratic_moments(*condition_on_fault(theta, terms, f0 + delta), sigma)
     return ratio(mean1 - mean0, deviation1)
-
-
-def monte_carlo_snr(
-    surrogate: Surrogate,
-    rng: np.random.Generator,
-    runs: int = 100_000,
-    f0: float = -0.5,
-    delta: float = 1.0,
-    sigma: float = 0.25,
-) -> tuple[float, float]:
-    """SNR (11) by `runs` Monte Carlo runs under each hypothesis.
-
-    Returns
-    -------
-    snr : float
-    stderr : float
-        Its Monte Carlo standard error, by the delta method on the sample means and deviation.
-    """
-    return monte_carlo_error(*sample_hypotheses(surrogate, rng, runs, f0, delta, sigma))
 
 
 def sample_hypotheses(
@@ -248,13 +228,3 @@ def output_status(surrogate: Surrogate) -> str:
     if surrogate.status == "constant":
         return "constant"
     return "decreasing" if surrogate.coefficient("f") < 0 else "ok"
-
-
-def snr_boxes(snr: pd.DataFrame, by: Sequence[str] = ("fda",), value: str = "snr") -> pd.DataFrame:
-    """Box-plot statistics of the SNR of each group (Fig. 3)."""
-    return pd.DataFrame(
-        [
-            {**dict(zip(by, key, strict=True)), **box_statistics(rows[value])}
-            for key, rows in groups_of(snr, by)
-        ]
-    )

@@ -16,7 +16,7 @@ from wearscope.reporting.comparison import (
     nan_median,
     pivot_detectors,
 )
-from wearscope.reporting.labels import count_text, factor_name, join_words
+from wearscope.reporting.labels import count_text, factor_name
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -275,14 +275,3 @@ def _fit_findings(study: Study, names: dict[str, str]) -> list[Finding]:
     gaps = [estimate_difference(gain, names["B"], name, nan_median) for k, name in names.items() if k != "B"]
     here = f"Median gain: {_listed(means, list(names.values()), 'points')}."
     return [*found, Finding(q, text, here, decide([gap.above(0) for gap in gaps]))]
-
-
-def count_verdicts(findings: Sequence[Finding]) -> str:
-    """One clause that counts the verdicts: ``agrees in 3 of 10, disagrees in 2, undecided in 5``."""
-    words = {
-        "agrees": "agrees in", "partly": "partly agrees in", "disagrees": "disagrees in",
-        "undecided": "is undecided in", "not asked": "did not ask",
-    }  # fmt: skip
-    counts = {kind: sum(one.verdict == kind for one in findings) for kind in words}
-    parts = [f"{words[kind]} {n}" for kind, n in counts.items() if n]
-    return f"of {len(findings)} findings it {join_words(parts)}"

@@ -146,15 +146,6 @@ def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def unpack_table(text: str) -> dict[str, list[Any]]:
-    """The inverse of `pack_table`, as a page's script reads it: values by column."""
-    columns = json.loads(gzip.decompress(base64.b64decode(text)))["columns"]
-    return {
-        name: [column["values"][code] for code in column["codes"]] if isinstance(column, dict) else column
-        for name, column in columns.items()
-    }
-
-
 def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]:
     """Values (N,) to some significant digits; None where they are not finite.
 
