@@ -1,5 +1,6 @@
 # make run    set everything up and run the paper's study
-# make test   set everything up and run the tests; make test-kills and test-how-to run the long ones, test-fast a few
+# make test   set everything up and run the tests, test-fast a few, test-all the slow ones too; test-kills and
+#             test-how-to run the long ones
 # make docs   set everything up and build the documentation
 # After either, the daily command is .venv/bin/snakemake --cores 2
 
@@ -22,16 +23,29 @@ INSTALL = $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pyt
 export OMP_NUM_THREADS ?= 1
 export NO_MKDOCS_2_WARNING := true
 
-.PHONY: run test test-fast test-page test-how-to test-kills test-cluster cluster mutants setup developed docs lint format lock clean
+.PHONY: run test test-fast test-slow test-all seconds test-page test-how-to test-kills test-cluster cluster mutants setup developed docs lint format lock clean
 
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
 
-test: developed
-	$(BIN)/python -m pytest -n $(CORES) --dist loadfile $(ARGS)
+PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile
 
-# Under a minute: the rooms that neither simulate nor close a loop, and what the code promises about itself.
-FAST := architecture config designs surrogates robots cycles docs/test_tables.py
+# At most ten minutes on two cores; what is left to test-slow has a smaller test here.
+test: developed
+	$(PYTEST) -m "not slow and not long" $(ARGS)
+
+test-slow: developed
+	$(PYTEST) -m "slow and not long" $(ARGS)
+
+test-all: developed
+	$(PYTEST) -m "not long" $(ARGS)
+
+# Processor seconds of each test that takes one or more, for tests/processor_seconds.tsv.
+seconds: developed
+	$(BIN)/python -m pytest -q -m "not long" --processor-seconds $(or $(OUT),results/processor_seconds.tsv) $(ARGS)
+
+# Under a minute: rooms that do not simulate, a small loop closed once, what the code promises about itself.
+FAST := architecture config designs surrogates robots cycles docs/test_tables.py closed_loop/test_one_loop.py
 test-fast: developed
 	$(BIN)/python -m pytest -q -n $(CORES) --dist loadfile -m "not slow and not long" $(addprefix tests/,$(FAST)) $(ARGS)
 

@@ -37,6 +37,7 @@ def test_temperature_below_the_friction_law_is_told(clone, bad):
     refuse(clone, bad, "w3", "10", "axis_1")
 
 
+@pytest.mark.slow
 def test_factor_that_moves_no_torque_is_told(clone, bad):
     bad["robots"] = [write_plain_robot(clone)]
     refuse(clone, bad, "factors.f", "wear moves no recorded torque", "robot 'plain'", "carry_over")
@@ -44,6 +45,7 @@ def test_factor_that_moves_no_torque_is_told(clone, bad):
     refuse(clone, bad, "factors.w3", "temperature moves no recorded torque", "screening: drop")
 
 
+@pytest.mark.slow
 def test_infeasible_cycle_is_told(clone, bad):
     text = (clone / TINY / "short_moves.py").read_text()
     far = "far = plan.finish()\n    return Reference(far.t, far.q + 5.0, far.v, far.a)"
@@ -54,6 +56,7 @@ def test_infeasible_cycle_is_told(clone, bad):
     )
 
 
+@pytest.mark.slow
 def test_urdf_without_inertia_is_told(clone, bad):
     shutil.copytree(clone / "config" / "robots" / "medium", clone / "light", dirs_exist_ok=True)
     urdf = clone / "light" / "robot.urdf"
@@ -62,6 +65,7 @@ def test_urdf_without_inertia_is_told(clone, bad):
     refuse(clone, bad, "robot.urdf", "inerti")
 
 
+@pytest.mark.slow
 def test_unestimable_design_is_told(clone, bad):
     bad["design"] = {"kind": "full_factorial", "levels": 2}
     refuse(clone, bad, "model 'full'", "aliased", target="design")
@@ -72,6 +76,7 @@ def test_unknown_detector_is_told(clone, bad):
     refuse(clone, bad, "residual_enrgy", "residual_energy")
 
 
+@pytest.mark.slow
 def test_refused_detector_option_is_told(clone, bad):
     bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
     refuse(clone, bad, "torque_change.py", "fail_abov")

@@ -12,6 +12,8 @@ import clones
 import pytest
 import yaml
 
+pytestmark = pytest.mark.slow
+
 RESULTS = Path("results/tiny")
 RECORDING = RESULTS / "traces/medium/short_moves/identification/point=7/recording.parquet"
 

@@ -223,6 +223,7 @@ def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, mus
     assert not must_not & rules
 
 
+@pytest.mark.slow
 def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
     folder = tmp_path / "two-cores"
     shutil.copytree(finished, folder, ignore=shutil.ignore_patterns("results", ".snakemake"))
@@ -270,6 +271,7 @@ def test_archive_holds_the_study(finished, tmp_path):
         assert (tmp_path / "out" / name).read_bytes() == content
 
 
+@pytest.mark.slow
 def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, tmp_path):
     clone = copy_tree(tmp_path / "at-once")
     settings = yaml.safe_load((clone / TINY / "config.yaml").read_text()) | {"simulation": {"chunk": 1000}}
@@ -285,6 +287,7 @@ def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finis
         assert (ours / name).read_bytes() == (theirs / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
     config = yaml.safe_load((changed / TINY / "config.yaml").read_text())
     config["detectors"]["own"] = {"use": f"{TINY}/torque_change.py", "options": {"fail_above": 0.0}}
@@ -298,6 +301,7 @@ def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(changed):
     assert {name for name in before if name.startswith("traces/")} <= after.keys()
 
 
+@pytest.mark.slow
 def test_failed_simulation_is_counted_left_out_and_refused_above_the_share(finished, tmp_path):
     folder = tmp_path / "one-fails"
     shutil.copytree(finished, folder, ignore=shutil.ignore_patterns("results", ".snakemake"))

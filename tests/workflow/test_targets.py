@@ -33,6 +33,7 @@ def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
     assert screening["moves"].all() and not screening["dropped"].any()
 
 
+@pytest.mark.slow
 def test_two_models_are_reevaluated(clone, bad):
     small = {"points": 8, "local_points": 6, "question_points": 2, "replicates": 2, "checking_points": 4}
     bad |= {

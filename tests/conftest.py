@@ -1,0 +1,65 @@
+"""Which tests are slow, by the processor seconds that each one took."""
+
+import os
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+MEASURED = Path(__file__).with_name("processor_seconds.tsv")
+#: A test from here on is slow [s of processor]. The cheapest of its function stays, up to `MOST`: it fails
+#: for the same changes of the code.
+SLOW, MOST = 4.0, 15.0
+
+
+def read_seconds():
+    """Processor seconds by test, of those that take one or more."""
+    rows = [line.split("\t") for line in MEASURED.read_text().splitlines()]
+    return {name: float(seconds) for seconds, name in rows}
+
+
+def pick_slow(seconds):
+    """Tests to be marked slow.
+
+    >>> sorted(pick_slow({"a[1]": 5.0, "a[2]": 6.0, "b": 16.0, "c": 3.0}))
+    ['a[2]', 'b']
+    """
+    functions = defaultdict(list)
+    for name, spent in seconds.items():
+        functions[name.split("[")[0]].append((spent, name))
+    slow = set()
+    for cases in functions.values():
+        cases.sort()
+        first = 1 if cases[0][0] <= MOST else 0
+        slow |= {name for spent, name in cases[first:] if spent >= SLOW}
+    return slow
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    slow = pick_slow(read_seconds())
+    for item in items:
+        if item.nodeid.removeprefix("tests/") in slow:
+            item.add_marker("slow")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--processor-seconds", metavar="FILE", help="where each test's processor seconds go")
+
+
+def spent():
+    """Processor seconds of this process and of those that it waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item):
+    before = spent()
+    result = yield
+    if path := item.config.getoption("processor_seconds"):
+        took = spent() - before
+        if took >= 1.0:
+            with open(path, "a") as file:
+                file.write(f"{took:.1f}\t{item.nodeid.removeprefix('tests/')}\n")
+    return result
