@@ -20,6 +20,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.model.correction import make_corrected_model, write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
+from wearscope.closed_loop.model.delays import find_delays, move_torque
 from wearscope.closed_loop.model.estimation import Estimate, estimate
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
@@ -27,6 +28,7 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.answer import Answer, find_terms
+from wearscope.closed_loop.selection.delays import is_lag
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
@@ -234,8 +236,17 @@ def pose_problem(
     declared, own = load_named_effects(dataset, effects, allow_code)
     prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)
+    problem = Problem(prepared, declared, own)
+    late = [term for term in problem.declared_terms if is_lag(term.effect)]
+    if late:
+        terms = [term for term in problem.declared_terms if not term.is_measurement_error]
+        model = fit_declared_model(prepared, terms, problem.inertial, problem.layout.blocks)
+        named = np.isin(np.arange(prepared.n), [term.joint for term in late])
+        moved = move_torque(dataset, np.where(named, find_delays(model), 0.0))
+        prepared = prepare_thinned(moved, budget)
+        problem = Problem(prepared, declared, own)
     progress("; ".join(prepared.notes))
-    return Problem(prepared, declared, own)
+    return problem
 
 
 def conclude(search: Search, answer: Answer) -> Diagnosis:
@@ -243,6 +254,8 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     problem, found = search.problem, answer.found
     prepared = problem.prepared
     declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    if any(term.is_measurement_error for term in declared.entries):
+        declared = refit(declared, declared.entries)
     proposed, kept = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
     equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
     found = kept

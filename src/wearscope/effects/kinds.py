@@ -163,11 +163,22 @@ class MeasurementEffect(Effect):
         lag = 0.0 if signals.lag is None else float(signals.lag[joint])
         if abs(lag) < 1e-3 * signals.dt:
             return -differentiate(torque, 1.0 / signals.dt)[:, None]
+        return (self._delay(signals, joint, lag) / lag)[:, None]
+
+    def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
+        """Change (N,) of the recorded torque for given parameter values: that by a delay is a shift."""
+        if self.kind == "gain":
+            return super().torque(signals, joint, values)
+        return self._delay(signals, joint, float(self.pack(values)[0][0]))
+
+    def _delay(self, signals: Signals, joint: int, lag: float) -> np.ndarray:
+        """What a delay changes in the torque of a joint (N,)."""
         # Imported here: every simulation job loads the effects, and none needs it.
         from scipy.interpolate import CubicSpline
 
-        late = CubicSpline(signals.t, torque)(np.clip(signals.t - lag, signals.t[0], signals.t[-1]))
-        return ((late - torque) / lag)[:, None]
+        assert signals.torque is not None
+        torque, t = signals.torque[:, joint], signals.t
+        return np.asarray(CubicSpline(t, torque)(np.clip(t - lag, t[0], t[-1])) - torque)
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Set the recording's gain error or lag."""

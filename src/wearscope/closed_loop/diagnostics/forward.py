@@ -9,6 +9,7 @@ import pandas as pd
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.prediction import bootstrap_rms, pooled_rms
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
@@ -90,6 +91,7 @@ def compare_forward(
     series : DataFrame
         `t`, `run`, `joint`, `measured`, `simulated_before`, `simulated_after`, `counts`.
     """
+    models = {stage: _move_back(model, prepared) for stage, model in models.items()}
     records: list[dict] = []
     frames: list[pd.DataFrame] = []
     pooled: dict[str, dict[str, list]] = {stage: {"torque": [], "motion": []} for stage in _STAGES}
@@ -123,6 +125,19 @@ def compare_forward(
         told = "ok" if not failed else f"{len(failed)} of {len(outcomes[stage])} runs: {failed[0]}"
         records += _summarise(prepared, "all", stage, pooled[stage], sum(seconds), told)
     return pd.DataFrame(records), pd.concat(frames, ignore_index=True)
+
+
+def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:
+    """The model of recordings whose torque channels were moved by their delays."""
+    if not prepared.dataset.delays:
+        return model
+    fields = model.to_mapping()
+    for entry in fields["effects"]:
+        if entry["effect"] == "time_delay":
+            entry["parameters"]["delay"] -= find_shift(
+                prepared, prepared.dataset.joints.index(entry["joint"])
+            )
+    return model.replace(effects=fields["effects"])
 
 
 def _simulate_run(

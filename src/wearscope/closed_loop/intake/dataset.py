@@ -82,6 +82,8 @@ class Dataset:
         What a reader should know and that is no breach.
     digest : str
         Of its files, see `digest_dataset`.
+    delays : tuple of float
+        Time [s] by which each torque channel was moved, as its declared delay; empty where none was.
     """
 
     folder: Path
@@ -92,6 +94,7 @@ class Dataset:
     accepted: Acceptance = field(default_factory=Acceptance)
     notes: list[str] = field(default_factory=list)
     digest: str = ""
+    delays: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:

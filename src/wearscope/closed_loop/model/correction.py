@@ -8,6 +8,7 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
 from wearscope.closed_loop.model.consistency import nearest_consistent
+from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.robots.dynamics import RigidBody
@@ -80,11 +81,14 @@ def make_corrected_model(
         names = [entry.effect.coefficients[k].name for k in entry.subset]
         values: Mapping[str, float] = estimate.values if isinstance(estimate, Estimate) else estimate
         told = _tell_intervals(estimate) if isinstance(estimate, Estimate) else {}
+        fitted = dict(zip(names, theta[span].tolist(), strict=True))
+        if entry.is_measurement_error and "delay" in fitted:
+            fitted["delay"] += find_shift(prepared, entry.joint)
         effects.append(
             {
                 "joint": dataset.joints[entry.joint],
                 "effect": entry.effect.label,
-                "parameters": {**values, **dict(zip(names, theta[span].tolist(), strict=True))},
+                "parameters": {**values, **fitted},
                 "source": f"fitted on {', '.join(run.file for run in train)}",
                 **told,
             }

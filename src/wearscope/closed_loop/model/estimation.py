@@ -7,6 +7,7 @@ from scipy import stats
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.model.candidates import reduce_columns
+from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -204,11 +205,12 @@ def estimate(model: Regression) -> list[Estimate]:
         intervals: dict[str, tuple[float, float]] = {}
         for k, index in zip(entry.subset, range(span.start, span.stop), strict=True):
             name = entry.effect.coefficients[k].name
-            values[name] = float(theta[index])
+            shift = find_shift(model.prepared, entry.joint) if name == "delay" else 0.0
+            values[name] = float(theta[index]) + shift
             # Where no row informs there is nothing to have an interval.
             if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
                 continue
-            intervals[name] = (float(theta[index] - width[index]), float(theta[index] + width[index]))
+            intervals[name] = (values[name] - float(width[index]), values[name] + float(width[index]))
         for k, parameter in enumerate(entry.effect.shape):
             values[parameter.name] = float(entry.shape[k])
             if (i, k) in owners:

@@ -1,0 +1,100 @@
+"""Declared delays of the torque channels: each is searched as a shift, and its channel is moved by it.
+
+A torque that is recorded late by d is the motor's at t - d. Along a motion of several hertz that is far from
+linear in a delay of tens of milliseconds, so that no derivative may take its place. All other coefficients of
+a joint are projected out at every delay of a grid, and the best one is refined (variable projection, Golub
+and Pereyra 1973). What is left to find of it is then a small part of a sample, about which it is linear.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy import interpolate, optimize
+
+from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.model.regression import Regression
+
+#: Longest delay that is searched [s], and of the shortest run; steps of the grid a period of the cut-off.
+_LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
+#: Rows of a joint that are used, at most.
+_MOST_ROWS = 20_000
+
+
+def find_delays(model: Regression) -> np.ndarray:
+    """Delay (n,) [s] of each torque channel that leaves least of it; zero for joints that do not move.
+
+    Parameters
+    ----------
+    model : Regression
+        The declared model without delays.
+    """
+    return np.array(
+        [_find_delay(model, j) if moves else 0.0 for j, moves in enumerate(model.prepared.moving)]
+    )
+
+
+def _find_delay(model: Regression, joint: int) -> float:
+    prepared = model.prepared
+    train = prepared.runs_for("train")
+    longest = min(_LONGEST, _SHARE * min(float(run.t[-1] - run.t[0]) for run in train))
+    every = max(1, sum(len(run.t) for run in train) // _MOST_ROWS)
+    columns, parts = [], []
+    for run, x in zip(train, model.columns, strict=True):
+        known = run.reduce(run.known[:, [joint]])
+        # A whole body's scale is free, as its masses may be wrong.
+        inside = (run.t >= run.t[0] + longest) & (run.t <= run.t[-1] - longest)
+        at = np.flatnonzero(run.keep[:, joint] & inside)[::every]
+        columns.append(np.column_stack([x[at, joint], known[at], np.ones(len(at))]))
+        parts.append((interpolate.CubicSpline(run.t, run.measured[:, joint]), run.t[at]))
+    stacked = np.concatenate(columns)
+    if len(stacked) <= 2 * stacked.shape[1]:
+        return 0.0
+    basis, sizes, _ = np.linalg.svd(
+        stacked / np.maximum(np.abs(stacked).max(axis=0), 1e-12), full_matrices=False
+    )
+    basis = basis[:, sizes > 1e-8 * sizes[0]]
+
+    def miss(delay: float) -> float:
+        y = np.concatenate([torque(t + delay) for torque, t in parts])
+        return float(y @ y - np.sum((basis.T @ y) ** 2)) / float(y @ y)
+
+    step = 1.0 / (_STEPS * prepared.band.torque)
+    grid = step * np.arange(-int(longest / step), int(longest / step) + 1)
+    best = float(grid[int(np.argmin([miss(d) for d in grid]))])
+    low, high = max(best - step, -longest), min(best + step, longest)
+    return float(optimize.minimize_scalar(miss, bounds=(low, high), method="bounded").x)
+
+
+def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
+    """The data set with each torque channel moved back by its delay (n,) [s], fractions of a sample too.
+
+    Rows at the ends of a recording for which there is no torque then are left out.
+    """
+    told = ", ".join(
+        f"{joint} {1000 * d:.1f} ms" for joint, d in zip(dataset.joints, delays.tolist(), strict=True) if d
+    )
+    runs = [replace(record, load=partial(_load_moved, record.load, delays)) for record in dataset.runs]
+    notes = [*dataset.notes, f"torque channels are moved by their delays: {told}"]
+    return replace(dataset, runs=runs, notes=notes, delays=tuple(delays.tolist()))
+
+
+def _load_moved(load: Callable[[], Run], delays: np.ndarray) -> Run:
+    run = load()
+    tau = np.column_stack(
+        [
+            interpolate.CubicSpline(run.t, x)(run.t + d) if d else x
+            for x, d in zip(run.tau.T, delays, strict=True)
+        ]
+    )
+    inside = (run.t + delays.min() >= run.t[0]) & (run.t + delays.max() <= run.t[-1])
+    at = np.flatnonzero(inside)
+    return replace(run, tau=tau).cut(int(at[0]), int(at[-1]) + 1)
+
+
+def find_shift(prepared: Prepared, joint: int) -> float:
+    """Delay [s] by which a joint's torque channel was moved."""
+    return prepared.dataset.delays[joint] if prepared.dataset.delays else 0.0
