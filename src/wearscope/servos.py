@@ -10,7 +10,7 @@ from wearscope.errors import InputError
 COLUMNS = {"voltage": ("goal",), "duty": ("duty",), "current": ("current",)}
 #: Constants that each law needs.
 CONSTANTS = {
-    "voltage": ("kt", "resistance", "gain"),
+    "voltage": ("kt", "resistance"),
     "duty": ("kt", "resistance"),
     "current": ("kt",),
 }
@@ -39,7 +39,7 @@ class ServoFields(BaseModel):
     resistance : float or None
         [ohm]
     gain : float or None
-        Duty (1 at full voltage) for each rad or m of error.
+        Duty (1 at full voltage) for each rad or m of error, where no column ``gain_<joint>`` has it.
     volts : float or None
         Supply [V], where no column ``volts_<joint>`` has it.
     gear_ratio : float

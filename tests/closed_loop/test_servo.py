@@ -8,7 +8,7 @@ import pytest
 
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.intake.servo import restore_duty, take_torques
+from wearscope.closed_loop.intake.servo import merge_notes, restore_duty, take_torques
 from wearscope.errors import InputError
 from wearscope.servos import read_servos
 
@@ -89,6 +89,27 @@ def test_a_duty_without_its_sign_gets_it_back(lost):
     assert len(notes) == 1
 
 
+def test_each_run_tells_its_gain():
+    frame, torque, _ = move()
+    told = read(frame, gain=2.5, **LAWS[0]).notes
+    assert told == (
+        "run.csv: the gain of arm is 2 of full duty for each unit of error, 0.8 times the stated one.",
+    )
+    assert (
+        read(
+            frame.assign(goal_arm=frame["goal_arm"].sample(frac=1.0, random_state=1).to_numpy()), **LAWS[0]
+        ).notes
+        == ()
+    )
+    recorded = read(frame.assign(gain_arm=GAIN), law="voltage").tau[:, 0]
+    assert np.abs(recorded - torque)[5:-5].max() < 2e-3 * np.abs(torque).max()
+
+
+def test_notes_of_one_text_are_one():
+    notes = [f"{name}.csv: a fact: so." for name in "abcde"] + ["a.csv: another."]
+    assert merge_notes(notes) == ["a.csv, b.csv, c.csv and 2 more: a fact: so.", "a.csv: another."]
+
+
 def test_a_duty_that_does_not_follow_the_error_is_not_turned():
     frame, _, _ = move()
     size = np.abs(np.roll(frame["duty_arm"].to_numpy(), 100))
@@ -151,7 +172,6 @@ def test_rows_with_the_torque_off_do_not_count(tmp_path):
     ("servo", "told"),
     [
         ({"law": "duty", "kt": 0.3}, "law duty needs resistance"),
-        ({"law": "voltage", "kt": 0.3, "resistance": 2.5}, "law voltage needs gain"),
         ({"law": "duty", "resistance": 2.5}, "kt is missing"),
         ({"law": "duty", "kt": -0.3, "resistance": 2.5}, "kt should be greater than 0, but is -0.3"),
         ({"law": "duty", "kt": True, "resistance": 2.5}, "kt should be a number"),
@@ -170,6 +190,7 @@ def test_constants_that_are_missing_or_impossible_get_one_sentence(servo, told):
     [
         (LAWS[0], "duty_arm", "'duty_arm' is missing, which servo law duty needs"),
         (LAWS[1], "goal_arm", "'goal_arm' is missing, which servo law voltage needs"),
+        ({"law": "voltage"}, "none", "'gain_arm' is missing, and servo states no gain"),
         (LAWS[2], "current_arm", "'current_arm' is missing, which servo law current needs"),
         (LAWS[0], "volts_arm", "'volts_arm' is missing, and servo states no volts"),
     ],
@@ -177,7 +198,7 @@ def test_constants_that_are_missing_or_impossible_get_one_sentence(servo, told):
 def test_a_law_without_its_columns_gets_one_sentence(law, column, told):
     frame, _, _ = move()
     with pytest.raises(InputError, match=told):
-        read(frame.drop(columns=column), **law)
+        read(frame.drop(columns=column, errors="ignore"), **law)
 
 
 def test_counts_beyond_the_full_duty_get_one_sentence():

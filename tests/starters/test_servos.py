@@ -1,6 +1,8 @@
 """Servo columns and LeRobot data sets as they come, converted."""
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,6 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
 from wearscope.servos import read_servos
 from wearscope.starters.conversion import Mapped, convert_recordings
@@ -188,3 +192,44 @@ def test_a_damaged_lerobot_data_set_gets_one_sentence(tmp_path):
     (tmp_path / "set" / "meta" / "info.json").write_text("{}")
     with pytest.raises(InputError, match=r"info.json: cannot be read"):
         convert_recordings([tmp_path / "set"], urdf, Mapped())
+
+
+DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.1"/>
+<mass value="0.49"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="arm" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 -1 0"/>
+<limit lower="-3" upper="3" effort="1" velocity="15"/></joint></robot>"""
+
+
+@pytest.mark.slow
+def test_a_real_servo_from_its_own_columns(tmp_path):
+    """Signs and gains of the XL330's runs, and what opposes its speed, known to 0.038 to 0.046 N m s/rad."""
+    files = sorted((DATA / "servo_xl330").glob("*_and_down*.csv")) + sorted(
+        (DATA / "servo_xl330").glob("sin*.csv")
+    )
+    files = [file for file in files if not file.name.startswith("lift")]
+    if not files:
+        pytest.skip("needs servo_xl330 in WEARSCOPE_DATA or ../shared/data")
+    urdf = tmp_path / "pendulum.urdf"
+    urdf.write_text(PENDULUM)
+    made = tmp_path / "made"
+    made.mkdir()
+    mapped = Mapped(servo=read_servo_option("xl330"))
+    write_dataset(made, "made", urdf, convert_recordings(files, urdf, mapped), mapped)
+    dataset = read_dataset(made, lambda path, joints: [False])
+    assert any("negative values as 16 bits" in note for note in dataset.notes)
+    for file in files:
+        kp = float(file.stem.partition("kp")[2])
+        told = next(note for note in dataset.notes if note.startswith(file.stem) and "the gain of" in note)
+        gain = float(told.partition("gain of arm is ")[2].split()[0])
+        assert gain == pytest.approx(kp * 4096 / (2 * np.pi) / (256 * 885), rel=0.05)
+    rows = []
+    for run in prepare(dataset).runs:
+        q, v, sign = (x[:, 0] for x in (run.signals.q, run.signals.v, run.signals.sign))
+        torque = run.tau[:, 0]
+        columns = [np.sin(q), np.cos(q), run.signals.a[:, 0], sign, v, np.abs(torque) * sign, torque]
+        rows.append(run.reduce(np.column_stack(columns))[run.keep[:, 0]])
+    x = np.vstack(rows)
+    found = np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=None)[0]
+    assert mapped.servo.back_emf + found[4] == pytest.approx(0.042, abs=0.009)
+    assert 0.2 < found[5] < 0.6, "friction grows with the motor's torque"

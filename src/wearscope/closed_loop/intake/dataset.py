@@ -27,7 +27,7 @@ from wearscope.closed_loop.intake.dataset_fields import (
 )
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_run
-from wearscope.closed_loop.intake.servo import take_torques
+from wearscope.closed_loop.intake.servo import merge_notes, take_torques
 from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_joints
 from wearscope.errors import InputError
 
@@ -174,15 +174,17 @@ def _read_records(
 ) -> tuple[list[RunRecord], list[Signature]]:
     """Read and check the recordings one at a time, keeping what tells them apart; notes are added."""
     records, signatures = [], []
+    told: list[str] = []
     for entry in fields.runs:
         run = _read_run(folder, entry, fields)
-        notes += run.notes
+        told += run.notes
         _check_run(folder / entry.file, run, fields.robot.joints)
         split_at_gaps(run, fields.sample_rate, str(folder / run.file))
         signatures.append(sign_run(run, fields.sample_rate))
         load = partial(_read_run, folder, entry, fields)
         reach, seconds = np.ptp(run.q, axis=0), float(run.t[-1])
         records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, load, seconds))
+    notes += merge_notes(told)
     _check_torques(folder, signatures, fields)
     return records, signatures
 

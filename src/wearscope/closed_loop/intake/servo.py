@@ -12,9 +12,10 @@ there, and some drives brake when they are off.
 Source: Duclusaud et al. 2025, "Extended friction models for the physics simulation of servo actuators".
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -84,14 +85,51 @@ def take_servo_torque(
         goal = take_column(path, frame, f"goal_{joint}") if f"goal_{joint}" in frame.columns else None
         counts = take_column(path, frame, f"duty_{joint}")
         duty, notes = restore_duty(f"{path}: column 'duty_{joint}'", counts, servo.duty_full, goal, q, off)
+        if goal is not None and (seen := estimate_gain(duty, goal - q, off, servo.duty_limit)) > 0.0:
+            stated = "" if servo.gain is None else f", {seen / servo.gain:.3g} times the stated one"
+            notes.append(
+                f"{path}: the gain of {joint} is {seen:.4g} of full duty for each unit of error{stated}."
+            )
     else:
-        assert servo.gain is not None
-        duty = servo.gain * (take_column(path, frame, f"goal_{joint}") - q)
+        gain: Any = servo.gain
+        if f"gain_{joint}" in frame.columns:
+            gain = take_column(path, frame, f"gain_{joint}")
+        if gain is None:
+            raise InputError(
+                f"{path}: column 'gain_{joint}' is missing, and servo states no gain; add one of them."
+            )
+        duty = gain * (take_column(path, frame, f"goal_{joint}") - q)
         duty, notes = np.clip(duty, -servo.duty_limit, servo.duty_limit), []
     assert servo.resistance is not None
     drive = servo.constant / servo.resistance * duty * _read_volts(path, frame, joint, servo)
     speed = np.gradient(q, t)
     return ServoTorque(np.where(off, 0.0, drive - servo.back_emf * speed), off, tuple(notes))
+
+
+def estimate_gain(duty: np.ndarray, error: np.ndarray, off: np.ndarray, limit: float) -> float:
+    """Gain of a run: duty (N,) of 1 over the position's error (N,) [rad or m]; 0 where none is to be seen.
+
+    Rows at the drive's limit do not tell it.
+    """
+    free = ~off & (np.abs(duty) < 0.98 * limit)
+    square = float(np.sum(error[free] ** 2))
+    if square == 0.0:
+        return 0.0
+    gain = float(np.sum(duty[free] * error[free])) / square
+    left = float(np.sum((duty[free] - gain * error[free]) ** 2))
+    return gain if left < (1.0 - _FOLLOWS**2) * float(np.sum(duty[free] ** 2)) else 0.0
+
+
+def merge_notes(notes: Sequence[str]) -> list[str]:
+    """Notes, each ``file: text``, with those of one text as one."""
+    files: dict[str, list[str]] = {}
+    for note in notes:
+        file, _, text = note.partition(": ")
+        files.setdefault(text, []).append(file)
+    return [
+        f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}: {text}"
+        for text, names in files.items()
+    ]
 
 
 def _read_off(path: Path, frame: pd.DataFrame, joint: str) -> np.ndarray:
