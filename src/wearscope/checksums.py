@@ -15,11 +15,33 @@ CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
 
 
-def record_checksums(folder: str | Path, files: Iterable[str | Path]) -> None:
-    """Keep the checksums of files in a study's folder."""
+def record_checksums(folder: str | Path, files: Iterable[str | Path], made_with: str | Path = "") -> None:
+    """Keep the checksums of files in a study's folder.
+
+    Parameters
+    ----------
+    folder, files
+    made_with : path-like
+        Output of a rule whose job wrote them, where they are no outputs themselves.
+    """
     for file in map(Path, files):
         name = file.relative_to(folder).as_posix()
-        write_text(_kept(folder, name), f"{digest_file(file)}  {name}\n")
+        output = Path(made_with).relative_to(folder).as_posix() if made_with else ""
+        line = f"# made with {output}\n" if output else ""
+        write_text(_kept(folder, name), f"{digest_file(file)}  {name}\n{line}")
+
+
+def find_output(path: Path) -> Path:
+    """The output of a rule that a file was made with: itself, where no kept checksum says another."""
+    for folder in path.parents:
+        if (folder / CHECKSUMS).is_dir():
+            try:
+                lines = _kept(folder, path.relative_to(folder).as_posix()).read_text(encoding="utf-8")
+            except (OSError, ValueError):
+                break
+            _, found, output = lines.partition("# made with ")
+            return folder / output.strip() if found else path
+    return path
 
 
 def check_file(folder: str | Path, file: str | Path) -> None:
@@ -33,7 +55,7 @@ def check_file(folder: str | Path, file: str | Path) -> None:
     name = Path(file).relative_to(folder).as_posix()
     kept = _kept(folder, name)
     try:
-        wanted = kept.read_text(encoding="ascii").split()[:1]
+        wanted = kept.read_text(encoding="utf-8").split()[:1]
     except FileNotFoundError:
         return
     except (OSError, ValueError):
@@ -57,7 +79,7 @@ def withdraw(path: str | Path) -> list[Path]:
         The files that a run must make: what was withdrawn and is an output of a rule.
     """
     path = Path(path)
-    withdrawn = [path]
+    withdrawn = [find_output(path)]
     if path.name == RECORDING:
         withdrawn = [marker for marker in path.parents[1].glob("_chunk-*.json") if _lists(marker, path)]
     for file in {path, *withdrawn}:

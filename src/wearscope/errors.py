@@ -13,7 +13,12 @@ class InputError(ValueError):
         text = str(message)
         if len(text) > LONGEST:
             text = f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
-        super().__init__("".join(one if one.isprintable() else escape(one) for one in text))
+        super().__init__(escape_text(text))
+
+
+def escape_text(text: str) -> str:
+    """Text of a file as it may be shown: no character of it can break a line or steer a terminal."""
+    return text if text.isprintable() else "".join(one if one.isprintable() else escape(one) for one in text)
 
 
 def escape(character: str) -> str:

@@ -21,6 +21,10 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
 
 
+#: Files that this process has written; a job keeps their checksums.
+written: set[Path] = set()
+
+
 class DamagedFile(InputError):
     """A file of a study that is missing or is not what was written.
 
@@ -80,6 +84,7 @@ def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
         set_aside(path).unlink(missing_ok=True)
+        written.add(path)
     except OSError as error:
         raise explain_unwritten(path, error) from error
     finally:

@@ -8,15 +8,20 @@ markers of the simulated chunks, which list them.
 """
 
 import argparse
+import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wearscope.checksums import CHECKSUMS, check_file, withdraw
 from wearscope.files import DamagedFile, clear_stale
+from wearscope.home import find_home
 from wearscope.simulation.failures import read_markers
 from wearscope.simulation.recording import read_fingerprint
 from wearscope.simulation.traces import point_path
+
+#: The configuration that a study was run with last, in its folder.
+SETTINGS = ".study.json"
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
@@ -54,6 +59,23 @@ def _check_recordings(marker: Path) -> Iterator[DamagedFile]:
             yield DamagedFile(path, f"{path}: {what}; simulate its point again.")
 
 
+def explain_repair(folder: Path, files: Sequence[str]) -> str:
+    """What makes files of a study again, as it can be typed where the study was run."""
+    settings = folder / SETTINGS
+    if not settings.is_file():
+        return f"the command that made {', '.join(files)} makes them again."
+    root = folder.resolve().parents[1]
+    command = ["snakemake", "--cores", "2"]
+    if not (root / "Snakefile").is_file():
+        home = find_home()
+        command += ["--snakefile", str(home / "Snakefile")]
+        command += ["--workflow-profile", str(home / "profiles" / "default")]
+    if root != Path.cwd():
+        command += ["--directory", str(root)]
+    names = [str(Path(file).resolve().relative_to(root)) for file in files]
+    return f"make it again: {shlex.join([*command, '--configfile', str(settings.resolve()), '--', *names])}"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line; 1 where something is missing or damaged."""
     parser = argparse.ArgumentParser(
@@ -77,11 +99,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     if given.set_aside:
         again = sorted({str(file) for error in damaged for file in withdraw(error.path)})
-        print(
-            f"set aside; make it again with the study's own command and: {' '.join(again)}", file=sys.stderr
-        )
+        print(f"set aside; {explain_repair(folder, again)}", file=sys.stderr)
     else:
-        print(f"have it made again: python -m wearscope.integrity {folder} --set-aside", file=sys.stderr)
+        command = shlex.join(["python", "-P", "-m", "wearscope.integrity", str(folder), "--set-aside"])
+        print(f"have it made again: {command}", file=sys.stderr)
     return 1
 
 

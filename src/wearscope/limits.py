@@ -7,16 +7,20 @@ JSON_BYTES, JSON_DEPTH = 100_000_000, 100
 #: Largest text file of another kind, such as a URDF [bytes]; most links and joints of a URDF.
 TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
-TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 1_000_000_000, 1_500_000_000, 2000
+TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
 #: Most joints, runs and other entries of a list of a data set.
 JOINTS, RUNS, ENTRIES = 100, 2000, 2000
 #: Most entries of a list of a configuration, largest whole number in it, longest text.
 LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 #: No number of a machine is larger; products of a few such still have a value.
 NUMBER = 1e30
+#: Heaviest payload [kg], longest distance in it [m], largest gear ratio.
+MASS, LENGTH, GEAR_RATIO = 1e6, 1e3, 1e6
 #: Longest name of a robot or data set.
 NAME = 100
 #: Largest header of a member of an archive [bytes], such as a long name.
 TAR_HEADER_BYTES = 1_000_000
+#: Most pixels of a picture that is shown.
+PIXELS = 50_000_000
 #: A setting is named that would take longer [s] or more room [bytes]: a year, a terabyte.
 YEAR, TERABYTE = 365.25 * 86400.0, 1e12

@@ -14,6 +14,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from wearscope import limits
+from wearscope.errors import InputError
 from wearscope.files import DamagedFile, write_text, write_whole
 
 __all__ = [
@@ -194,6 +196,31 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
             path, f"{path}: is not what was written (its checksum differs); delete it and make it again."
         )
     return table
+
+
+def check_unpacked(path: str | Path) -> None:
+    """Refuse a Parquet file that would take more memory than `wearscope.limits` says, before it is read.
+
+    Raises
+    ------
+    InputError
+        Also where the file has too many columns.
+    pyarrow.ArrowException, OSError
+        Where it is no Parquet file.
+    """
+    with pq.ParquetFile(path) as file:
+        about = file.metadata
+    stored = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+    size = max(stored, 8 * about.num_rows * about.num_columns)
+    if about.num_columns > limits.COLUMNS:
+        raise InputError(
+            f"{path}: has {about.num_columns} columns, more than {limits.COLUMNS}; leave out what is unused."
+        )
+    if size > limits.UNPACKED_BYTES:
+        raise InputError(
+            f"{path}: takes {size / 1e9:.3g} GB of memory once it is unpacked, more than "
+            f"{limits.UNPACKED_BYTES / 1e9:g} GB; give it in several files."
+        )
 
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:

@@ -12,9 +12,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from wearscope.checksums import check_file, record_checksums, withdraw
+from wearscope.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
 from wearscope.errors import InputError
-from wearscope.files import FULL, DamagedFile, explain_unwritten
+from wearscope.files import FULL, DamagedFile, explain_unwritten, written
 from wearscope.processes import MAIN, end_with
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
@@ -68,9 +68,15 @@ def run_job(snakemake: Any) -> Iterator[Say]:
             if folder := study_folder(file):
                 check_file(folder, file)
         yield say
-        for file in map(str, getattr(snakemake, "output", [])):
+        outputs = list(map(str, getattr(snakemake, "output", [])))
+        for file in outputs:
             if folder := study_folder(file):
                 record_checksums(folder, [file])
+        for path in sorted(written - {Path(file) for file in outputs}) if outputs else []:
+            folder = study_folder(path)
+            kept_elsewhere = CHECKSUMS in path.parts or path.name == RECORDING
+            if folder and folder == study_folder(outputs[0]) and not kept_elsewhere and path.is_file():
+                record_checksums(folder, [path], outputs[0])
     except DamagedFile as error:
         if study_folder(error.path):
             withdraw(error.path)

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from wearscope.errors import InputError
+from wearscope.files import FULL, explain_unwritten
 from wearscope.processes import isolate
 
 #: Where each command is: module of `wearscope.cli` and name in it.
@@ -87,4 +88,9 @@ def main() -> None:
         wearscope(prog_name="wearscope")
     except InputError as error:
         click.echo(str(error), err=True)
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        click.echo(str(explain_unwritten(error.filename or os.getcwd(), error)), err=True)
         sys.exit(1)

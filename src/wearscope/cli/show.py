@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from wearscope import limits
 from wearscope.cli.study import find_last_study
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 
 #: Results that `show` lists first, and what each says.
 QUESTIONS = {
@@ -31,9 +32,9 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: st
     console = Console() if sys.stdout.isatty() else Console(width=160)
     table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for header in headers:
-        table.add_column(Text(header), overflow="fold")
+        table.add_column(Text(escape_text(header)), overflow="fold")
     for row in rows:
-        table.add_row(*(Text(one) for one in row))
+        table.add_row(*(Text(escape_text(one)) for one in row))
     console.print(table)
 
 
@@ -135,8 +136,16 @@ def _draw(path: Path) -> None:
     from PIL import Image
 
     console = Console()
-    with Image.open(path) as opened:
-        picture = opened.convert("RGB")
+    try:
+        with Image.open(path) as opened:
+            if opened.width * opened.height > limits.PIXELS:
+                raise InputError(f"{path}: has more than {limits.PIXELS} pixels; draw it smaller.")
+            picture = opened.convert("RGB")
+    except InputError:
+        raise
+    except Exception as error:  # of a broken picture Pillow raises many kinds
+        told = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: is no whole picture ({told}); make it again.") from None
     width = min(console.width, picture.width)
     height = max(2, 2 * round(picture.height * width / picture.width / 2))
     pixels = np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))

@@ -28,7 +28,7 @@ from wearscope.cli.workflow import (
     merge,
     read_setting,
 )
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 from wearscope.files import read_json
 
 
@@ -111,9 +111,9 @@ def show_result(path: Path, opened: bool = False) -> None:
 
         strip = read_strip(path)
         if strip is not None:
-            click.echo(strip.answer)
+            click.echo(escape_text(strip.answer))
             for heading, text in strip.rows():
-                click.echo(f"{heading}: {text}")
+                click.echo(escape_text(f"{heading}: {text}"))
         click.echo(_shorten(path))
         if opened:
             click.launch(str(path))

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
 
-from wearscope import tables
+from wearscope import limits, tables
 from wearscope.errors import InputError
+from wearscope.files import check_depth
 
 
 def format_value(value: Any) -> str:
@@ -29,15 +31,19 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
         Where it cannot be read as a table.
     """
     try:
+        if path.stat().st_size > limits.TABLE_BYTES:
+            raise InputError(f"{path}: is larger than {limits.TABLE_BYTES / 1e6:g} MB; show a smaller table.")
         if path.suffix == ".parquet":
+            tables.check_unpacked(path)
             return tables.read_table(path), tables.read_units(path)
         if path.suffix == ".csv":
             return pd.read_csv(path), {}
         content = json.loads(path.read_text(encoding="utf-8"))
+        check_depth(content)
         return pd.json_normalize(content if isinstance(content, list) else [content]).T.reset_index(), {}
     except InputError:
         raise
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException) as error:
         told = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as a table ({told}); make it again.") from error
 

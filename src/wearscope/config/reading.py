@@ -2,11 +2,12 @@
 
 import difflib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from wearscope import limits
 from wearscope.config.base import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
@@ -34,7 +35,10 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
         With the path of the first field that is wrong, what is wrong with it, and what would be right.
     """
     try:
-        return StudyConfig.model_validate(dict(mapping))
+        study = StudyConfig.model_validate(dict(mapping))
+        if told := next(list_excesses(study.model_dump()), ""):
+            raise InputError(told)
+        return study
     except ValidationError as error:
         raise InputError(_explain(error)) from error
 
@@ -42,10 +46,29 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
 def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
     """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
     try:
-        StudyConfig.model_validate(dict(mapping))
+        return list(list_excesses(StudyConfig.model_validate(dict(mapping)).model_dump()))
     except ValidationError as error:
         return [_explain_one(one, "") for one in _order(error)]
-    return []
+
+
+def list_excesses(value: Any, path: str = "") -> Iterator[str]:
+    """What of a configuration is longer or larger than `wearscope.limits` says, a sentence each."""
+    inner: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, Mapping):
+        inner = value.items()
+    elif isinstance(value, list | tuple):
+        inner = enumerate(value)
+    if isinstance(value, Mapping | list | tuple) and len(value) > limits.LIST:
+        yield f"config: {path}: has {len(value)} entries, more than {limits.LIST}; give fewer."
+    elif isinstance(value, str) and len(value) > limits.TEXT:
+        yield f"config: {path}: has {len(value)} characters, more than {limits.TEXT}; shorten it."
+    elif isinstance(value, int) and abs(value) > limits.COUNT:
+        yield f"config: {path}: {value:.6g} is larger than {limits.COUNT:g}; give a smaller number."
+    elif isinstance(value, float) and abs(value) > limits.NUMBER:
+        yield f"config: {path}: {value:.6g} is larger than {limits.NUMBER:g}; give a smaller number."
+    else:
+        for key, one in inner:
+            yield from list_excesses(one, f"{path}.{key}" if path else str(key))
 
 
 def _explain(error: ValidationError) -> str:

@@ -1,6 +1,7 @@
 """The configuration of a study as a whole, and what its sections must agree on."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from itertools import count, islice
 from typing import Annotated, Any, Literal
@@ -64,7 +65,7 @@ class StudyConfig(Section):
     dropped from that robot's answers and the report says so. The wear of a tested axis is never dropped."""
     cycles: Annotated[list[str], Field(min_length=1)]
     """Names of modules of `wearscope.cycles`, or paths of .py files that define `CYCLE`."""
-    axes: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)] = Field(default=[1, 2, 3])
+    axes: Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(min_length=1)] = Field(default=[1, 2, 3])
     """Axes under test, any of the robots': the joints that `wear_axes` of the model names count first, then
     the others. The wear of each is `f` of its own cells, `w1` or `w2` of the others'; wear factors beyond the
     tested axes are the wear of the first other axes."""
@@ -192,8 +193,8 @@ class StudyConfig(Section):
     @field_validator("robots", "cycles", "axes")
     @classmethod
     def _no_repeats(cls, value: list[Any]) -> list[Any]:
-        for one in value:
-            if value.count(one) > 1:
+        for one, times in Counter(value).items():
+            if times > 1:
                 raise ValueError(f"{one} is named twice; name it once")
         return value
 
@@ -255,8 +256,10 @@ class StudyConfig(Section):
                     f"{', '.join(names[1])}"
                 )
         for field, labels in zip(("robots", "cycles"), names, strict=True):
-            for one in labels:
-                if labels.count(one) > 1:
+            for one, times in Counter(labels).items():
+                if any(mark in one for mark in "{}\n/"):
+                    raise ValueError(f"{field}: {one} holds a brace or the end of a line; rename it")
+                if times > 1:
                     raise ValueError(f"{field}: two of them would both be called {one}; rename one")
         return self
 

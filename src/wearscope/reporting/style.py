@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib import style
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from wearscope import tables
 
@@ -53,6 +54,8 @@ def figure_bytes(figure: Figure, kind: str = "svg", dpi: float | None = None) ->
     dpi : float, optional
         Dots an inch of a PNG, and of images within an SVG.
     """
+    for text in figure.findobj(Text):  # a '$' of a name or description begins no formula
+        text.set_parse_math("mathdefault" in text.get_text())  # type: ignore[attr-defined]
     target = io.BytesIO()
     metadata: Mapping[str, str | None] = _METADATA if kind == "svg" else {"Software": None}
     with figure_style(), matplotlib.rc_context({"savefig.dpi": dpi or matplotlib.rcParams["savefig.dpi"]}):

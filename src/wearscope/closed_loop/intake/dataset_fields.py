@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from wearscope import plugins
+from wearscope import limits, plugins
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside, read_text
 from wearscope.errors import InputError, explain_yaml
@@ -21,13 +22,17 @@ from wearscope.servos import ServoFields, read_servos, refuse_bool
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0
 #: Longest name of a data set, which a folder of results is called like.
-_LONGEST_NAME = 100
+_LONGEST_NAME = limits.NAME
 
 
-_Number = Annotated[float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False)]
+_Number = Annotated[
+    float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False, ge=-limits.NUMBER, le=limits.NUMBER)
+]
 
 
 _Label = Annotated[str, BeforeValidator(take_label)]
+_Distance = Annotated[_Number, Field(ge=-limits.LENGTH, le=limits.LENGTH)]
+_Names = Annotated[list[str], Field(max_length=limits.ENTRIES)]
 _PositionUnit = Literal["rad", "m"]
 _TorqueUnit = Literal["N m", "N"]
 
@@ -39,8 +44,8 @@ class _Fields(BaseModel):
 class PayloadFields(_Fields):
     """`runs[].payload`."""
 
-    mass: _Number = Field(ge=0.0)
-    com: list[_Number] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
+    mass: _Number = Field(ge=0.0, le=limits.MASS)
+    com: list[_Distance] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
 
 
 class RunFields(_Fields):
@@ -56,7 +61,7 @@ class RobotFields(_Fields):
     """`robot`."""
 
     urdf: str
-    joints: list[str] = Field(min_length=1)
+    joints: list[str] = Field(min_length=1, max_length=limits.JOINTS)
     inertials: Literal["trusted", "approximate"] = "trusted"
     gravity: list[_Number] = Field(default=[0.0, 0.0, -9.81], min_length=3, max_length=3)
     torque_limit: list[_Number] | None = None
@@ -80,13 +85,13 @@ class DatasetFields(_Fields):
     robot: RobotFields
     sample_rate: _Number = Field(gt=0.0)
     units: UnitFields | None = None
-    declared_effects: list[str]
-    effects: list[str] = []
+    declared_effects: _Names
+    effects: _Names = []
     channels: dict[str, str] = {}
     servo: dict[str, Any] | None = None
-    accept: list[str] = []
+    accept: _Names = []
     reference: list[_Label] = []
-    runs: list[RunFields] = Field(min_length=1)
+    runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
 
     @property
     def servos(self) -> dict[str, ServoFields]:
@@ -301,6 +306,11 @@ def _check_by_joint(path: Path, robot: RobotFields) -> None:
         raise InputError(f"{path}: robot.rotor_inertia holds a negative value; give kg m^2 at the joint.")
     if robot.torque_limit is not None and min(robot.torque_limit) <= 0:
         raise InputError(f"{path}: robot.torque_limit must be positive; give the limit of each joint.")
+    if robot.gear_ratio is not None and max(map(abs, robot.gear_ratio)) > limits.GEAR_RATIO:
+        raise InputError(
+            f"{path}: robot.gear_ratio holds a value above {limits.GEAR_RATIO:g}, which no gear has; give "
+            "motor turns by joint turn."
+        )
     if robot.gear_ratio is not None and 0.0 in robot.gear_ratio:
         raise InputError(f"{path}: robot.gear_ratio holds a 0; give motor turns by joint turn.")
 
@@ -339,9 +349,10 @@ def _check_channels(path: Path, fields: DatasetFields) -> None:
 
 def _check_runs(path: Path, fields: DatasetFields) -> None:
     files = [run.file for run in fields.runs]
+    times = Counter(files)
     for file in files:
         find_inside(path.parent, file, f"{path}: runs[].file")
-        if files.count(file) > 1:
+        if times[file] > 1:
             raise InputError(f"{path}: runs names {file} more than once; a run is either train or test.")
     for use in ("train", "test"):
         if not any(run.use == use for run in fields.runs):

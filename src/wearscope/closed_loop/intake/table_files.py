@@ -1,6 +1,7 @@
 """Columns of a recording, from Parquet or CSV, as finite numbers."""
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from wearscope import limits
 from wearscope.closed_loop.intake.data_folder import check_file
 from wearscope.errors import InputError
+from wearscope.tables import check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
 LEAST_ROWS, LEAST_TIME = 50, 1.0
@@ -32,10 +35,16 @@ def _read_csv(path: Path) -> pa.Table:
     """CSV with commas, semicolons or tabs, as UTF-8 or Latin-1."""
     with path.open("rb") as file:
         header = file.readline(100_000)
+    if path.stat().st_size > limits.TABLE_BYTES:
+        size = limits.TABLE_BYTES / 1e6
+        raise InputError(f"{path}: is larger than {size:g} MB; give it in several files, or as Parquet.")
     for start, told in _NO_CSV.items():
         if header.startswith(start):
             raise InputError(f"{path}: {told}, or correct runs[].file in dataset.yaml.")
     separator = max(_SEPARATORS, key=lambda one: header.count(one.encode()))
+    if len(header) == 100_000 or header.count(separator.encode()) >= limits.COLUMNS:
+        told = f"has more than {limits.COLUMNS} columns, or 100000 characters in its first line"
+        raise InputError(f"{path}: {told}; leave out what is not used.")
     point = "," if separator == ";" and _has_comma(path) else "."
 
     def read(encoding: str) -> pa.Table:
@@ -78,10 +87,11 @@ def read_columns(path: Path) -> pd.DataFrame:
         if kind == ".csv":
             table = _read_csv(path)
         else:
+            check_unpacked(path)
             table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
         names = table.column_names
-        for name in names:
-            if names.count(name) > 1:
+        for name, times in Counter(names).items():
+            if times > 1:
                 raise InputError(f"{path}: column '{name}' stands twice; keep one of them.")
         return table.to_pandas(ignore_metadata=True)
     except (pa.ArrowException, OSError, UnicodeError, ValueError, OverflowError, TypeError) as error:
