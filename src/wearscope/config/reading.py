@@ -63,7 +63,8 @@ def list_excesses(value: Any, path: str = "") -> Iterator[str]:
     elif isinstance(value, str) and len(value) > limits.TEXT:
         yield f"config: {path}: has {len(value)} characters, more than {limits.TEXT}; shorten it."
     elif isinstance(value, int) and abs(value) > limits.COUNT:
-        yield f"config: {path}: {value:.6g} is larger than {limits.COUNT:g}; give a smaller number."
+        told = f"{value:.6g}" if abs(value) < limits.NUMBER else f"a number of {value.bit_length()} bits"
+        yield f"config: {path}: {told} is larger than {limits.COUNT:g}; give a smaller number."
     elif isinstance(value, float) and abs(value) > limits.NUMBER:
         yield f"config: {path}: {value:.6g} is larger than {limits.NUMBER:g}; give a smaller number."
     else:

@@ -1,0 +1,169 @@
+"""Small inputs that would grow, and words that would steer: each ends at once in one sentence."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from wearscope import example_dataset, integrity
+from wearscope.checksums import check_file, find_output, record_checksums
+from wearscope.cli.main import wearscope
+from wearscope.closed_loop.intake.dataset_fields import list_breaches
+from wearscope.closed_loop.intake.table_files import read_columns
+from wearscope.config import load_config
+from wearscope.errors import InputError
+from wearscope.files import DamagedFile
+from wearscope.plain_yaml import load_plain_yaml
+
+ROOT = Path(__file__).parents[2]
+COPIES = ", ".join(["*a{0}"] * 10)
+GROWING = {
+    "aliases": ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [{COPIES.format(k - 1)}]" for k in range(1, 9))],
+    "merges": ["a0: &a0 {x: 1}", *(f"a{k}: &a{k} {{<<: [{COPIES.format(k - 1)}]}}" for k in range(1, 9))],
+    "depth": ["[" * 5000],
+    "digits": ["a: 0x" + "f" * 5000],
+    "timestamp": ['!!timestamp "x"'],
+    "truth": ['a: !!bool "maybe"'],
+    "itself": ["a: &a [*a]"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", GROWING)
+def test_yaml_that_grows_is_refused(kind):
+    with pytest.raises(yaml.YAMLError):
+        load_plain_yaml("\n".join(GROWING[kind]))
+
+
+def spoil(tmp_path, change):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    file = tmp_path / "arm" / "dataset.yaml"
+    fields = yaml.safe_load(file.read_text())
+    change(fields)
+    file.write_text(yaml.safe_dump(fields))
+    return list_breaches(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda f: f.update(runs=f["runs"] * 600), "at most 2000 items"),
+        (lambda f: f["robot"].update(joints=[f"j{k}" for k in range(101)]), "at most 100 items"),
+        (lambda f: f["runs"][0].update(payload={"mass": 1e300}), "less than or equal to"),
+        (lambda f: f["runs"][0].update(payload={"mass": 1.0, "com": [1e200, 0, 0]}), "less than or equal to"),
+        (lambda f: f.update(declared_effects=["viscous"] * 3000), "at most 2000 items"),
+    ],
+)
+def test_lists_and_numbers_of_a_data_set_are_bounded(tmp_path, change, told):
+    assert told in spoil(tmp_path, change)[0]
+
+
+def test_tables_are_bounded_before_they_are_read(tmp_path):
+    wide, long = tmp_path / "wide.csv", tmp_path / "long.parquet"
+    wide.write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
+    with pytest.raises(InputError, match=r"more than 2000 columns"):
+        read_columns(wide)
+    with pq.ParquetWriter(long, pa.schema([("t", pa.float64())])) as writer:
+        for _ in range(11):
+            writer.write_table(pa.table({"t": pa.array(np.zeros(10_000_000))}))
+    assert long.stat().st_size < 1_000_000
+    with pytest.raises(InputError, match=r"0\.88 GB of memory .* more than 0\.8 GB"):
+        read_columns(long)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"snr": {"runs": 10**15}}, "snr.runs: 1e+15 is larger than 1e+09"),
+        ({"axes": list(range(1, 99999))}, "axes"),
+        ({"robots": [f"r{k}" for k in range(20000)]}, "robots: has 20000 entries, more than 10000"),
+        ({"robots": ["a{b}"]}, "holds a brace"),
+        ({"time_limit": 1e300}, "time_limit: 1e+300 is larger"),
+        ({"seed": 16**5000}, "seed"),
+    ],
+)
+def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
+    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
+    with pytest.raises(InputError, match=re.escape(told)):
+        load_config({**good, **change})
+
+
+def call(*arguments):
+    return CliRunner().invoke(wearscope, [str(one) for one in arguments])
+
+
+def test_what_is_shown_steers_no_terminal(tmp_path):
+    steer = "\x1b]0;own\x07\x1b[2J\x9b31m"
+    (tmp_path / "a.csv").write_text(f"x{steer}\n{steer}\n")
+    (tmp_path / "a.json").write_text(json.dumps({f"k{steer}": steer}))
+    pq.write_table(pa.table({f"x{steer}": [steer]}), tmp_path / "a.parquet")
+    for name in ("a.csv", "a.json", "a.parquet"):
+        outcome = call("show", tmp_path / name)
+        assert outcome.exit_code == 0 and outcome.output.replace("\n", "").isprintable(), name
+        assert "own" in outcome.output
+
+
+def test_what_cannot_be_shown_ends_in_one_sentence(tmp_path):
+    (tmp_path / "deep.json").write_text("[" * 900 + "]" * 900)
+    (tmp_path / "text.json").write_text('"x"')
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 100)
+    (tmp_path / "text.parquet").write_text("no table")
+    (tmp_path / "text.csv").write_bytes(b"\xff\xfe\x00")
+    for file in sorted(tmp_path.iterdir()):
+        outcome = call("show", file)
+        assert outcome.exit_code == 0 or isinstance(outcome.exception, InputError), (file, outcome.exception)
+
+
+SNAKEFILE = """
+rule all:
+    input: "results/s/b.txt"
+
+rule a:
+    output: "results/s/a 1.txt"
+    shell: "echo {config[word]} > '{output}'"
+
+rule b:
+    input: "results/s/a 1.txt"
+    output: "results/s/b.txt"
+    shell: "cp '{input}' {output}"
+"""
+
+
+def test_the_repair_works_as_it_is_printed(tmp_path, monkeypatch, capsys):
+    """Also with files after a study's settings, of which Snakemake would take them for more settings."""
+    made = tmp_path / "results" / "s" / "a 1.txt"
+    made.parent.mkdir(parents=True)
+    (tmp_path / "Snakefile").write_text(SNAKEFILE)
+    (made.parent / integrity.SETTINGS).write_text(json.dumps({"word": "kept"}))
+    made.write_text("kept\n")
+    shutil.copy(made, made.with_name("b.txt"))
+    record_checksums(made.parent, [made])
+    made.write_text("kepd\n")
+    monkeypatch.chdir(tmp_path)
+    assert integrity.main(["results/s", "--set-aside"]) == 1
+    command = capsys.readouterr().err.rpartition("make it again: ")[2]
+    assert not made.exists()
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    subprocess.run(command, shell=True, check=True, capture_output=True, env={**os.environ, "PATH": path})
+    assert made.read_text() == "kept\n" and integrity.main(["results/s"]) == 0
+
+
+def test_a_file_that_is_no_output_is_made_again_with_its_output(tmp_path):
+    table, verdict = tmp_path / "x" / "in_time.parquet", tmp_path / "x" / "verdict.json"
+    table.parent.mkdir()
+    table.write_text("a"), verdict.write_text("b")
+    record_checksums(tmp_path, [table], verdict)
+    check_file(tmp_path, table)
+    assert find_output(table) == verdict and find_output(verdict) == verdict
+    table.write_text("c")
+    with pytest.raises(DamagedFile):
+        check_file(tmp_path, table)
