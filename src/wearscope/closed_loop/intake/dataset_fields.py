@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wearscope import limits, plugins
 from wearscope.closed_loop.intake.acceptance import Acceptance
@@ -25,8 +25,14 @@ _STRONGEST = 15.0
 _LONGEST_NAME = limits.NAME
 
 
+def _refuse_huge(value: float) -> float:
+    if abs(value) > limits.NUMBER:
+        raise ValueError(f"should be below {limits.NUMBER:g} in size")
+    return value
+
+
 _Number = Annotated[
-    float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False, ge=-limits.NUMBER, le=limits.NUMBER)
+    float, BeforeValidator(refuse_bool), Field(allow_inf_nan=False), AfterValidator(_refuse_huge)
 ]
 
 
