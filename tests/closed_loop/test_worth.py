@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.model.prediction import bootstrap_change
 from wearscope.robots.model import load_model
 
 FAST = {"runs": 4, "duration": 8.0}
@@ -95,3 +96,14 @@ def test_every_value_of_the_model_lies_in_its_own_interval(record, tmp_path):
             assert low <= one["parameters"][name] <= high, (one["effect"], name)
             told += 1
     assert told > 4
+
+
+def test_a_joint_that_moves_in_few_blocks_has_an_interval_all_the_same():
+    """Of eight blocks two count: in one of ten draws none does, which says nothing of the error."""
+    rng = np.random.default_rng(4)
+    residual = rng.normal(size=(80, 2))
+    keep = np.zeros((80, 2), dtype=bool)
+    keep[10:30, 0] = True
+    change, interval = bootstrap_change([(residual, keep)], [(0.1 * residual, keep)], 10, 0)
+    assert change[0] == pytest.approx(-90) and interval[:, 0] == pytest.approx([-90, -90])
+    assert np.isnan(change[1]) and np.isnan(interval[:, 1]).all()

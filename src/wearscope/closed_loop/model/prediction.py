@@ -167,7 +167,15 @@ def bootstrap_rms(
     parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int, draws: int = 400
 ) -> np.ndarray:
     """95 % interval (2, n) of the pooled rms, resampling blocks of `rows` rows."""
-    return np.quantile(_draw_rms(parts, rows, seed, draws), [0.025, 0.975], axis=0)
+    return _interval(_draw_rms(parts, rows, seed, draws))
+
+
+def _interval(drawn: np.ndarray) -> np.ndarray:
+    """95 % interval (2, n) of draws (draws, n); those in which no row of a joint counts say nothing of it."""
+    found = np.full((2, drawn.shape[1]), np.nan)
+    known = np.isfinite(drawn).any(axis=0)
+    found[:, known] = np.nanquantile(drawn[:, known], [0.025, 0.975], axis=0)
+    return found
 
 
 def bootstrap_change(
@@ -180,7 +188,7 @@ def bootstrap_change(
     with np.errstate(invalid="ignore", divide="ignore"):
         drawn = 100.0 * (_draw_rms(after, rows, seed) / _draw_rms(before, rows, seed) - 1.0)
         change = 100.0 * (pooled_rms(after) / pooled_rms(before) - 1.0)
-    return change, np.quantile(drawn, [0.025, 0.975], axis=0)
+    return change, _interval(drawn)
 
 
 def _draw_rms(
