@@ -28,7 +28,8 @@ def _split(lengths: list[int]) -> np.ndarray:
     return chosen
 
 
-def _grow(trees: int) -> HistGradientBoostingRegressor:
+def grow(trees: int) -> HistGradientBoostingRegressor:
+    """So many boosted trees, not fitted yet."""
     return HistGradientBoostingRegressor(
         max_iter=trees,
         learning_rate=0.1,
@@ -52,12 +53,12 @@ def fit_black_box(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> HistGradi
     """
     if chosen.all() or not chosen.any():
         return None
-    first = _grow(_MOST_TREES).fit(x[~chosen], y[~chosen])
+    first = grow(_MOST_TREES).fit(x[~chosen], y[~chosen])
     start = np.mean(y[~chosen])
     losses = [np.mean((y[chosen] - start) ** 2)]
     losses += [np.mean((y[chosen] - guess) ** 2) for guess in first.staged_predict(x[chosen])]
     trees = int(np.argmin(losses))
-    return _grow(trees).fit(x, y) if trees else None
+    return grow(trees).fit(x, y) if trees else None
 
 
 def judge_black_box(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:

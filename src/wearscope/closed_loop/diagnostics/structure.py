@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy import stats
-from sklearn.ensemble import HistGradientBoostingRegressor
 
+from wearscope.closed_loop.diagnostics.black_box import grow, make_features
 from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
 from wearscope.closed_loop.diagnostics.run_differences import (
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from wearscope.closed_loop.selection.motion_dependence import Dependence
 
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
-#: Rows that trees are grown on, folds, seed.
-_MOST_ROWS, _FOLDS, _SEED = 5000, 3, 11
+#: Rows that trees are grown on, folds, trees.
+_MOST_ROWS, _FOLDS, _TREES = 5000, 3, 40
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def judge_joints(
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
     declared, declared_test = (None if before is None else _leave(before, runs) for runs in (train, test))
-    features = [_features(run) for run in train]
+    features = [make_features(code_signals(run), with_time=True) for run in train]
     repeats = list_train_repeats(prepared)
     states, moving = [], int(prepared.moving.sum())
     for j in range(prepared.n):
@@ -170,11 +170,6 @@ def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
     return float(np.sqrt(square / max(sum(int(k.sum()) for k in keep), 1)))
 
 
-def _features(run: PreparedRun) -> np.ndarray:
-    thin = code_signals(run)
-    return np.concatenate([x for x in thin.values()], axis=1)
-
-
 def _from_withdrawn(prepared: Prepared, withdrawn: "Sequence[Attribution]", joint: int) -> list[Seen]:
     """What training runs have by a name that the test runs do not bear out."""
     seen = []
@@ -242,10 +237,7 @@ def _from_trees(
         train = train[:: max(1, len(train) // _MOST_ROWS)]
         if len(train) < 100:
             return []
-        trees = HistGradientBoostingRegressor(
-            max_iter=40, learning_rate=0.1, max_leaf_nodes=15, min_samples_leaf=30, l2_regularization=1.0,
-            early_stopping=False, random_state=_SEED,
-        ).fit(x[train][:, useful], y[train])  # fmt: skip
+        trees = grow(_TREES).fit(x[train][:, useful], y[train])
         gain[test] = y[test] ** 2 - (y[test] - trees.predict(x[test][:, useful])) ** 2
     sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
     error = np.sqrt(len(sums) * sums.var(ddof=1))

@@ -339,7 +339,7 @@ class Assembly:
         inner = 0.5 * (inner + inner.transpose(0, 2, 1))
         # What the model absorbs to rounding must not come back with a huge coefficient.
         diagonal = np.einsum("smm->sm", own)
-        inner += np.einsum("sm,mn->smn", 1e-9 * diagonal + 1e-300, np.eye(own.shape[1]))
+        np.einsum("smm->sm", inner)[...] += 1e-9 * diagonal + 1e-300
         reduced = sums.score[mask].sum(axis=0) - cross @ theta[k]
         beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
         return Added(beta, np.einsum("sm,sm->s", reduced, beta), inner)

@@ -54,7 +54,14 @@ def find_critical(errors: float, blocks: np.ndarray | float) -> np.ndarray:
 
     As far out in Student's t with as many degrees of freedom, less one, as `errors` are in normal noise.
     """
-    return np.asarray(stats.t.ppf(stats.norm.cdf(errors), np.maximum(np.asarray(blocks) - 1.0, 1.0)))
+    free = np.maximum(np.asarray(blocks, dtype=float) - 1.0, 1.0)
+    return np.array([_find_quantile(errors, x) for x in free.ravel().tolist()]).reshape(free.shape)
+
+
+@lru_cache(maxsize=4096)
+def _find_quantile(errors: float, free: float) -> float:
+    """Quantile of Student's t with so many degrees of freedom, as far out as `errors` are in normal noise."""
+    return float(stats.t.ppf(stats.norm.cdf(errors), free))
 
 
 def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Sequence[float]) -> np.ndarray:
