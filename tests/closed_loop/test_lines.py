@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnostics.in_time import see_lines
-from wearscope.closed_loop.selection.lines import find_common_line, find_line
+from wearscope.closed_loop.selection.lines import find_common_line, find_line, hold_waves, make_waves
 from wearscope.closed_loop.selection.policy import Policy
 
 RATE, ROWS = 20.0, 600
@@ -90,3 +90,12 @@ def test_a_sine_is_seen_where_rows_that_count_show_it(hidden):
         return
     assert find_common_line(full, 200.0).p_value > 1e-3
     assert "a line at 0.6" in seen[0].reason and seen[0].share > 0.2
+
+
+def test_the_power_that_a_sine_holds_is_what_least_squares_gives():
+    x, frequencies = np.random.default_rng(3).standard_normal(ROWS), np.linspace(0.1, 4.0, 600)
+    held = hold_waves(T, x, frequencies)
+    for k in (0, 255, 256, 599):
+        wave = make_waves(T, frequencies[k])
+        left = x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0]
+        assert held[k] == pytest.approx(1.0 - left @ left / (x @ x), abs=1e-10)
