@@ -78,7 +78,7 @@ def test_comparison_says_which_conclusions_differ(tmp_path, capsys):
     rows = rows[rows["what"] == "conclusion"].set_index("item")["detail"]
     assert rows.to_dict() == {
         "findings: Q-1, wear": "agrees against undecided",
-        "ranking: A": "1, 1, 2 against 2, 1, 2",
+        "ranking: A": "rank 1 (1 to 2) against rank 2 (1 to 2)",
         "closed_loop/twin: axis_2": "nothing named against backlash",
     }
     assert archive.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 1
