@@ -10,6 +10,8 @@ from wearscope.config.study import StudyConfig
 #: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
 CELL_BYTES = 350
 
+SETUP_FIGURES = ("design", "recording", "friction")
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -58,6 +60,37 @@ class Plan:
     def points_per_job(self) -> int:
         """Points that one job simulates."""
         return self.study.simulation.points_per_job()
+
+    @cached_property
+    def scope_figures(self) -> list[str]:
+        """Figures of the scope, one for each of its factors."""
+        return [f"scope_{factor}" for factor in self.study.scope.factors]
+
+    @cached_property
+    def finding_figures(self) -> list[str]:
+        """Figures that answer the study's questions."""
+        return ["sensitivity", "snr", "snr_cells", *self.scope_figures, "fit"]
+
+    @cached_property
+    def figures(self) -> list[str]:
+        """All figures of the study; where it is divided, those that show each cell are the partitions'."""
+        if self.study.divide():
+            return self.scope_figures
+        audit = ["audit"] if self.study.audit.enabled else []
+        return [*SETUP_FIGURES, *self.finding_figures, *audit]
+
+    @cached_property
+    def categories(self) -> dict[str, str]:
+        """What of Snakemake's report a figure belongs to."""
+        return {
+            "sensitivity": "Q-1: which factors matter",
+            "snr": "Q-2: which detector is best",
+            "snr_cells": "Q-2: which detector is best",
+            **dict.fromkeys(self.scope_figures, "Q-3: where it works"),
+            "fit": "Can the surrogates be trusted",
+            "audit": "Can the surrogates be trusted",
+            **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
+        }
 
     def chunks(self, name: str) -> range:
         """Numbers of the chunks into which a set's points are cut."""

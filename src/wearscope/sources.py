@@ -1,6 +1,7 @@
 """Which source files a script's result depends on, found by reading its imports."""
 
 import ast
+import re
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -40,6 +41,19 @@ def find_sources(*files: str | Path) -> list[Path]:
             found.add(file)
             waiting.extend(_imports(file))
     return sorted(found)
+
+
+def find_script_sources(script: str | Path, *plugins: str | Path) -> list[Path]:
+    """Files that running a workflow script may run: also scripts next to it that it imports, and plug-ins.
+
+    Plug-ins that are not there are left out: what loads them says which is missing.
+    """
+    files = [Path(script)]
+    for file in files:  # which grows by the scripts that a script imports
+        imported = re.findall(r"^from (\w+) import", file.read_text(encoding="utf-8"), re.MULTILINE)
+        shared = [file.with_name(f"{name}.py") for name in imported]
+        files += [one for one in shared if one.is_file() and one not in files]
+    return find_sources(*files, *(one for one in map(Path, plugins) if one.is_file()))
 
 
 def plugin_file(reference: str, room: str) -> Path:

@@ -11,6 +11,7 @@ import yaml
 
 from wearscope.config import load_config
 from wearscope.planning import Plan
+from wearscope.sources import find_script_sources
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,6 +73,28 @@ def test_test_quantities_come_from_traces_or_from_their_chunks():
     assert whole["parts"] == [] and len(whole["traces"](w)) > 0
     cut = make_plan(job_seconds=8, point_seconds=1.0, quantity_seconds=1.0).quantity_inputs("identification")
     assert len(cut["parts"]) == len(cut["failed"]) > 1 and cut["traces"](w) == []
+
+
+def test_each_figure_has_its_category():
+    plan = make_plan()
+    assert set(plan.figures) <= plan.categories.keys()
+    assert {f"scope_{factor}" for factor in plan.study.scope.factors} <= set(plan.figures)
+
+
+def test_sources_of_a_script_include_scripts_that_it_imports_and_plugins_that_are_there(tmp_path):
+    (tmp_path / "run.py").write_text("from shared import x\nfrom wearscope.errors import InputError\n")
+    (tmp_path / "shared.py").write_text("from deeper import y\n")
+    (tmp_path / "deeper.py").write_text("y = 1\n")
+    (tmp_path / "other.py").write_text("")
+    (tmp_path / "own.py").write_text("from wearscope.limits import *\n")
+    found = find_script_sources(tmp_path / "run.py", tmp_path / "own.py", tmp_path / "missing.py")
+    assert {one.name for one in found if one.parent == tmp_path} == {
+        "run.py",
+        "shared.py",
+        "deeper.py",
+        "own.py",
+    }
+    assert {"errors.py", "limits.py"} <= {one.name for one in found}
 
 
 def test_what_plans_imports_nothing_heavy():

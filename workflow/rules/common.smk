@@ -34,7 +34,7 @@ from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.files import check_folder
 from wearscope.plain_yaml import take_label
-from wearscope.planning import Plan
+from wearscope.planning import SETUP_FIGURES, Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.processes import MAIN, STARTER, end_with, identify_process, isolate
 from wearscope.robots.model_file import (
@@ -46,7 +46,7 @@ from wearscope.robots.model_file import (
     read_text,
 )
 from wearscope.sources import ROOT as PACKAGE
-from wearscope.sources import find_sources, plugin_file
+from wearscope.sources import find_script_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
 try:
@@ -101,21 +101,8 @@ REEVALUATED = STUDY.reevaluate.enabled and bool(
 )
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
-SCOPE_FIGURES = [f"scope_{factor}" for factor in STUDY.scope.factors]
-SETUP_FIGURES = ["design", "recording", "friction"]
-FINDING_FIGURES = ["sensitivity", "snr", "snr_cells", *SCOPE_FIGURES, "fit"]
-FIGURES = [*SETUP_FIGURES, *FINDING_FIGURES, *(["audit"] if STUDY.audit.enabled else [])]
-if PARTITIONS:  # figures that show each cell are those of the partitions
-    FIGURES = SCOPE_FIGURES
-CATEGORIES = {
-    "sensitivity": "Q-1: which factors matter",
-    "snr": "Q-2: which detector is best",
-    "snr_cells": "Q-2: which detector is best",
-    **dict.fromkeys(SCOPE_FIGURES, "Q-3: where it works"),
-    "fit": "Can the surrogates be trusted",
-    "audit": "Can the surrogates be trusted",
-    **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
-}
+SCOPE_FIGURES, SETUP_FIGURES = PLAN.scope_figures, list(SETUP_FIGURES)
+FINDING_FIGURES, FIGURES, CATEGORIES = PLAN.finding_figures, PLAN.figures, PLAN.categories
 
 
 def here(files):
@@ -182,13 +169,8 @@ JOIN_MINUTES = max(20, len(ROBOTS) // 10)
 @cache
 def code(script, *plugins):
     """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
-    files = [f"{HOME}/workflow/scripts/{script}.py"]
-    for file in files:  # which grows by the scripts that a script imports
-        imported = re.findall(r"^from (\w+) import", Path(file).read_text(encoding="utf-8"), re.MULTILINE)
-        shared = [f"{HOME}/workflow/scripts/{name}.py" for name in imported]
-        files += [name for name in shared if os.path.isfile(name) and name not in files]
-    files += [file for file in map(str, plugins) if os.path.isfile(file)]
-    return here(sorted({os.path.relpath(file) for file in find_sources(*files)}))
+    files = find_script_sources(f"{HOME}/workflow/scripts/{script}.py", *plugins)
+    return here(sorted({os.path.relpath(file) for file in files}))
 
 
 @cache
