@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wearscope.closed_loop.diagnostics.events import find_events, suggest_thresholds
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.prepared import Prepared
@@ -62,11 +63,14 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
                 "in_model": named.kept,
             }
         )
+    events = find_events(prepared, diagnosis.predicted)
     entries.sort(key=lambda entry: entry["status"] != "refuted")
     return {
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
         "verdict": entries,
+        "events": events,
+        "collision_thresholds": suggest_thresholds(prepared, diagnosis.predicted, events),
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
         "stopped": [
