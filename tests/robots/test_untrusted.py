@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from wearscope.errors import InputError
+from wearscope.limits import TEXT_BYTES
 from wearscope.robots.model import load_model
-from wearscope.robots.model_file import LARGEST, list_effects, read_model_file, read_text
+from wearscope.robots.model_file import list_effects, read_model_file, read_text
 from wearscope.robots.urdf_file import parse_urdf
 
 ROOT = Path(__file__).parents[2]
@@ -79,7 +80,7 @@ def test_pipe_and_giant_are_not_read(robot, tmp_path):
         load_model(robot)
     urdf.unlink()
     with open(urdf, "wb") as file:
-        file.truncate(LARGEST + 1)
+        file.truncate(TEXT_BYTES + 1)
     with pytest.raises(InputError, match=r"robot.urdf: is larger than 20 MB"):
         load_model(robot)
     change(robot, urdf="a\x00b")
