@@ -1,6 +1,7 @@
 """Torque of servos from what their buses give: planted torques come back by every law."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pytest
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.servo import merge_notes, restore_duty, take_torques
+from wearscope.closed_loop.speed_torque import list_speed_torques
 from wearscope.errors import InputError
 from wearscope.servos import read_servos
 
@@ -151,6 +153,19 @@ def test_back_emf_is_told_from_viscous_friction(tmp_path):
     level, slope = fit(prepare(dataset))
     assert slope == pytest.approx(VISCOUS, abs=0.001)
     assert level == pytest.approx(COULOMB, abs=0.002)
+
+
+def test_the_whole_coefficient_of_the_speed_is_told(tmp_path):
+    dataset = read_dataset(write(tmp_path / "arm", ARM), lambda urdf, joints: [False])
+    viscous = SimpleNamespace(
+        entry=SimpleNamespace(joint=0, effect=SimpleNamespace(name="viscous")),
+        values={"slope": 0.008},
+        intervals={"slope": (0.006, 0.010)},
+    )
+    told = list_speed_torques(dataset, [viscous])["arm"]
+    assert told["back_emf"] == pytest.approx(0.036)
+    assert told["speed_coefficient"]["value"] == pytest.approx(0.044)
+    assert told["speed_coefficient"]["ci95"] == pytest.approx([0.042, 0.046])
 
 
 def test_rows_with_the_torque_off_do_not_count(tmp_path):

@@ -18,6 +18,7 @@ from wearscope.closed_loop.model.prediction import (
     relative_error,
     rms,
 )
+from wearscope.closed_loop.speed_torque import list_speed_torques
 from wearscope.provenance import read_commit
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
             for joint in diagnosis.full
         ],
         "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth),
+        "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
         "notes": prepared.notes + diagnosis.notes + list_unbelievable_links(diagnosis),
     }
