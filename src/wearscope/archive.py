@@ -36,12 +36,14 @@ from wearscope.archives.manifest import (
     CONFIG,
     CRATE,
     FORMAT,
+    KINDS,
     MANIFEST,
     FileEntry,
     Manifest,
-    check_kinds,
     check_names,
+    is_brought,
     parse_manifest,
+    show,
 )
 from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
 from wearscope.checksums import record_checksums
@@ -203,7 +205,6 @@ def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lam
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty; name a folder that is not there yet.")
     manifest = walk_archive(path)
-    check_kinds(manifest.files, str(path))
     staging = ""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -214,6 +215,8 @@ def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lam
         def visit(name: str) -> Callable[[bytes], Any]:
             while handles:
                 handles.pop().close()
+            if not is_brought(name):
+                return lambda block: None
             (place / name).parent.mkdir(parents=True, exist_ok=True)
             handles.append(open(place / name, "xb"))
             return handles[-1].write
@@ -252,7 +255,8 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     if refused or CONFIG not in manifest.files:
         write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
     # Logs and timings are no job's output: they are written over without a word.
-    outputs = [name for name in manifest.files if not name.startswith(("logs/", "benchmarks/"))]
+    left = ("logs/", "benchmarks/")
+    outputs = [name for name in manifest.files if is_brought(name) and not name.startswith(left)]
     record_checksums(place, [place / name for name in outputs])
     now = time.time()
     for file in place.rglob("*"):
@@ -304,6 +308,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     print(f"{given.file}: study {manifest.study}, {len(manifest.files)} files, every checksum holds")
+    _tell_left_out(manifest)
     return 0
 
 
@@ -320,10 +325,18 @@ def _tell_comparison(rows: pd.DataFrame) -> int:
     return int(differ.any())
 
 
+def _tell_left_out(manifest: Manifest) -> None:
+    left = [show(name) for name in sorted(manifest.files) if not is_brought(name)]
+    if left:
+        told = f"{len(left)} files are of no kind that is unpacked, such as code: {', '.join(left)}"
+        print(InputError(f"{told}; what is: {', '.join(KINDS)}."))
+
+
 def _tell_restored(
     file: str, manifest: Manifest, folder: Path, refused: list[str], changed: list[str]
 ) -> None:
     print(f"{file}: {len(manifest.files)} files, every checksum holds, in {folder}")
+    _tell_left_out(manifest)
     if refused:
         told = f"{folder / CONFIG}: names code, which is refused ({'; '.join(refused)})"
         print(InputError(f"{told}; read it, and restore with --allow-code to let it run."))

@@ -225,7 +225,7 @@ def check_unpacked(path: str | Path) -> None:
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
     """Read a Parquet table as a pandas data frame; see `read_arrow`."""
-    return read_arrow(path, columns).to_pandas()
+    return read_arrow(path, columns).to_pandas(ignore_metadata=True)
 
 
 class Parts:

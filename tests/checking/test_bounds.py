@@ -1,5 +1,6 @@
 """Small inputs that would grow, and words that would steer: each ends at once in one sentence."""
 
+import errno
 import json
 import os
 import re
@@ -16,14 +17,20 @@ import yaml
 from click.testing import CliRunner
 
 from wearscope import example_dataset, integrity
+from wearscope.checking.costs import list_excesses
+from wearscope.checking.dataset import check_dataset
 from wearscope.checksums import check_file, find_output, record_checksums
+from wearscope.cli import main
 from wearscope.cli.main import wearscope
+from wearscope.cli.workflow import wait_turn
 from wearscope.closed_loop.intake.dataset_fields import list_breaches
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
 from wearscope.errors import InputError
 from wearscope.files import DamagedFile
 from wearscope.plain_yaml import load_plain_yaml
+from wearscope.reporting.style import figure_bytes, new_figure
+from wearscope.starters.model_text import _flow
 
 ROOT = Path(__file__).parents[2]
 COPIES = ", ".join(["*a{0}"] * 10)
@@ -95,6 +102,68 @@ def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
     good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
     with pytest.raises(InputError, match=re.escape(told)):
         load_config({**good, **change})
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"simulation": {"step": 1e-12}}, "simulation: takes about .* years"),
+        ({"scope": {"grid": [1_000_000, 1_000_000]}}, "scope.grid: takes about .* TB"),
+        ({"scope": {"grid": [1_000_000, 1_000_000]}}, "scope.grid and scope.runs: takes about .* years"),
+    ],
+)
+def test_what_would_take_a_year_or_a_terabyte_is_told(change, told):
+    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
+    assert not list(list_excesses(load_config(good)))
+    assert any(re.search(told, one) for one in list_excesses(load_config({**good, **change})))
+
+
+def test_a_constant_recording_and_no_gravity_are_told(tmp_path):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    file = tmp_path / "arm" / "runs" / "sweeps.parquet"
+    table = pq.read_table(file).to_pandas()
+    table.loc[:, [name for name in table if name != "t"]] = 0.0
+    table.to_parquet(file)
+    found = check_dataset(tmp_path / "arm")
+    assert any("sweeps.parquet: is constant, no joint moves in it" in one for one in found.problems)
+
+
+def test_of_two_commands_in_a_folder_one_waits(tmp_path):
+    said = []
+    with wait_turn(tmp_path, said.append):
+        code = (
+            "import sys; from pathlib import Path; from wearscope.cli.workflow import wait_turn\n"
+            "with wait_turn(Path(sys.argv[1]), lambda told: print(told, flush=True)): print('in')"
+        )
+        other = subprocess.Popen(
+            [sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True
+        )
+        assert "this one waits" in other.stdout.readline() and other.poll() is None
+    assert other.communicate()[0] == "in\n" and not said
+
+
+def test_joints_that_yaml_reads_as_something_else_are_quoted():
+    names = ["yes", "1", "null", "*a", "a: b", "x #y", "~", "é"]
+    assert yaml.safe_load(_flow(names)) == names
+
+
+def test_a_dollar_in_a_description_begins_no_formula():
+    figure = new_figure(2, 1)
+    figure.text(0.1, 0.5, r"heat $\frac{ $")
+    assert figure_bytes(figure).startswith(b"<?xml")
+
+
+def test_a_full_disk_ends_a_command_in_one_sentence(monkeypatch, capsys):
+    def full(**given):
+        raise OSError(errno.ENOSPC, "No space left on device", "/nowhere/x")
+
+    monkeypatch.setattr(main, "wearscope", full)
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 1
+    assert re.fullmatch(
+        r"/nowhere/x: the disk at / is full .*; free disk space there\.\n", capsys.readouterr().err
+    )
 
 
 def call(*arguments):

@@ -26,7 +26,7 @@ from wearscope.starters.robot import Stated, make_robot
 ROOT = Path(__file__).parents[2]
 QUICK = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
 ARM = ROOT / "config" / "robots" / "medium"
-COUNTS = [60, pytest.param(1000, marks=pytest.mark.long)]
+COUNTS = [50, pytest.param(2000, marks=pytest.mark.long)]
 
 
 def told(found, *parts):

@@ -9,13 +9,19 @@ import shutil
 import tarfile
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
+from click.testing import CliRunner
 from hypothesis import strategies as st
 from mutations import changed_bytes, changed_trees, try_many
 
 from wearscope.archive import verify_archive
+from wearscope.cli.main import wearscope
+from wearscope.cli.workflow import read_setting
 from wearscope.config import load_config
+from wearscope.errors import InputError, explain_yaml
+from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model import check_effects, load_model
 from wearscope.robots.model_file import list_effects, read_model_file
 from wearscope.robots.urdf import normalise_urdf
@@ -28,7 +34,7 @@ RANGES = {
     "w3": ("temperature", 30.0, 70.0),
     "w5": ("payload_mass_error", -10.0, 10.0),
 }
-COUNTS = [100, pytest.param(1000, marks=pytest.mark.long)]
+COUNTS = [50, pytest.param(2000, marks=pytest.mark.long)]
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -116,6 +122,52 @@ def test_any_archive(count, tmp_path):
     attempt(manifest)
     trees = changed_trees(manifest).filter(is_json)
     try_many(count, st.one_of(trees, changed_bytes(small), st.binary(max_size=2000)), attempt)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_any_yaml(count):
+    """Anchors, aliases, merges, tags, depth and digits in any order."""
+    part = st.sampled_from(
+        ["a: ", "b: ", "&x ", "*x", "<<: ", "- ", "{", "}", "[", "]", ", ", "\n", "  ", "!!int ", "!!timestamp ",  # noqa: E501
+         "!!python/name:os.system ", "!!bool ", "1", "0x" + "f" * 60, "1:2:3", ".inf", "'", '"', "? ", "|",
+         "2024-13-45", "yes", "~", "\x00", "é", "#", "%YAML 9", "---", "..."],
+    )  # fmt: skip
+    text = st.lists(part, max_size=40).map("".join)
+
+    def attempt(content):
+        try:
+            load_plain_yaml(content)
+        except yaml.YAMLError as error:
+            raise InputError(f"{explain_yaml(error)}.") from None
+
+    try_many(count, text, attempt)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("kind", ["csv", "json", "parquet", "png"])
+def test_any_file_that_is_shown(count, kind, tmp_path):
+    path = tmp_path / f"a.{kind}"
+    frame = pd.DataFrame({"a": [1.0, 2.0], "b": ["x", "\x1b[2J"]})
+    good = {
+        "csv": frame.to_csv().encode(), "json": frame.to_json().encode(), "parquet": frame.to_parquet(),
+        "png": (ROOT / "docs" / "figures" / "scope_w3.png").read_bytes()[:3000],
+    }[kind]  # fmt: skip
+
+    def attempt(content):
+        path.write_bytes(content)
+        done = CliRunner().invoke(wearscope, ["show", str(path)])
+        if done.exception is not None:
+            raise done.exception
+        assert kind == "png" or done.output.replace("\n", "").isprintable()
+
+    text = st.text(max_size=60).map(lambda one: one.encode("utf-8", "replace"))
+    try_many(count, st.one_of(changed_bytes(good), st.binary(max_size=99), text), attempt, least=0)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_any_setting(count):
+    text = st.text(max_size=30)
+    try_many(count, st.one_of(text, text.map("snr.runs=".__add__)), read_setting)
 
 
 def is_json(tree):

@@ -233,14 +233,21 @@ def test_names_of_a_study_pass():
     ["own.py", "__pycache__/a.parquet", "-rf", "a/-x.json", ".bashrc", ".checksums/a.json", "x.so", "a.pkl",
      "run.sh", "Snakefile", "a.pyc", "x.nbi", "a.pth", "a.ipynb", "noending"],
 )  # fmt: skip
-def test_no_archive_brings_code_or_odd_names(tmp_path, name):
+def test_no_archive_brings_code_or_odd_names(tmp_path, name, capsys):
     one = {"sha256": hashlib.sha256(b"x").hexdigest(), "bytes": 1}
     path = tmp_path / "a.tar"
-    write(path, ("MANIFEST.json", json.dumps(make_manifest(files={name: one})).encode()), (name, b"x"))
-    for act in (archive.unpack_archive, archive.restore_archive):
-        with pytest.raises(InputError, match=r"is of no kind that an archive may bring"):
-            act(path, tmp_path / "out")
-    assert not (tmp_path / "out" / name).exists() and not (tmp_path / "out" / "results" / "tiny").exists()
+    files = {name: one, "a.json": one}
+    write(
+        path,
+        ("MANIFEST.json", json.dumps(make_manifest(files=files)).encode()),
+        (name, b"x"),
+        ("a.json", b"x"),
+    )
+    assert archive.main(["unpack", str(path), str(tmp_path / "out")]) == 0
+    assert archive.main(["restore", str(path), str(tmp_path / "root")]) == 0
+    assert capsys.readouterr().out.count(f"such as code: {name};") == 2
+    for folder in (tmp_path / "out", tmp_path / "root" / "results" / "tiny"):
+        assert (folder / "a.json").is_file() and not (folder / name).exists()
 
 
 def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from wearscope import tables
-from wearscope.archives.manifest import MADE, MANIFEST, Manifest, parse_manifest
+from wearscope.archives.manifest import MADE, MANIFEST, Manifest, is_brought, parse_manifest
 from wearscope.archives.members import read_member, walk_archive
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
@@ -46,7 +46,8 @@ def list_results(folder: str | Path) -> list[Path]:
     for file in sorted(folder.rglob("*")):
         parts = file.relative_to(folder).parts
         hidden = any(part.startswith(".") for part in parts)
-        if not hidden and parts[0] not in MADE and file.is_file():
+        brought = not hidden and is_brought("/".join(parts))
+        if brought and parts[0] not in MADE and file.is_file():
             found.append(file)
     return found
 

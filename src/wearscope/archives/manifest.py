@@ -139,21 +139,10 @@ def check_names(names: Iterable[str], where: str) -> None:
             raise InputError(f"{where}: the name {show(name)} {reason}; get the file again.")
 
 
-def check_kinds(names: Iterable[str], where: str) -> None:
-    """Refuse what no archive of a study brings: code, what Python keeps of it, hidden files, odd names.
-
-    Raises
-    ------
-    InputError
-        Naming the first.
-    """
-    for name in sorted(names):
-        odd = any(part[0] in ".-" or part == "__pycache__" for part in name.split("/"))
-        if odd or not name.endswith(KINDS):
-            raise InputError(
-                f"{where}: {show(name)} is of no kind that an archive may bring ({', '.join(KINDS)}; no name "
-                "begins with '.' or '-'); nothing was unpacked, have it packed without that file."
-            )
+def is_brought(name: str) -> bool:
+    """Whether a file is of a kind that an archive brings: no code, nothing hidden, no odd name."""
+    odd = any(part[0] in ".-" or part == "__pycache__" for part in name.split("/"))
+    return not odd and name.endswith(KINDS)
 
 
 def show(name: str) -> str:

@@ -1,14 +1,24 @@
 """A measured data set: its fields, its recordings, and whether they can be what they say."""
 
+from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 from wearscope.checking.findings import Findings
 from wearscope.closed_loop.diagnosis import find_prismatic, load_named_effects
 from wearscope.closed_loop.intake.data_folder import check_file, find_inside
 from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
-from wearscope.closed_loop.intake.dataset_fields import list_breaches, list_conflicts, read_fields
+from wearscope.closed_loop.intake.dataset_fields import (
+    DatasetFields,
+    list_breaches,
+    list_conflicts,
+    read_fields,
+)
 from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.table_files import read_columns, take_joints
 from wearscope.closed_loop.intake.thinning import prepare_thinned
+from wearscope.errors import InputError
 
 
 def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
@@ -36,10 +46,12 @@ def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
     urdf = found.attempt(lambda: find_inside(folder, fields.robot.urdf, f"{file}: robot.urdf"))
     if urdf is not None and found.attempt(lambda: _is_file(urdf)):
         found.attempt(lambda: find_prismatic(urdf, fields.robot.joints))
-    found.add(*list_run_problems(folder, fields))
+    found.add(*list_run_problems(folder, fields), *_list_resting(folder, fields))
     if found.problems:
         return found
     found.notes.clear()
+    if not any(fields.robot.gravity):
+        found.notes.append(f"{file}: robot.gravity is 0; where the machine is not in orbit, give m/s^2.")
     dataset = found.attempt(lambda: read_dataset(folder, find_prismatic))
     if dataset is None:
         return found
@@ -49,6 +61,17 @@ def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
         found.attempt(lambda: check_plausibility(prepared))
         found.notes += prepared.notes
     return found
+
+
+def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
+    """Recordings in which no joint's position changes, a sentence each."""
+    resting = []
+    for run in fields.runs:
+        with suppress(InputError):  # which is told of the run itself
+            path = find_inside(folder, run.file, "runs[].file")
+            if not np.ptp(take_joints(path, read_columns(path), "q", fields.robot.joints), axis=0).any():
+                resting.append(f"{path}: is constant, no joint moves in it; record it again or leave it out.")
+    return resting
 
 
 def _is_file(path: Path) -> bool:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from wearscope import limits
 from wearscope.checking.findings import Findings
 from wearscope.cycles.base import Cycle, list_cycles, load_cycle
 from wearscope.errors import InputError
@@ -38,6 +39,10 @@ def check_model(reference: str | Path, found: Findings, allow_code: Allowed = Fa
     for entry in model.effects:
         found.attempt(lambda entry=entry: check_effects(_with_effects(model, [entry])))  # type: ignore[misc]
     found.attempt(lambda: check_effects(model))
+    if max(abs(model.gear_ratio)) > limits.GEAR_RATIO:
+        found.add(f"{path}: drive.gear_ratio holds a value above {limits.GEAR_RATIO:g}, which no gear has.")
+    if not any(model.gravity):
+        found.notes.append(f"{path}: gravity is 0; where the robot is not in orbit, give m/s^2.")
     return model
 
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from wearscope.checking.costs import list_excesses
 from wearscope.checking.findings import Findings
 from wearscope.checking.robot import STEP, check_factors, check_model
 from wearscope.config import CarryOverSettings, StudyConfig, label, list_breaches, load_config
@@ -62,6 +63,7 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
             _try_detector(str(name), use, options, found)
     if study is None:
         return
+    found.add(*list_excesses(study))
     ranges = {name: (kind, low, high) for name, (kind, low, high) in study.factor_ranges().items()}
     for model in robots:
         worn = found.attempt(lambda model=model: model.wearing(study.worn_axes()))  # type: ignore[misc]

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from wearscope.cli.workflow import (
     keep_settings,
     merge,
     read_setting,
+    wait_turn,
 )
 from wearscope.errors import InputError, escape_text
 from wearscope.files import read_json
@@ -69,7 +71,8 @@ def run_targets(
         click.echo(f"Runs the workflow of {snakefile}, not the platform's.", err=True)
     log = folder / "results" / f"wearscope-{targets[0] if targets else 'all'}.log"
     seconds = [0.0]
-    with keep_settings(folder, config) as file, show_progress(verbose) as watch:
+    alone = nullcontext() if dry_run else wait_turn(folder, lambda told: click.echo(told, err=True))
+    with alone, keep_settings(folder, config) as file, show_progress(verbose) as watch:
 
         def keep_time(done, elapsed, line):  # type: ignore[no-untyped-def]
             seconds[0] = elapsed

@@ -1,5 +1,6 @@
 """Calls Snakemake: what is told while it works goes to a log file, what made it fail into one sentence."""
 
+import fcntl
 import json
 import os
 import re
@@ -159,6 +160,22 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
         yield path
     finally:
         path.unlink(missing_ok=True)
+
+
+@contextmanager
+def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
+    """Wait until no other command computes in a folder: of two at once, one would miss files of the other."""
+    path = folder / "results" / ".wearscope.lock"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say(f"Another command works in {folder}; this one waits for its end.")
+            fcntl.flock(file, fcntl.LOCK_EX)
+        except OSError:  # a file system without locks
+            pass
+        yield
 
 
 def build_command(
