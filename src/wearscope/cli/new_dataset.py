@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import click
+import yaml
 
 from wearscope.cli.new_robot import Numbers
 from wearscope.errors import InputError
@@ -66,6 +67,13 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
     metavar="X,X,...",
     help="N m/A, to have torque of current.",
 )
+@click.option("--turn", "turned", default="", metavar="A,B,...",
+              help="Columns of the data set (q_JOINT, tau_JOINT) that are turned round.")  # fmt: skip
+@click.option("--reading", type=click.Choice(["motor", "link", "without_gravity"]),
+              help="What the torques are.")  # fmt: skip
+@click.option("--session", "sessions", multiple=True, metavar="FILE=LABEL", help="Session of a recording.")
+@click.option("--payload-of", "payloads", multiple=True, metavar="FILE=KG[,X,Y,Z]",
+              help="Payload of one recording, and its centre.")  # fmt: skip
 @click.option("--topic", help="Of the joint states in a ROS 2 bag.")
 @click.option("--payload", type=float, help="Mass at the flange in all recordings [kg].")
 @click.option(
@@ -76,7 +84,7 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
               help="Effects that the model has to begin with.")  # fmt: skip
 @click.option("--accept", multiple=True, help="Refusal that is overruled, as its sentence words it.")
-def dataset(recordings, urdf, name, folder, joints, declare, servo, **stated):  # type: ignore[no-untyped-def]
+def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **stated):  # type: ignore[no-untyped-def]
     """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
 
     What is guessed (columns, units, clock, rate, which recording is the test) is said, and stands in
@@ -109,6 +117,12 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, **stated):  
         joints=_split(joints),
         patterns={kind: one for kind, one in patterns.items() if one},
         declared=_split(declare),
+        turned=_split(turned),
+        sessions=_by_file("session", stated.pop("sessions"), recordings),
+        payloads={
+            file: Numbers().convert(one, None, None)
+            for file, one in _by_file("payload-of", stated.pop("payloads"), recordings).items()
+        },
         servo=None if servo is None else read_servo_option(servo),
         **stated,
     )
@@ -133,6 +147,26 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
+def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]) -> dict[str, str]:
+    """Values of an option that is given as FILE=VALUE, by the file's name."""
+    found = {}
+    for entry in entries:
+        file, equals, value = entry.partition("=")
+        if not equals or Path(file).name not in {one.name for one in recordings}:
+            raise InputError(f"--{option} {entry}: is no FILE=VALUE of one of the recordings; correct it.")
+        found[Path(file).name] = value
+    return found
+
+
 def _name_option(problem: str) -> str:
-    """A refusal with the option that overrules it, in place of the line of a file that is not kept."""
-    return re.sub(r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml', r"give --accept '\2'", problem)
+    """A refusal with the options that follow it, in place of lines of a file that is not kept."""
+    turn = re.search(r'write "turned: \[(.*?)\]" in dataset.yaml', problem)
+    if turn is not None:
+        problem = problem.replace(turn[0], f"give --turn {turn[1].replace(' ', '')}")
+    problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
+
+    def give(match: re.Match[str]) -> str:
+        codes = yaml.safe_load(f"[{match[2]}]")
+        return "give " + " ".join(f"--accept '{code}'" for code in codes)
+
+    return re.sub(r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml', give, problem)

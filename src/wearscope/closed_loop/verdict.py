@@ -72,6 +72,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
         "verdict": entries,
         "events": events,
         "collision_thresholds": suggest_thresholds(prepared, diagnosis.predicted, events),
+        "torque": prepared.torque_readings,
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
         "stopped": [

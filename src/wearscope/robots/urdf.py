@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import (
@@ -104,7 +105,7 @@ def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tupl
 
 
 def _place_bodies(
-    tree: Tree, joints: Sequence[str]
+    tree: Tree, joints: Sequence[str], locked: Mapping[str, float]
 ) -> tuple[dict[str, list[tuple[str, Array, Array]]], list[Joint]]:
     """Links by the body that carries them with their pose in its frame, and the joints between bodies."""
     carrier = {tree.root: (tree.root, np.eye(3), np.zeros(3))}
@@ -114,6 +115,11 @@ def _place_bodies(
         body, rotation, translation = carrier[joint.parent]
         at = rotation @ np.array(joint.pose.xyz) + translation
         turned = rotation @ rpy_to_matrix(joint.pose.rpy)
+        angle, axis = locked.get(joint.name, 0.0), np.array(joint.axis)
+        if angle and joint.name not in joints:
+            at = at + angle * turned @ axis if joint.kind == "prismatic" else at
+            if joint.kind != "prismatic":
+                turned = turned @ Rotation.from_rotvec(angle * axis).as_matrix()
         if joint.name in joints:
             carrier[joint.child] = (joint.child, np.eye(3), np.zeros(3))
             bodies[joint.child] = [(joint.child, np.eye(3), np.zeros(3))]
@@ -136,9 +142,12 @@ def _lump(tree: Tree, name: str, parts: list[tuple[str, Array, Array]]) -> Link:
 
 
 def normalise_tree(
-    text_or_path: str | Path, joints: Sequence[str] | None = None, strict: bool = True
+    text_or_path: str | Path,
+    joints: Sequence[str] | None = None,
+    strict: bool = True,
+    locked: Mapping[str, float] | None = None,
 ) -> tuple[Tree, list[str]]:
-    """Do what `normalise_urdf` does; return the tree with notes on what was mended (none in strict mode)."""
+    """Do what `normalise_urdf` does, with joints locked at other angles; the tree and what was corrected."""
     tree = parse_urdf(text_or_path)
     source = read_urdf(text_or_path)[1]
     wanted = movable_joints(tree) if joints is None else list(joints)
@@ -152,7 +161,14 @@ def normalise_tree(
     for link in tree.links.values():
         if link.mass < 0.0:
             raise InputError(f"{source}: link '{link.name}' has the mass {link.mass:g} kg; correct it.")
-    bodies, kept = _place_bodies(tree, wanted)
+    locked = locked or {}
+    for name in locked:
+        if name not in movable_joints(tree):
+            raise InputError(
+                f"{source}: has no joint '{name}' to be locked; its movable joints are "
+                f"{', '.join(movable_joints(tree))}."
+            )
+    bodies, kept = _place_bodies(tree, wanted, locked)
     links, notes = {tree.root: Link(tree.root)}, []
     kept.sort(key=lambda joint: wanted.index(joint.name))
     for joint in kept:

@@ -189,6 +189,9 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
             )
         links[link.name] = link
     joints: dict[str, Joint] = {}
+    # Simulators weld a base to a frame of this name that nobody declares.
+    if "world" not in links and any(one.get("link") == "world" for one in robot.findall("joint/parent")):
+        links["world"] = Link("world")
     for element in robot.findall("joint"):
         joint = _read_joint(element, source)
         if not joint.name or joint.name in joints:

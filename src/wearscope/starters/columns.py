@@ -156,11 +156,22 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     for named, taken in by_name.items():
         if len(taken) == n:
             chosen = tuple(taken[k] for k in range(n))
-            # Numbered from 0 beside joints numbered from 1: the numbers count, as one column has no joint.
-            if not any(set(chosen) < set(numbered.values()) for numbered in by_number.values()):
+            # Numbered from 0 where the joints are from 1: the numbers count, as one column has no joint.
+            if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen]))
     return [Group(kind, chosen, find_unit(chosen[0], kind)) for chosen in ranked]
+
+
+def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Joints whose names stand in columns of positions."""
+    words = [split_name(_without_unit(column, "position")) for column in columns]
+    own = {joint: split_name(joint) for joint in joints}
+    return [
+        joint
+        for joint, name in own.items()
+        if any(_contains(one, name) and _is_kind(_remove(one, name), "position") for one in words)
+    ]
 
 
 def _rank(words: Sequence[str]) -> int:

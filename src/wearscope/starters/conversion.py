@@ -1,8 +1,9 @@
 """Recordings as they come, in the platform's columns: names, units, sides and clocks guessed and said."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,15 @@ from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf
 from wearscope.servos import ServoFields
-from wearscope.starters.columns import KINDS, Group, find_groups, find_time, is_commanded, match_pattern
+from wearscope.starters.columns import (
+    KINDS,
+    Group,
+    find_groups,
+    find_time,
+    is_commanded,
+    match_pattern,
+    name_joints,
+)
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import choose_servo_groups
@@ -20,8 +29,8 @@ from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 
 #: Positions are in degrees where they go so far [rad], or so far beyond the URDF's limits, as radians.
 _FARTHEST, _BEYOND = 4.0 * np.pi, 1.2
-#: Rates of two recordings may differ by this share.
-_OFF = 0.02
+#: Rates of two recordings may differ by this share: the reader brings them to one.
+_OFF = 0.15
 #: Share of a lone recording that is kept for training; a second of it then lies between training and test.
 _TRAINING, _GAP = 0.7, 1.0
 DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
@@ -55,6 +64,14 @@ class Mapped:
         Its centre of mass in the frame of the last joint's link [m].
     servo : ServoFields or None
         Whose law gives the torque.
+    turned : sequence of str
+        Columns of the data set that are turned round.
+    reading : str or None
+        What the torques are, as `torque` in dataset.yaml has it.
+    sessions : mapping of str to str
+        Label of a recording's session, by file name.
+    payloads : mapping of str to sequence of float
+        Mass [kg] and centre of mass [m] of a recording's payload, by file name.
     """
 
     joints: Sequence[str] = ()
@@ -75,6 +92,10 @@ class Mapped:
     payload: float | None = None
     payload_com: Sequence[float] = (0.0, 0.0, 0.0)
     servo: ServoFields | None = None
+    turned: Sequence[str] = ()
+    reading: str | None = None
+    sessions: Mapping[str, str] = field(default_factory=dict)
+    payloads: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
 
 @dataclass
@@ -84,6 +105,7 @@ class Recorded:
     name: str
     frame: pd.DataFrame
     use: str = "train"
+    file: str = ""
 
 
 @dataclass
@@ -137,16 +159,63 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     runs: list[Recorded] = []
     rates: list[float] = []
     opened: list[Path] = []
-    for file, frame, told in open_recordings(files, mapped.topic, mapped.servo is not None):
+    read = list(open_recordings(files, mapped.topic, mapped.servo is not None))
+    if not mapped.joints and "position" not in mapped.patterns:
+        _propose_joints(urdf, joints, read)
+    mapped = replace(mapped, position_unit=_choose_unit(read, ordered, mapped))
+    for file, frame, told in read:
         opened.append(file)
         run, rate = _convert(file, frame, ordered, mapped, told)
         _note(notes, told, file.name)
         rates.append(rate)
-        runs.append(Recorded(_name_run(file, runs), run))
+        runs.append(Recorded(_name_run(file, runs), run, file=file.name))
     rate = _common_rate(rates, opened, mapped.rate)
     notes.append(f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."))
     notes += _choose_uses(runs, opened, mapped.test, rate)
     return Converted(joints, prismatic, rate, runs, notes)
+
+
+def _propose_joints(
+    urdf: Path, joints: Sequence[str], read: Sequence[tuple[Path, pd.DataFrame, Any]]
+) -> None:
+    """Refuse a URDF with more joints than the columns, with those that the columns have."""
+    file, frame, _ = read[0]
+    columns = [str(column) for column in frame.columns]
+    named = name_joints(columns, joints)
+    if named and len(named) < len(joints) and not find_groups(columns, joints, "position"):
+        raise InputError(
+            f"{file}: has positions of {', '.join(named)}, and {urdf.name} moves {len(joints)} joints; give "
+            f"--joints {','.join(named)}."
+        )
+
+
+def _choose_unit(
+    read: Sequence[tuple[Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
+) -> str | None:
+    """Unit of the positions of all recordings, where their size tells it of some: a recorder has one unit."""
+    turning = [k for k, joint in enumerate(ordered) if joint.kind != "prismatic"]
+    if mapped.position_unit is not None or mapped.side != "joint" or not turning:
+        return mapped.position_unit
+    degrees, largest = [], []
+    for file, frame, _ in read:
+        group = _choose_groups(file, [str(c) for c in frame.columns], [one.name for one in ordered], mapped)
+        if group["position"].unit:
+            return None
+        values = frame[[group["position"].columns[k] for k in turning]]
+        size = values.apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
+        degrees.append(_are_degrees(size, [ordered[k] for k in turning]))
+        largest.append(float(np.abs(size).max(initial=0.0)))
+    if all(degrees) or not any(degrees):
+        return None
+    if np.mean(degrees) > 0.5:
+        return "deg"
+    worst = int(np.argmax(largest))
+    if largest[worst] > _FARTHEST:
+        raise InputError(
+            f"{read[worst][0]}: its positions reach {largest[worst]:.3g}, as degrees do, and those of most "
+            "others do not; give --position-unit rad or --position-unit deg, or leave the file out."
+        )
+    return "rad"
 
 
 def _note(notes: list[str], told: Sequence[str], file: str) -> None:
@@ -387,8 +456,8 @@ def _choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str
                 f"{files[0]}: is too short to be cut into a training and a test part; give a second one."
             )
         runs[:] = [
-            Recorded(f"{whole.name}_first", whole.frame.iloc[:cut]),
-            Recorded(f"{whole.name}_last", later, "test"),
+            replace(whole, name=f"{whole.name}_first", frame=whole.frame.iloc[:cut]),
+            replace(whole, name=f"{whole.name}_last", frame=later, use="test"),
         ]
         return [
             f"test: the last {100 * (1 - _TRAINING):.0f} % of the one recording; a second one would say more."

@@ -1,10 +1,12 @@
 """A measured-data folder of converted recordings."""
 
+import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from wearscope import tables
-from wearscope.starters.conversion import Converted, Mapped
+from wearscope.starters.conversion import Converted, Mapped, Recorded
 
 
 def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:
@@ -67,11 +69,25 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
         q, tau = (f"[{', '.join(one)}]" for one in kinds) if mixed else ("m", "N")
         lines.append(f"units: {{q: {q}, tau: {tau}}}")
     lines.append(f"declared_effects: [{', '.join(mapped.declared)}] # what the model has to begin with")
+    if mapped.reading is not None:
+        lines.append(f"torque: {mapped.reading}")
+    if mapped.turned:
+        lines.append(f"turned: [{', '.join(mapped.turned)}]")
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {one}" for one in mapped.accept]
     lines.append("runs:")
-    com = ", ".join(f"{one:g}" for one in mapped.payload_com)
-    payload = "" if mapped.payload is None else f", payload: {{mass: {mapped.payload:g}, com: [{com}]}}"
-    lines += [f"- {{file: runs/{run.name}.parquet, use: {run.use}{payload}}}" for run in converted.runs]
+    common = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
+    lines += [_describe_run(run, mapped, common) for run in converted.runs]
     return "\n".join(lines) + "\n"
+
+
+def _describe_run(run: Recorded, mapped: Mapped, common: Sequence[float] | None) -> str:
+    line = f"file: runs/{run.name}.parquet, use: {run.use}"
+    carried = mapped.payloads.get(run.file, common)
+    if carried is not None:
+        mass, *com = carried
+        line += f", payload: {{mass: {mass:g}, com: [{', '.join(f'{one:g}' for one in com or (0, 0, 0))}]}}"
+    if run.file in mapped.sessions:
+        line += f", session: {json.dumps(mapped.sessions[run.file])}"
+    return f"- {{{line}}}"

@@ -38,6 +38,7 @@ _OVERALL = (
     "sign gravity",
     "size gravity",
     "unrelated tau",
+    "without_gravity tau",
     "late tau",
 )
 

@@ -25,6 +25,8 @@ _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 _STEP = 0.03
 #: Share of the largest odd difference by which a step begins or ends; a move of least jerk has two thirds.
 _ABRUPT = 0.75
+#: Samples over which a joint that broke away moves on.
+_SLIDES = 6
 #: Most spikes of one channel that are still bridged, as a share of its rows.
 _MOST = 0.01
 #: Share of a run over which a frozen torque is a dead channel.
@@ -110,6 +112,13 @@ def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
     return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in beside)
 
 
+def _breaks_away(q: np.ndarray, net: float, low: int, high: int) -> bool:
+    """Whether a joint that rested moves on after odd differences: it broke away, and no count was lost."""
+    before = q[low] - q[max(low - _SLIDES, 0)]
+    after = q[min(high + 1 + _SLIDES, len(q) - 1)] - q[high + 1]
+    return bool(abs(before) < 0.1 * abs(net) and after * np.sign(net) > 0.2 * abs(net))
+
+
 def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool:
     """Whether the recorded speed says that joint `j` moved as far in odd differences."""
     if run.qd is None:
@@ -185,7 +194,7 @@ def _clean_position(
             continue
         elif not _is_abrupt(q, odd, low, high) or _is_recorded(run, odd, j, low, high):
             continue
-        elif _comes_back(q, net, low, high):
+        elif _comes_back(q, net, low, high) or _breaks_away(q, net, low, high):
             continue
         elif accepted.accepts(f"step q_{joint}"):
             told = f"column 'q_{joint}' steps by {net:.3g} at t = {t[high + 1]:.6g} s."

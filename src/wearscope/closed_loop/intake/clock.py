@@ -9,8 +9,9 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 
-#: The mean or the median step may differ from the stated one by this share.
-_OFF = 0.02
+#: The mean or the median step may differ from the stated one by this share; by the larger one where the
+#: recording is brought to the stated rate, which is noted.
+_OFF, _FAR_OFF = 0.02, 0.15
 #: A step is a loss of samples from this multiple of the longer of median and stated step, and a gap that
 #: splits the run where more samples than this are lost.
 _LOSS, _MOST_LOST = 1.6, 5
@@ -20,8 +21,8 @@ _MOST_REPEATED = 0.1
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
-def check_clock(where: str, t: np.ndarray, rate: float) -> None:
-    """Refuse a clock that is none, or another one than `sample_rate` says.
+def check_clock(where: str, t: np.ndarray, rate: float) -> list[str]:
+    """Refuse a clock that is none, or another one than `sample_rate` says; notes on one that is a bit off.
 
     Parameters
     ----------
@@ -59,7 +60,8 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> None:
         )
     median = float(np.median(steps))
     mean = float(np.mean(steps[steps < _LOSS * median]))
-    if min(abs(median * rate - 1.0), abs(mean * rate - 1.0)) > _OFF:
+    off = min(abs(median * rate - 1.0), abs(mean * rate - 1.0))
+    if off > _FAR_OFF:
         for unit, factor in _UNITS.items():
             if abs(median * rate / factor - 1.0) < _OFF:
                 raise InputError(
@@ -73,6 +75,7 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> None:
         )
     if t[-1] - t[0] < LEAST_TIME:
         raise InputError(f"{where}: lasts {t[-1] - t[0]:.3g} s; a run needs at least one second.")
+    return [f"recorded at {1 / mean:.4g} Hz and brought to {rate:g} Hz."] if off > _OFF else []
 
 
 def _find_losses(t: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:

@@ -44,8 +44,8 @@ class RunRecord:
     file, use : str
     payload : PayloadFields or None
     session : str or None
-    reach : ndarray (n,)
-        Span of each joint's position.
+    reach, quantum : ndarray (n,)
+        Span of each joint's position, and the step of its encoder; 0 where that does not show.
     load : callable
         Reads the recording: one `Run`, before its gaps split it.
     seconds : float
@@ -59,6 +59,7 @@ class RunRecord:
     payload: PayloadFields | None
     session: str | None
     reach: np.ndarray
+    quantum: np.ndarray
     load: Callable[[], Run]
     seconds: float = 0.0
     stretches: tuple[tuple[float, float], ...] | None = None
@@ -120,35 +121,44 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     path, joints = folder / entry.file, fields.robot.joints
     frame = read_columns(path)
     t = take_column(path, frame, "t")
-    check_clock(str(path), t, fields.sample_rate)
+    told = check_clock(str(path), t, fields.sample_rate)
+    uncounted = [f"tau_{joint}" for joint, reading in fields.readings().items() if reading == "none"]
+    frame = frame.assign(**dict.fromkeys(set(uncounted) - set(frame.columns), 0.0))
     q = take_joints(path, frame, "q", joints)
     torque = take_torques(path, frame, joints, fields.servos, t, q)
+    off = np.zeros(q.shape, dtype=bool) if torque.off is None else torque.off.copy()
+    off[:, [reading == "none" for reading in fields.readings().values()]] = True
+    speed = take_given(path, frame, "qd", joints)
+    way = {
+        kind: np.array([-1.0 if f"{kind}_{joint}" in fields.turned else 1.0 for joint in joints])
+        for kind in ("q", "tau")
+    }
     return Run(
         entry.file,
         entry.use,
         t - t[0],
-        q,
-        torque.tau,
-        take_given(path, frame, "qd", joints),
+        q * way["q"],
+        torque.tau * way["tau"],
+        None if speed is None else speed * way["q"],
         take_given(path, frame, "temp", joints),
         entry.payload,
         session=entry.session,
         channels={name: take_column(path, frame, name) for name in fields.channels},
         start=float(t[0]),
         quantum=estimate_quantum(q),
-        off=torque.off,
-        notes=torque.notes,
+        off=off if off.any() else None,
+        notes=(*(f"{path.name}: {one}" for one in told), *torque.notes),
     )
 
 
-def _check_run(path: Path, run: Run, joints: list[str]) -> None:
+def _check_run(path: Path, run: Run, fields: DatasetFields) -> None:
     """Refuse temperatures that no machine has, and torques that are constant though the joint moves."""
     t = run.temperature
     if t is not None and (np.nanmin(t) < _COLDEST or np.nanmax(t) > _HOTTEST):
         raise InputError(f"{path}: a temperature lies outside -60..250 deg C; give deg C.")
     reach = np.ptp(run.q, axis=0)
-    for i, joint in enumerate(joints):
-        if np.ptp(run.tau[:, i]) == 0.0 and reach[i] > max(1e-3 * reach.max(), 1e-9):
+    for i, (joint, reading) in enumerate(fields.readings().items()):
+        if reading != "none" and np.ptp(run.tau[:, i]) == 0.0 and reach[i] > max(1e-3 * reach.max(), 1e-9):
             raise InputError(
                 f"{path}: column 'tau_{joint}' is constant ({run.tau[0, i]:g}); the channel is dead or "
                 "saturated, record it again or leave the joint out."
@@ -162,7 +172,7 @@ def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
         try:
             find_inside(folder, entry.file, f"{folder / 'dataset.yaml'}: runs[].file")
             run = _read_run(folder, entry, fields)
-            _check_run(folder / entry.file, run, fields.robot.joints)
+            _check_run(folder / entry.file, run, fields)
             split_at_gaps(run, fields.sample_rate, str(folder / run.file))
         except InputError as error:
             found.append(str(error))
@@ -178,12 +188,13 @@ def _read_records(
     for entry in fields.runs:
         run = _read_run(folder, entry, fields)
         told += run.notes
-        _check_run(folder / entry.file, run, fields.robot.joints)
+        _check_run(folder / entry.file, run, fields)
         split_at_gaps(run, fields.sample_rate, str(folder / run.file))
         signatures.append(sign_run(run, fields.sample_rate))
         load = partial(_read_run, folder, entry, fields)
         reach, seconds = np.ptp(run.q, axis=0), float(run.t[-1])
-        records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, load, seconds))
+        quantum = np.zeros(len(reach)) if run.quantum is None else run.quantum
+        records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, quantum, load, seconds))
     notes += merge_notes(told)
     _check_torques(folder, signatures, fields)
     return records, signatures
@@ -193,8 +204,8 @@ def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFie
     """Refuse a torque that is constant in every train run."""
     train = [s.spread for s, entry in zip(signatures, fields.runs, strict=True) if entry.use == "train"]
     largest = np.max(train, axis=0)
-    for i, joint in enumerate(fields.robot.joints):
-        if largest[i] == 0.0:
+    for i, (joint, reading) in enumerate(fields.readings().items()):
+        if reading != "none" and largest[i] == 0.0:
             raise InputError(
                 f"{folder}: column 'tau_{joint}' is constant in every train run; the channel is dead, record "
                 "it again or leave the joint out."
@@ -285,6 +296,10 @@ def read_dataset(
         fields = fields.model_copy(update={"runs": choose(fields)})
     urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
     check_file(urdf, "correct robot.urdf in dataset.yaml")
+    if set(fields.readings().values()) == {"without_gravity"}:
+        robot = fields.robot.model_copy(update={"gravity": [0.0, 0.0, 0.0]})
+        fields = fields.model_copy(update={"robot": robot})
+        notes.append("the torques have no gravity in them, as 'torque' says: the model has none either.")
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))
     runs, signatures = _read_records(folder, fields, notes)
     notes += told + _check_repeats(path, runs, signatures, accepted)

@@ -43,6 +43,9 @@ _PositionUnit = Literal["rad", "m"]
 _TorqueUnit = Literal["N m", "N"]
 
 
+TorqueReading = Literal["motor", "link", "without_gravity", "none"]
+
+
 class _Fields(BaseModel):
     model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
 
@@ -73,6 +76,7 @@ class RobotFields(_Fields):
     torque_limit: list[_Number] | None = None
     gear_ratio: list[_Number] | None = None
     rotor_inertia: list[_Number] | None = None
+    locked: dict[str, _Number] = {}
 
 
 class UnitFields(_Fields):
@@ -96,8 +100,16 @@ class DatasetFields(_Fields):
     channels: dict[str, str] = {}
     servo: dict[str, Any] | None = None
     accept: _Names = []
+    torque: TorqueReading | dict[str, TorqueReading] = "motor"
+    turned: _Names = []
     reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
+
+    def readings(self) -> dict[str, TorqueReading]:
+        """What each joint's torque column is."""
+        if isinstance(self.torque, dict):
+            return {joint: self.torque.get(joint, "motor") for joint in self.robot.joints}
+        return dict.fromkeys(self.robot.joints, self.torque)
 
     @property
     def servos(self) -> dict[str, ServoFields]:
@@ -285,6 +297,7 @@ def list_conflicts(path: Path, fields: DatasetFields) -> list[str]:
         partial(_check_by_joint, path, fields.robot),
         partial(_check_effects, path, fields),
         partial(_check_channels, path, fields),
+        partial(_check_columns, path, fields),
         partial(_check_runs, path, fields),
         partial(read_servos, str(path), fields.servo, fields.robot.joints),
         partial(check_fields, path, fields),
@@ -350,6 +363,25 @@ def _check_channels(path: Path, fields: DatasetFields) -> None:
             raise InputError(
                 f"{path}: channels: '{name}' is a column that the format already gives a meaning; name "
                 "only further columns."
+            )
+
+
+def _check_columns(path: Path, fields: DatasetFields) -> None:
+    """What the columns are said to be: the torque's reading, and those that are turned round."""
+    joints = fields.robot.joints
+    for joint in fields.torque if isinstance(fields.torque, dict) else ():
+        if joint not in joints:
+            raise InputError(f"{path}: torque: there is no joint '{joint}'; choose from {', '.join(joints)}.")
+    if set(fields.readings().values()) == {"none"}:
+        raise InputError(f"{path}: torque is 'none' at every joint; leave it out where the torque counts.")
+    columns = [f"{kind}_{joint}" for kind in ("q", "tau") for joint in joints]
+    for column in fields.turned:
+        if column not in columns:
+            raise InputError(f"{path}: turned: '{column}' is none of {', '.join(columns)}; name one of them.")
+    for joint in fields.robot.locked:
+        if joint in joints:
+            raise InputError(
+                f"{path}: robot.locked: joint '{joint}' is one of robot.joints; leave it out of one of them."
             )
 
 

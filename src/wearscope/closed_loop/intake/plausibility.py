@@ -1,102 +1,234 @@
 """Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-Every run is asked on its own, against the declared rigid body, so that it holds for any robot. A run whose
-torque the stated reading of its columns explains is believed. Where it explains little and another reading
-explains far more, in that run and in most of the others that the stated one explains as little, the data set
-is refused with that reading as the remedy, unless `accept` in `dataset.yaml` says that the data are right as
-they are. What the model lacks may look like another reading along one motion, and not along several.
+The readings of the columns are weighed for all runs together, then for those runs that the stated reading
+does not explain. A data set is refused with the reading that is clearly best as the remedy, unless `accept`
+in `dataset.yaml` says that the data are right as they are; a reading that changes no number is a note.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
+from scipy import interpolate
 
-from wearscope.closed_loop.intake.channel_hypotheses import (
-    Reading,
-    Sample,
-    columns_for,
-    explains_more,
-    fit_joint,
-    list_readings,
-    misfits,
-    misfits_with_load,
-    scale_factors,
-    take_sample,
-    total_misfit,
-)
-from wearscope.closed_loop.intake.channel_lag import find_lag
-from wearscope.closed_loop.intake.filtering import differentiate, low_pass
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.readings import Asked, Reading, find_reading
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
-#: A joint is doubted above this misfit; another reading must leave less than a share of it and than a bound.
-_DOUBTFUL, _BETTER, _GOOD = 0.15, 0.25, 0.25
-#: Total misfits that differ by less are alike.
-_ALIKE = 0.02
-#: A run is refused without a remedy where this share of the variance stays at half of its joints.
+#: Share of a torque's variance above which a joint, or a run, is doubted.
+_DOUBTFUL = 0.15
+#: A data set is refused without a remedy where this share of the variance stays at half of its joints.
 _HOPELESS = 0.8
-#: A lag of all channels beyond this [s] is the recorder's; it must halve the misfit.
-_LAG, _LONGEST = 0.025, 0.5
-#: Torque over need beyond which a scale is no model error; further inertia over the rigid body's.
-_SMALL, _LARGE, _ROTOR = 0.25, 4.0, 300.0
+#: Most rows of all runs, and of one run, that the readings are weighed on.
+_MOST_ROWS, _MOST_OF_RUN = 4000, 1200
+#: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
+#: explains all but a share of it.
+_QUIET, _IDLE = 0.2, 0.3
+#: Counts of a torque that a joint which holds still may swing by.
+_COUNTS = 5.0
+#: Share of its reach below which a joint rests in a run.
+_RESTS = 1e-2
+#: Share of a torque's variance below which there is no friction in it; factor below which there is no body.
+_NO_FRICTION, _NO_BODY = 1e-4, 0.1
 
 
 def check_plausibility(prepared: Prepared) -> None:
     """Refuse data that another reading of the columns explains and the stated one does not.
 
-    Notes on what is accepted, and on entries of `accept` that overrule nothing, are added to the notes.
+    Notes on what is accepted, on readings that change no number, and on entries of `accept` that overrule
+    nothing, are added to the notes.
 
     Raises
     ------
     InputError
-        Naming the run, the columns and what they look like.
+        Naming the runs, the columns and what they look like.
     """
     asked = ask_runs(prepared)
-    for one in asked:
-        others = [other for other in asked if other is not one]
-        _check_limits(prepared, one.run, one.stated)
-        if one.run.piece < 2:
-            _check_speeds(prepared, one.run)
-        _check_readings(prepared, one, others)
-        _check_frozen(prepared, one.run)
-        _check_lag(prepared, one, others)
+    left = np.array([asked.pick(asked.run == run).products.fit().left for run in range(len(prepared.runs))])
+    for run, own in zip(prepared.runs, left, strict=True):
+        _check_limits(prepared, run, own)
+        if run.piece < 2:
+            _check_speeds(prepared, run)
+        _check_frozen(prepared, run)
+    _check_readings(prepared, asked, left)
+    _check_unrelated(prepared, asked, left)
+    _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
 
 
-@dataclass(frozen=True)
-class AskedRun:
-    """A run, rows of it, and the misfits (n,) of the stated reading; NaN where a joint says nothing."""
-
-    run: PreparedRun
-    sample: Sample
-    stated: np.ndarray
-
-    @property
-    def doubtful(self) -> np.ndarray:
-        """Joints (n,) of bool that the stated reading does not explain."""
-        return np.asarray(np.nan_to_num(self.stated) > _DOUBTFUL)
-
-
-def ask_runs(prepared: Prepared) -> list[AskedRun]:
-    """Every run with the misfits of its stated reading."""
+def ask_runs(prepared: Prepared) -> Rows:
+    """Rows of all runs as stated, those of idle drives left out."""
+    reach = np.max([np.ptp(run.signals.q, axis=0) for run in prepared.runs], axis=0)
     usual = np.median([_torque_spread(run) for run in prepared.runs], axis=0)
     inertia, inertials = known_inertia(prepared.dataset), prepared.dataset.fields.robot.inertials
-    samples = [take_sample(run, inertia, inertials, usual) for run in prepared.runs]
-    return [
-        AskedRun(run, sample, np.where(sample.heard, misfits(sample), np.nan))
-        for run, sample in zip(prepared.runs, samples, strict=True)
-    ]
+    parts: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("q", "v", "a", "sign", "tau", "counts", "run")
+    }
+    for k, run in enumerate(prepared.runs):
+        s, at = run.signals, _pick(run, len(prepared.runs))
+        for name, x in (("q", s.q), ("v", s.v), ("a", s.a), ("sign", s.sign)):
+            parts[name].append(run.reduce(x)[at])
+        parts["tau"].append(run.measured[at])
+        travels = np.ptp(s.q, axis=0) > _RESTS * reach
+        parts["counts"].append(run.keep[at] & prepared.moving & travels)
+        parts["run"].append(np.full(len(run.t[at]), k))
+    whole = {name: np.concatenate(part) for name, part in parts.items()}
+    every = Rows(
+        whole["q"],
+        whole["v"],
+        whole["a"],
+        whole["sign"],
+        whole["tau"],
+        whole["counts"],
+        whole["run"],
+        tuple(run.signals.rigid_body for run in prepared.runs),
+        inertia,
+        prepared.top_speed,
+        inertials,
+    )
+    for k, run in enumerate(prepared.runs):
+        own = every.run == k
+        quiet = _torque_spread(run) <= _QUIET * usual
+        if quiet.any():
+            left = every.pick(own).products.fit_sizes()[1]
+            for j in np.flatnonzero(quiet & ~(left < _IDLE)).tolist():
+                every.counts[own, j] = False
+                if np.ptp(run.signals.q[:, j]) > 0.0:
+                    prepared.notes.append(
+                        f"{run.label}: tau_{prepared.dataset.joints[j]} hardly varies, as of a joint that is "
+                        "not driven; no reading of the columns is weighed on it."
+                    )
+    return every
 
 
-def _refuse(prepared: Prepared, run: PreparedRun, told: str, *codes: str) -> None:
+def _pick(run: PreparedRun, runs: int) -> slice:
+    most = min(_MOST_OF_RUN, max(_MOST_ROWS // runs, 3 * LEAST_ROWS))
+    return slice(None, None, max(1, len(run.t) // most))
+
+
+def _refuse(prepared: Prepared, where: str, told: str, *codes: str) -> None:
     """Refuse by inference; noted instead where the data set accepts it."""
-    where = str(prepared.dataset.folder / run.file)
     note = prepared.dataset.accepted.refuse(where, told, *codes)
     if note not in prepared.notes:
         prepared.notes.append(note)
+
+
+def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
+    """Readings of all runs together, then of those runs that the stated one does not explain."""
+    doubtful = np.flatnonzero(np.nan_to_num(left).max(axis=1) > _DOUBTFUL)
+    worst = doubtful[np.argsort(-np.nansum(left[doubtful], axis=1))][:1]
+    groups = [np.arange(len(prepared.runs))]
+    for group in (doubtful, worst):
+        if len(group) and len(group) < len(groups[-1]):
+            groups.append(group)
+    taken: set[str] = {"late tau"} if TIME_DELAY.name in prepared.dataset.fields.declared_effects else set()
+    for group in groups:
+        rows_of_group = whole.pick(np.isin(whole.run, group))
+        while (found := find_reading(_ask(prepared, rows_of_group), frozenset(taken))) is not None:
+            taken.update(found.codes)
+            if not _is_borne_out(prepared, whole, found, np.setdiff1d(doubtful, group)):
+                continue
+            where = prepared.dataset.folder
+            if len(group) < len(prepared.runs):
+                where = where / prepared.runs[group[0]].file
+            _refuse(prepared, str(where), found.told, *found.codes)
+
+
+def _is_borne_out(prepared: Prepared, whole: Rows, found: Reading, others: np.ndarray) -> bool:
+    """Whether a reading of some runs suits most others that the stated one does not explain either."""
+    better = []
+    for run in others.tolist():
+        own = find_reading(_ask(prepared, whole.pick(whole.run == run)))
+        better.append(own is not None and own.codes == found.codes)
+    return not better or bool(np.mean(better) >= 0.5)
+
+
+def _ask(prepared: Prepared, own: Rows) -> Asked:
+    """What other readings of some rows need."""
+    dataset, runs = prepared.dataset, np.unique(own.run).tolist()
+    count = len(prepared.runs)
+
+    torques = [interpolate.CubicSpline(prepared.runs[k].t, prepared.runs[k].measured) for k in runs]
+
+    def torque_at(delay: float) -> np.ndarray:
+        parts = []
+        for k, spline in zip(runs, torques, strict=True):
+            run = prepared.runs[k]
+            t = run.t[_pick(run, count)] + delay
+            parts.append(spline(np.clip(t, run.t[0], run.t[-1])))
+        return np.concatenate(parts)
+
+    def swapped(j: int) -> Rows:
+        columns = {name: getattr(own, name).copy() for name in ("q", "v", "a", "sign", "tau")}
+        for k in runs:
+            run = prepared.runs[k]
+            q = low_pass(run.tau[:, j], run.band.torque, run.band.rate)
+            v = differentiate(q, run.band.rate)
+            kept = rows(run.band, len(q))
+            a = differentiate(v, run.band.rate)
+            for name, x in (("q", q), ("v", v), ("a", a), ("sign", np.sign(v))):
+                columns[name][own.run == k, j] = x[kept][_pick(run, count)]
+        columns["tau"][:, j] = own.q[:, j]
+        return replace(own, **columns)
+
+    slides = [unit == "m" for unit in dataset.position_unit]
+    return Asked(own, slides, dataset.joints, torque_at, swapped, dataset.fields.robot.gear_ratio)
+
+
+def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
+    """Torques of which the motion explains next to nothing, in a run."""
+    for k, run in enumerate(prepared.runs):
+        own = whole.pick(whole.run == k)
+        heard = own.products.heard
+        if not heard or np.median(left[k, heard]) <= _HOPELESS:
+            continue
+        free = np.median([_free_misfit(own, j) for j in heard])
+        if free > _HOPELESS:
+            told = (
+                f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "
+                "middle joint's); check that the columns belong together, their units, and the URDF."
+            )
+            _refuse(prepared, str(prepared.dataset.folder / run.file), told, "unrelated tau")
+
+
+def _free_misfit(own: Rows, j: int) -> float:
+    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
+    at = own.counts[:, j]
+    y, q = own.tau[at, j], own.q[at, j]
+    centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)
+    smooth = [((q - centre) / half) ** k for k in range(5)]
+    x = np.column_stack([own.known[at, j], own.a[at, j], own.sign[at, j], own.v[at, j], *smooth])
+    left = y - x @ fit_rough([x], [y])
+    return float(np.sum(left**2) / np.sum((y - y.mean()) ** 2))
+
+
+def _note_body(prepared: Prepared, whole: Rows) -> None:
+    """Readings that change no number: torques without friction, and bodies of which nothing is seen."""
+    fit, joints = whole.products.fit(), prepared.dataset.joints
+    factor, loose, without = whole.products.fit_sizes()
+    link = [joints[j] for j in whole.products.heard if fit.shares[j, 0] < _NO_FRICTION and fit.left[j] < 0.05]
+    prepared.link_side = frozenset(link)
+    if link:
+        prepared.notes.append(
+            f"{', '.join(link)}: there is no friction to be seen in this torque, as behind the gear (link "
+            'side); "torque: link" in dataset.yaml says so and changes no number.'
+        )
+    for j in whole.products.heard:
+        small = (0.0 < factor[j] < _NO_BODY or without[j] < 1.1 * loose[j]) and without[j] < _DOUBTFUL
+        if small and _needs_body(whole, j):
+            prepared.notes.append(
+                f"{joints[j]}: next to nothing of the rigid body is seen in this torque; likely causes: "
+                'gravity was taken out ("torque: without_gravity"), or masses are far too large.'
+            )
+
+
+def _needs_body(whole: Rows, j: int) -> bool:
+    at = whole.counts[:, j]
+    return bool(whole.known[at, j].std() > 0.5 * whole.tau[at, j].std())
 
 
 def _torque_spread(run: PreparedRun) -> np.ndarray:
@@ -123,7 +255,7 @@ def _check_limits(prepared: Prepared, run: PreparedRun, stated: np.ndarray) -> N
                 f"column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's limits are {joint.lower:.3g} "
                 f"to {joint.upper:.3g} {unit}; if it is in {other}, convert it to {unit}."
             )
-            _refuse(prepared, run, told, f"limits q_{joint.name}")
+            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
 
 
 def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
@@ -145,154 +277,7 @@ def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
                 f"column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' (correlation "
                 f"{alike:.2f}); give the joint's speed in rad/s or m/s, or leave the column out."
             )
-            _refuse(prepared, run, told, f"speed qd_{joint}")
-
-
-def _check_readings(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> None:
-    """Degrees, swapped columns, opposite signs, motor-side torque and the like."""
-    run, sample, stated, doubtful = one.run, one.sample, one.stated, one.doubtful
-    if not doubtful.any():
-        _check_inertia(prepared, run, sample)
-        return
-    while doubtful.any():
-        found = _find_reading(prepared, run, sample, stated, doubtful)
-        if found is None:
-            break
-        told, codes, joints = found
-        if _is_borne_out(prepared, others, codes, joints):
-            _refuse(prepared, run, told, *codes)
-        # What is accepted, or not borne out, is right as it is: no other reading is sought for these joints.
-        doubtful = doubtful & ~np.isin(np.arange(prepared.n), joints)
-        stated = np.where(np.isin(np.arange(prepared.n), joints), np.nan, stated)
-    heard = np.isfinite(stated)
-    lenient = np.array([_free_misfit(sample, j) if heard[j] else np.nan for j in range(prepared.n)])
-    if heard.any() and np.nanmedian(lenient) > _HOPELESS and np.nanmedian(stated) > _HOPELESS:
-        explained = 100 * max(0.0, 1 - float(np.nanmedian(lenient)))
-        told = (
-            "the motion explains next to nothing of the torque "
-            f"({explained:.0f} % of the middle joint's); check that the columns belong together, their "
-            "units, and the URDF."
-        )
-        _refuse(prepared, run, told, "unrelated tau")
-
-
-#: What is wrong, its codes, and the joints that it concerns.
-_Found = tuple[str, list[str], list[int]]
-
-
-def _find_reading(
-    prepared: Prepared, run: PreparedRun, sample: Sample, stated: np.ndarray, doubtful: np.ndarray
-) -> _Found | None:
-    """The reading that explains the doubtful joints far better than the stated one, if there is one."""
-    dataset = prepared.dataset
-    slides = [unit == "m" for unit in dataset.position_unit]
-    scale, found = _judge_scale(prepared, sample, doubtful)
-    # A mere scale is told where no reading of its own does as well; of readings alike, the first.
-    best = scale + _ALIKE
-    many = doubtful.sum() >= 0.5 * np.isfinite(stated).sum()
-    for reading in list_readings(run, dataset.joints, slides, doubtful):
-        concerned = list(reading.joints) or np.flatnonzero(doubtful).tolist()
-        if (not reading.joints and not many) or not np.isfinite(stated[concerned]).any():
-            continue
-        total = _judge_reading(reading, sample, stated, concerned)
-        if total < best:
-            best, found = total - _ALIKE, (reading.told, [reading.code], concerned)
-    return found
-
-
-def _is_borne_out(prepared: Prepared, others: list[AskedRun], codes: list[str], joints: list[int]) -> bool:
-    """Whether a reading explains more than the stated one in most other runs where these joints are doubtful.
-
-    Also where it cannot be asked of any.
-    """
-    dataset = prepared.dataset
-    slides = [unit == "m" for unit in dataset.position_unit]
-    better = []
-    for other in others:
-        if not other.doubtful[joints].any():
-            continue
-        for reading in list_readings(other.run, dataset.joints, slides, other.doubtful):
-            if [reading.code] == codes:
-                own = other.doubtful.nonzero()[0] if not reading.joints else joints
-                left = misfits(reading.change(other.sample))
-                better.append(np.nansum(left[own]) < np.nansum(other.stated[own]))
-    return not better or bool(np.mean(better) >= 0.5)
-
-
-def _judge_reading(reading: Reading, sample: Sample, stated: np.ndarray, concerned: list[int]) -> float:
-    """Total misfit of a reading; infinite where it does not explain what it concerns far better."""
-    read = reading.change(sample)
-    left = misfits(read)
-    worst = float(np.nanmax(stated[concerned]))
-    total = total_misfit(left, sample.heard)
-    if not all(left[j] < min(_BETTER * worst, _GOOD) for j in concerned):
-        return np.inf
-    if total >= 0.5 * total_misfit(stated, sample.heard):
-        return np.inf
-    return total if explains_more(sample, reading, read, stated) else np.inf
-
-
-def _judge_scale(prepared: Prepared, sample: Sample, doubtful: np.ndarray) -> tuple[float, _Found | None]:
-    """Motor-side torque, newton-millimetres, masses in grams: the misfits left, and what to say."""
-    dataset = prepared.dataset
-    factors, left = scale_factors(sample, doubtful)
-    with np.errstate(invalid="ignore"):
-        off = (np.abs(factors) < _SMALL) | (np.abs(factors) > _LARGE)
-    if not off.any():
-        return np.inf, None
-    total = total_misfit(left, sample.heard)
-    if np.nanmin(np.abs(factors[off])) > _LARGE and _is_load(sample, off, total):
-        return np.inf, None
-    ratio = dataset.fields.robot.gear_ratio
-    factor = float(np.median(factors[off]))
-    hint = (
-        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
-    )
-    if ratio is not None and 0.3 < abs(factor * float(np.median(np.abs(np.array(ratio)[off])))) < 3.0:
-        hint = "it looks like motor-side torque: multiply it with the gear ratio"
-    elif 0.7 < abs(factor) * 180.0 / np.pi < 1.4:
-        hint += ", and that q is in rad"
-    names = [dataset.joints[j] for j in np.flatnonzero(off)]
-    columns = ", ".join(f"'tau_{name}'" for name in names)
-    verb = "is" if off.sum() == 1 else "are"
-    told = f"{columns} {verb} {factor:.3g} times what the rigid body needs; {hint}."
-    codes = [f"gain tau_{name}" for name in names]
-    return total, (told, codes, np.flatnonzero(off).tolist())
-
-
-def _is_load(sample: Sample, off: np.ndarray, total: float) -> bool:
-    """Whether a load that nobody declared leaves no more than a scale of the joints `off` does in all."""
-    left = misfits_with_load(sample)
-    return bool((left[off] < _GOOD).all()) and total_misfit(left, sample.heard) < total + _ALIKE
-
-
-def _check_inertia(prepared: Prepared, run: PreparedRun, sample: Sample) -> None:
-    """Torque in too small a unit on a robot without gravity, where rotors could stand for any factor."""
-    known = sample.known()
-    shares, names = [], []
-    for j in np.flatnonzero(prepared.moving):
-        misfit, theta = fit_joint(sample, known, int(j))
-        if np.isfinite(misfit) and sample.heard[j]:
-            shares.append(theta[1] * sample.a[:, j].std() / max(known[:, j].std(), 1e-300))
-            names.append(prepared.dataset.joints[j])
-    if shares and min(shares) > _ROTOR:
-        told = (
-            f"the torques are {min(shares):.3g} times what the rigid body needs; give torque on the joint "
-            "side of the gear in N m (or N)."
-        )
-        _refuse(prepared, run, told, *(f"gain tau_{name}" for name in names))
-
-
-def _free_misfit(sample: Sample, j: int) -> float:
-    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
-    at = sample.counts[:, j]
-    y = sample.tau[at, j]
-    q = sample.q[at, j]
-    centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)
-    u = (q - centre) / half
-    x = np.column_stack([columns_for(sample, sample.known(), j), *(u**k for k in range(1, 5))])
-    left = y - x @ fit_rough([x], [y])
-    return float(np.sum(left**2) / np.sum((y - y.mean()) ** 2))
+            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"speed qd_{joint}")
 
 
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
@@ -305,6 +290,8 @@ def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
         load = run.reduce(run.known[:, [j]])[:, 0]
         swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])
         usual = max(_span(other.measured[:, j]) for other in prepared.runs)
+        if torque < _COUNTS * float(estimate_quantum(run.tau[:, [j]])[0]):
+            continue
         steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
         if steady and min(swing, torque) > 0.5 * usual and swing + torque > 1.6 * _span(load):
             joint = prepared.dataset.joints[j]
@@ -312,41 +299,8 @@ def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
                 f"column 'q_{joint}' never changes while 'tau_{joint}' swings by {torque:.3g}; the encoder's "
                 "channel is dead, record the run again or leave it out."
             )
-            _refuse(prepared, run, told, f"frozen q_{joint}")
+            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"frozen q_{joint}")
 
 
 def _span(x: np.ndarray) -> float:
     return float(np.ptp(np.percentile(x, [2, 98])))
-
-
-def _check_lag(prepared: Prepared, one: AskedRun, others: list[AskedRun]) -> None:
-    """A delay between the torque and the position channels of the whole recorder.
-
-    Of one joint it is believed where it is the same in most of the runs in which that one is as doubtful; not
-    where it is near what all runs have in their middle, which is little.
-    """
-    if TIME_DELAY.name in prepared.dataset.fields.declared_effects:
-        return
-    lag, ratio = find_lag(one.sample, _LONGEST)
-    heard = np.isfinite(lag)
-    if not heard.any():
-        return
-    middle = float(np.median(lag[heard]))
-    agree = np.abs(lag[heard] - middle) < 0.01
-    if abs(middle) >= _LAG and agree.mean() >= 0.75 and float(np.median(ratio[heard])) < 0.5:
-        every = [lag, *(find_lag(other.sample, _LONGEST)[0] for other in others)]
-        common = float(np.nanmedian(every))
-        if max(abs(common), abs(middle - common)) < _LAG:
-            return
-        if heard.sum() == 1:
-            lags = [
-                find_lag(other.sample, _LONGEST)[0][heard] for other in others if other.doubtful[heard].any()
-            ]
-            if lags and np.mean(np.abs(np.array(lags) - middle) < 0.01) < 0.5:
-                return
-        late = "late" if middle > 0 else "early"
-        told = (
-            f"the torque channels come {1000 * abs(middle):.0f} ms {late} against the positions; align the "
-            "channels, or declare time_delay."
-        )
-        _refuse(prepared, one.run, told, "late tau")

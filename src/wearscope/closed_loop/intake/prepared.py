@@ -89,6 +89,8 @@ class Prepared:
         How each joint's direction of motion changes.
     top_speed : ndarray (n,)
         Largest speed of each joint in the training runs [rad/s or m/s].
+    link_side : frozenset of str
+        Joints in whose torque there is no friction to be seen.
     """
 
     dataset: Dataset
@@ -99,6 +101,16 @@ class Prepared:
     notes: list[str]
     reversals: Reversals = field(default_factory=lambda: Reversals.over(np.zeros(0)))
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    link_side: frozenset[str] = frozenset()
+
+    @property
+    def torque_readings(self) -> dict[str, str]:
+        """What each joint's torque was taken for."""
+        stated = self.dataset.fields.readings()
+        return {
+            joint: "link" if reading == "motor" and joint in self.link_side else reading
+            for joint, reading in stated.items()
+        }
 
     @property
     def n(self) -> int:

@@ -32,11 +32,13 @@ from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped,
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
 from wearscope.effects.base import Signals
 from wearscope.errors import InputError
-from wearscope.robots.urdf import TINY_MASS, normalise_tree
-from wearscope.robots.urdf_file import write_urdf
+from wearscope.robots.urdf import TINY_MASS, movable_joints, normalise_tree
+from wearscope.robots.urdf_file import parse_urdf, write_urdf
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
+#: Share of the largest speed of any joint below which one is still, of which no encoder's step is known.
+_STILL = 1e-6
 #: Ends of a recording that are left out, in periods of the motion filter's cut-off.
 _END_PERIODS = 1.0
 #: Fewest rows of a run after the filters.
@@ -74,6 +76,8 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     runs = []
     while sources:
         runs.append(finish_run(sources.pop(0), rate, band, factor, inertia, reversals, motion))
+    for run in runs:
+        run.keep[:, [reading == "none" for reading in dataset.fields.readings().values()]] = False
     runs = leave_out_short(dataset, runs, band, notes)
     notes += _describe(dataset, band, rate, factor)
     return Prepared(dataset, urdf, runs, band, motion.moving, notes, reversals, motion.top_speed)
@@ -81,7 +85,14 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
 
 def normalise_robot(source: str | Path, dataset: Dataset) -> tuple[str, list[str]]:
     """Normalised URDF of a robot and what was corrected in it; refused where no moving link has a mass."""
-    tree, told = normalise_tree(source, dataset.joints, strict=False)
+    locked = dataset.fields.robot.locked
+    tree, told = normalise_tree(source, dataset.joints, strict=False, locked=locked)
+    silent = [name for name in movable_joints(parse_urdf(source)) if name not in (*dataset.joints, *locked)]
+    if silent:
+        told.append(
+            f"{', '.join(silent[:6])}{' and others' if len(silent) > 6 else ''}: locked at 0, as "
+            "robot.locked states no angle."
+        )
     if all(tree.links[joint.child].mass <= TINY_MASS for joint in tree.joints):
         raise InputError(f"{source}: no link that the joints move has a mass; give the URDF its <inertial>s.")
     return write_urdf(tree), told
@@ -94,7 +105,7 @@ def make_rough(
     made = differentiate_run(source.run, rate, cutoff, motion.top_speed)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     known = source.body.inverse_dynamics(q, v, a) + inertia * a
-    slow = np.abs(v) < made.sure_speed
+    slow = np.abs(v) < np.maximum(made.sure_speed, _STILL * motion.top_speed.max())
     sign = np.sign(v)
     return RoughRun(
         source.run.use,
@@ -131,7 +142,7 @@ def bridge_gaps(
             np.column_stack([np.interp(source.run.t, run.t, column) for column in x.T])
             for x in (guess, run.v)
         )
-        clipped = find_clipped(source.run.tau, predicted, v, limits)
+        clipped = find_clipped(source.run.tau, predicted, v, limits) & ~run.slow.all(axis=0)
         for j in map(int, np.flatnonzero(clipped.any(axis=0))):
             notes.append(
                 f"{source.run.label}: tau_{dataset.joints[j]} is at a limit in {int(clipped[:, j].sum())} "
@@ -141,19 +152,24 @@ def bridge_gaps(
         tau = bridge_torque(source.run.tau, predicted, faulty)
         bridged.append(replace(source, run=replace(source.run, tau=tau), faulty=faulty))
         seen.append(replace(run, tau=decimate(tau, factor), faulty=_thin_marks(faulty, factor)))
-    _check_share(dataset, bridged, notes)
+    _check_share(dataset, bridged, seen, factor, notes)
     return bridged, seen
 
 
-def _check_share(dataset: Dataset, sources: list[Source], notes: list[str]) -> None:
-    """Refuse a joint of whose training torque too much is clipped or frozen: the rest is a biased choice."""
-    train = [s for s in sources if s.run.use == "train"]
-    off = [np.zeros_like(s.faulty) if s.run.off is None else s.run.off for s in train]
-    count = np.sum([(~rows).sum(axis=0) for rows in off], axis=0)
-    faulty = [(s.faulty & ~rows).sum(axis=0) for s, rows in zip(train, off, strict=True)]
-    share = np.sum(faulty, axis=0) / np.maximum(count, 1)
+def _check_share(
+    dataset: Dataset, sources: list[Source], runs: list[RoughRun], factor: int, notes: list[str]
+) -> None:
+    """Refuse a joint of whose training torque in motion too much is clipped or frozen: the rest is biased."""
+    count, faulty = np.zeros((2, len(dataset.joints)))
+    for source, run in zip(sources, runs, strict=True):
+        if run.use == "train":
+            off = np.zeros_like(source.faulty) if source.run.off is None else source.run.off
+            asked = ~(run.slow | _thin_marks(off, factor))
+            count += asked.sum(axis=0)
+            faulty += (run.faulty & asked).sum(axis=0)
+    share, readings = faulty / np.maximum(count, 1.0), dataset.fields.readings()
     for joint, part in zip(dataset.joints, share, strict=True):
-        if part > _MOST_FAULTY:
+        if part > _MOST_FAULTY and readings[joint] != "none":
             limited = "" if dataset.fields.robot.torque_limit is None else "correct robot.torque_limit, "
             told = (
                 f"'tau_{joint}' is clipped or frozen in {100 * part:.0f} % of the train runs; {limited}"

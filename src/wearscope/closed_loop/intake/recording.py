@@ -8,6 +8,8 @@ from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
 #: Fewest changes of a position that show the step of its encoder.
 LEAST_CHANGES = 3
+#: Share of a step by which differences may be off whole steps, and of the differences that may be off more.
+_WHOLE = 0.02
 
 
 def no_losses() -> np.ndarray:
@@ -88,14 +90,17 @@ class Run:
 def estimate_quantum(q: np.ndarray) -> np.ndarray:
     """Smallest step (n,) of recorded positions (N, n); 0 where nearly every value is another one.
 
-    Values on a grid come back again and again; the smallest difference of two of them is the grid's step. A
-    position that hardly ever changes shows none.
+    Values on a grid come back again and again, or lie whole steps apart; the smallest difference of two of
+    them is the grid's step. A position that hardly ever changes shows none.
     """
     quantum = np.zeros(q.shape[1])
     for j, x in enumerate(q.T):
         values = np.unique(x)
-        if 1 < len(values) < 0.5 * len(x) and np.count_nonzero(np.diff(x)) >= LEAST_CHANGES:
+        if len(values) > 1 and np.count_nonzero(np.diff(x)) >= LEAST_CHANGES:
             apart = np.diff(values)
             apart = apart[apart > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
-            quantum[j] = apart.min() if len(apart) else 0.0
+            steps = apart / apart.min() if len(apart) else np.zeros(1)
+            whole = np.mean(np.abs(steps - np.round(steps)) < _WHOLE) > 1.0 - _WHOLE
+            if len(apart) and (len(values) < 0.5 * len(x) or whole):
+                quantum[j] = apart.min()
     return quantum

@@ -16,6 +16,8 @@ from wearscope.robots.dynamics import Payload, RigidBody
 
 #: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
 _MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
+#: Steps of an encoder within which a joint rests.
+_FEW = 5.0
 
 
 @dataclass(frozen=True)
@@ -114,14 +116,36 @@ def clean_record(
     sources = []
     for piece in pieces:
         uniform = resample(piece, rate)
+        uniform.quantum = _share_quantum(dataset, uniform)
         cleaned = clean_run(uniform, dataset.joints, slides, where, reach, dataset.accepted)
         notes += cleaned.notes
         lost = mark_losses(cleaned.run)
         body = rigid_body_of(urdf, dataset, cleaned.run)
+        _add_gravity(dataset, cleaned.run, body)
         sources.append(
             Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))
         )
     return sources
+
+
+def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
+    """Step (n,) of each encoder; where a joint rests in a run, the largest of its kind, of any run."""
+    units = np.array(dataset.position_unit)
+    known = np.max([record.quantum for record in dataset.runs], axis=0)
+    quantum = known.copy() if run.quantum is None else run.quantum.copy()
+    for j in range(len(quantum)):
+        alike = known[units == units[j]].max()
+        if np.ptp(run.q[:, j]) <= _FEW * alike:
+            quantum[j] = alike
+    return quantum
+
+
+def _add_gravity(dataset: Dataset, run: Run, body: RigidBody) -> None:
+    """Give the torques that are recorded without gravity what the stated body has of it."""
+    without = [reading == "without_gravity" for reading in dataset.fields.readings().values()]
+    if any(without) and any(body.gravity):
+        still = np.zeros_like(run.q)
+        run.tau[:, without] += body.inverse_dynamics(run.q, still, still)[:, without]
 
 
 def _cut_stretches(sources: list[Source], stretches: tuple[tuple[float, float], ...]) -> list[Source]:
@@ -168,11 +192,14 @@ def leave_out_rest(
             raise InputError(
                 f"{dataset.folder}: the robot stands still in every {use} run; give a {use} run with motion."
             )
+    counted = np.array([reading != "none" for reading in dataset.fields.readings().values()])
     moving = largest > max(_LEAST_MOTION, _MOVES * largest.max())
-    for joint, moves in zip(dataset.joints, moving, strict=True):
-        if not moves:
+    for joint, moves, counts in zip(dataset.joints, moving, counted, strict=True):
+        if not counts:
+            notes.append(f"joint {joint}: its torque does not count, as 'torque: none' says.")
+        elif not moves:
             notes.append(f"joint {joint} does not move in the train runs; its friction stays undetermined.")
-    return kept, MovingJoints(moving, _find_top_speeds(kept, dataset.fields.sample_rate))
+    return kept, MovingJoints(moving & counted, _find_top_speeds(kept, dataset.fields.sample_rate))
 
 
 def _find_top_speeds(sources: list[Source], rate: float) -> np.ndarray:

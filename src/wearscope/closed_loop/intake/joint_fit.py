@@ -1,0 +1,324 @@
+"""One linear fit of all joints' torques that has what machines have: what a reading of the columns leaves.
+
+The rigid body is shared by the joints: its links' inertial parameters may differ from the stated ones, at a
+cost. Each joint has a drive of its own: rotor inertia, Coulomb and viscous friction, friction that grows with
+the load or falls with the speed, all of which take power and never give it, and an offset. Torques count in
+units of their own spread, so that what is left of a joint is the share of its variance.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
+
+#: Speeds over which friction falls, over the largest one.
+_FALLS = (0.05, 0.3)
+#: Columns of a drive, each of which has a coefficient of zero or more; `FRICTION` of them take power.
+_FALLING = tuple(f"falling {k}" for k in _FALLS)
+DRIVE = ("inertia", "Coulomb", "viscous", *_FALLING, "load", *(f"load {one}" for one in _FALLING))
+FRICTION = slice(1, len(DRIVE))
+_ROTOR = slice(0, 1)
+#: Share of a link's own parameters by which they may differ from the stated ones at a cost of `_COST`
+#: shares of variance, trusted or approximate; share of the robot's mass that every link and the last may
+#: carry undeclared at the same cost.
+_SLACK = {"trusted": 0.15, "approximate": 0.25}
+_COST, _CARRIED, _LOADED = 0.02, 0.01, 0.05
+#: Fewest rows of a joint that say something.
+LEAST_ROWS = 30
+_HELD = 1e-9
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of the runs as some reading has them; arrays are (N, n).
+
+    Attributes
+    ----------
+    q, v, a, sign, tau : ndarray
+        At the common bandwidth; `sign` is the direction of motion.
+    counts : ndarray of bool
+        Rows that count for a joint.
+    run : ndarray (N,) of int
+        Run of each row.
+    bodies : tuple of RigidBody
+        By run, with the payload that it declares.
+    inertia, top : ndarray (n,)
+        Declared rotor inertia; largest speed.
+    inertials : str
+        ``trusted`` or ``approximate``.
+    gravity : float
+        Factor of the stated gravity.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    sign: np.ndarray
+    tau: np.ndarray
+    counts: np.ndarray
+    run: np.ndarray
+    bodies: tuple[RigidBody, ...]
+    inertia: np.ndarray
+    top: np.ndarray
+    inertials: str
+    gravity: float = 1.0
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def pick(self, at: np.ndarray) -> "Rows":
+        """Some of the rows."""
+        parts = {name: getattr(self, name)[at] for name in ("q", "v", "a", "sign", "tau", "counts", "run")}
+        return replace(self, **parts)
+
+    def thin(self, most: int) -> "Rows":
+        """Rows enough for a first look."""
+        return self.pick(np.arange(0, len(self.q), max(1, len(self.q) // most)))
+
+    def times(self, factor: np.ndarray, *names: str) -> "Rows":
+        """Columns of the joints by a factor (n,)."""
+        return replace(self, **{name: getattr(self, name) * factor for name in names})
+
+    def _body(self, run: int) -> RigidBody:
+        body = self.bodies[run]
+        if self.gravity == 1.0:
+            return body
+        return body.with_gravity((self.gravity * np.array(body.gravity)).tolist())
+
+    @cached_property
+    def known(self) -> np.ndarray:
+        """Torque of the stated rigid body, payload and rotors (N, n)."""
+        known = self.inertia * self.a
+        for run in np.unique(self.run).tolist():
+            at = self.run == run
+            known[at] += self._body(run).inverse_dynamics(self.q[at], self.v[at], self.a[at])
+        return known
+
+    def with_torques(self, tau: np.ndarray) -> "Rows":
+        """The same motion with other torques (N, n)."""
+        other = replace(self, tau=tau)
+        other.__dict__.update(known=self.known, columns=self.columns)
+        return other
+
+    @cached_property
+    def columns(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Columns of each joint less their mean (K, P), and their products: links, drive, stated body."""
+        slack = self._body(0).inertial_regressor(self.q, self.v, self.a)
+        made = []
+        for j in range(self.n):
+            at = self.counts[:, j]
+            if at.sum() < LEAST_ROWS:
+                made.append((np.zeros((0, 0)), np.zeros((0, 0))))
+                continue
+            known = self.known[at, j]
+            sign, load = self.sign[at, j], self.sign[at, j] * np.abs(known)
+            speed = np.abs(self.v[at, j]) / max(self.top[j], 1e-300)
+            falls = [np.exp(-speed / share) for share in _FALLS]
+            friction = [sign, self.v[at, j], *(sign * f for f in falls), load, *(load * f for f in falls)]
+            x = np.column_stack([slack[at, j], self.a[at, j], *friction, known])
+            x -= x.mean(axis=0)
+            made.append((x, x.T @ x))
+        return made
+
+    @cached_property
+    def products(self) -> "Products":
+        """What a fit needs of these rows."""
+        scale, grams = np.zeros(self.n), []
+        for j, (x, own) in enumerate(self.columns):
+            y = self.tau[self.counts[:, j], j]
+            y = y - y.mean() if len(y) else y
+            if not len(x) or not y.std() > 0.0:
+                grams.append(np.zeros((0, 0)))
+                continue
+            scale[j] = y.std()
+            cross = x.T @ y
+            gram = np.block([[own, cross[:, None]], [cross[None, :], np.array([[y @ y]])]])
+            grams.append(gram / (len(y) * scale[j] ** 2))
+        return Products(grams, scale, _deviations(self.bodies[0], self.inertials))
+
+
+def _deviations(body: RigidBody, inertials: str) -> np.ndarray:
+    """Deviation (10 n,) of each inertial parameter that costs `_COST`."""
+    links = body.inertial_parameters.reshape(-1, N_PARAMETERS)
+    share, total = _SLACK[inertials], float(links[:, 0].sum())
+    points = body.joint_origins(np.zeros(body.n))[0]
+    arms = np.linalg.norm(np.diff(points[1:], axis=0), axis=1)
+    radii = np.linalg.norm(links[:, 1:4], axis=1) / np.maximum(links[:, 0], 1e-300)
+    length = max(float(np.median(np.maximum(arms, radii))), 1e-3)
+    out = np.empty_like(links)
+    for k, link in enumerate(links):
+        carried = (_LOADED if k == len(links) - 1 else _CARRIED) * total
+        out[k, 0] = share * link[0] + carried
+        out[k, 1:4] = share * np.linalg.norm(link[1:4]) + carried * length
+        out[k, 4:] = share * np.abs(link[4:]).max() + carried * length**2
+    return out.ravel()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit of all joints leaves.
+
+    Attributes
+    ----------
+    left : ndarray (n,)
+        Share of each torque's variance; NaN where a joint says nothing.
+    cost : float
+        Of links that differ from the stated ones.
+    drive : ndarray (n, D)
+        Coefficients of `DRIVE`.
+    shares : ndarray (n, 2)
+        Share of the variance that friction, and rotors, make.
+    """
+
+    left: np.ndarray
+    cost: float
+    drive: np.ndarray
+    shares: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """Of all joints, and the links' cost."""
+        return float(np.nansum(self.left)) + self.cost
+
+
+@dataclass(frozen=True)
+class Products:
+    """Products of the columns of each joint: links, drive, stated body, torque.
+
+    Attributes
+    ----------
+    grams : list of ndarray
+        By joint, over the torque's variance; empty where a joint says nothing.
+    scale : ndarray (n,)
+        Spread of the torques.
+    deviations : ndarray (10 n,)
+    """
+
+    grams: list[np.ndarray]
+    scale: np.ndarray
+    deviations: np.ndarray
+
+    @property
+    def heard(self) -> list[int]:
+        """Joints that say something."""
+        return [j for j, gram in enumerate(self.grams) if gram.size]
+
+    def fit(self, turned: np.ndarray | None = None, friction: float = 1.0) -> Fit:
+        """Fit all joints at once.
+
+        Parameters
+        ----------
+        turned : ndarray (n,), optional
+            Sign of each torque.
+        friction : float
+            Sign of the friction; 0 for none.
+        """
+        n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
+        sign = np.ones(d)
+        sign[FRICTION] = friction
+        heard = self.heard
+        links = np.diag(np.full(p, _COST))
+        cross, drive = np.zeros((p, d * len(heard))), np.zeros((d * len(heard), d * len(heard)))
+        right_links, right = np.zeros(p), np.zeros(d * len(heard))
+        made = []
+        for k, j in enumerate(heard):
+            gram, at = self.grams[j], slice(d * k, d * (k + 1))
+            s = np.concatenate([self.deviations, sign, [1.0, 1.0 if turned is None else turned[j]]])
+            # Torque less the stated body.
+            last = np.concatenate([np.zeros(p + d), [-1.0, s[-1]]])
+            b, part = s * (gram @ last), gram * np.outer(s, s)
+            links += part[:p, :p]
+            cross[:, at] = part[:p, p : p + d]
+            drive[at, at] = part[p : p + d, p : p + d]
+            right_links += b[:p]
+            right[at] = b[p : p + d]
+            made.append((part, b, float(last @ gram @ last)))
+        links += _HELD * float(np.diag(links).max()) * np.eye(p)
+        factor = linalg.cho_factor(links)
+        solved = linalg.cho_solve(factor, np.column_stack([cross, right_links]))
+        found = _solve_non_negative(drive - cross.T @ solved[:, :-1], right - cross.T @ solved[:, -1])
+        moved = solved[:, -1] - solved[:, :-1] @ found
+        left, coefficients, shares = np.full(n, np.nan), np.zeros((n, d)), np.zeros((n, 2))
+        for k, j in enumerate(heard):
+            part, b, whole = made[k]
+            own = found[d * k : d * (k + 1)]
+            z = np.concatenate([moved, own])
+            left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, 0.0)
+            coefficients[j] = own * sign
+            shares[j] = [
+                own[one] @ part[p : p + d, p : p + d][one, one] @ own[one] for one in (FRICTION, _ROTOR)
+            ]
+        return Fit(left, _COST * float(moved @ moved), coefficients, shares)
+
+    def fit_sizes(self, turned: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Each joint by itself with the stated body of any size.
+
+        Returns
+        -------
+        factor, left, without : ndarray (n,)
+            Factor of the body of either sign; share of the variance that is left with it, and without a body.
+        """
+        n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
+        factor, left, without = (np.full(n, np.nan) for _ in range(3))
+        for j in self.heard:
+            gram = self.grams[j][p:, p:]
+            sign = 1.0 if turned is None else turned[j]
+            without[j] = _left(gram, np.arange(d), sign)[0]
+            best = None
+            for way in (1.0, -1.0):
+                flipped = gram.copy()
+                flipped[d] *= way
+                flipped[:, d] *= way
+                one, found = _left(flipped, np.arange(d + 1), sign)
+                if best is None or one < best[0]:
+                    best = one, way * found[d]
+            assert best is not None
+            left[j], factor[j] = best
+        return factor, left, without
+
+
+def _left(gram: np.ndarray, picked: np.ndarray, sign: float) -> tuple[float, np.ndarray]:
+    a, b = gram[np.ix_(picked, picked)], sign * gram[picked, -1]
+    found = _solve_non_negative(a, b)
+    return float(max(gram[-1, -1] - 2 * found @ b + found @ a @ found, 0.0)), found
+
+
+def _solve_non_negative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Least x' a x - 2 x' b with x >= 0, for a (K, K) without negative eigenvalues.
+
+    References
+    ----------
+    Bro, de Jong, Journal of Chemometrics 11, 393-401, 1997.
+    """
+    diagonal = np.diag(a)
+    some = np.flatnonzero(diagonal > 1e-16 * float(diagonal.max(initial=0.0)))
+    out = np.zeros(len(b))
+    size = np.sqrt(diagonal[some])
+    scaled = a[np.ix_(some, some)] / np.outer(size, size) + _HELD * np.eye(len(some))
+    right = b[some] / size
+    x, inside = np.zeros(len(some)), np.zeros(len(some), dtype=bool)
+    least = 1e-10 * float(np.abs(right).max(initial=0.0))
+    for _ in range(3 * len(some)):
+        slope = np.where(inside, -np.inf, right - scaled @ x)
+        new = int(np.argmax(slope))
+        if not slope[new] > least:
+            break
+        inside[new] = True
+        while inside.any():
+            target = np.zeros(len(some))
+            target[inside] = np.linalg.solve(scaled[np.ix_(inside, inside)], right[inside])
+            negative = inside & (target <= 0.0)
+            if not negative.any():
+                x = target
+                break
+            step = float(np.min(x[negative] / (x[negative] - target[negative])))
+            x = x + step * (target - x)
+            inside &= ~(negative & (x <= 1e-14))
+            x[~inside] = 0.0
+    out[some] = x / size
+    return out

@@ -1,0 +1,367 @@
+"""Other readings of a data set's columns, weighed against the stated one by the fit of all joints.
+
+A reading is a guess at what the columns really hold: torque without gravity, another sign, another unit,
+another joint's torque, a delayed channel. The one that clearly leaves least of what the stated one leaves is
+the data set's.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.acceptance import exchange_code
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
+
+_MOTION = ("q", "v", "a", "sign")
+#: Columns of two joints that may be exchanged, and what they are called.
+_EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
+    (("tau",), ("tau",)),
+    (_MOTION, ("q",)),
+    ((*_MOTION, "tau"), ("q", "tau")),
+)
+#: What the stated reading must leave for others to be asked, in shares of a torque's variance; a reading's
+#: joints must then keep less than a share of what it removes. Totals that differ by less are alike.
+_DOUBTFUL, _CLEAR, _ALIKE = 0.015, 0.3, 0.02
+#: Torque over need beyond which a factor is no error of the model.
+_SMALL, _LARGE = 0.25, 4.0
+#: Least share of a torque that a body must explain for its factor to mean anything.
+_BODY = 0.5
+#: Rows of a first look; least span of a position in degrees, or in mm, that is a motion.
+_FIRST_LOOK, _LEAST_DEGREES, _LEAST_MM = 900, 1.0, 5.0
+#: Longest delay that is sought, its step, and the least that is the recorder's [s];
+#: runs that must show it, at most.
+_LONGEST, _STEP, _LAG, _MOST_RUNS = 0.3, 0.02, 0.025, 8
+_SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Rows as stated, and what their fit leaves.
+
+    Attributes
+    ----------
+    rows : Rows
+    slides : list of bool
+        Whether a joint is prismatic.
+    joints : list of str
+    torque_at : callable
+        ``torque_at(delay)`` gives the torques (N, n) so many seconds later.
+    swapped : callable
+        ``swapped(j)`` gives the rows with position and torque of a joint exchanged.
+    gear_ratio : list of float or None
+    """
+
+    rows: Rows
+    slides: list[bool]
+    joints: list[str]
+    torque_at: Callable[[float], np.ndarray]
+    swapped: Callable[[int], Rows]
+    gear_ratio: list[float] | None
+
+    def names(self, joints: list[int] | np.ndarray, kind: str = "tau") -> list[str]:
+        """Columns of joints."""
+        return [f"{kind}_{self.joints[j]}" for j in joints]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A reading, and what it leaves.
+
+    Attributes
+    ----------
+    told : str
+        What is wrong and the remedy, to follow the name of the data set or file.
+    codes : tuple of str
+        Under which a data set overrules it.
+    joints : tuple of int
+        Joints that it concerns.
+    fit : Fit
+    any_size : bool
+        Whether a body of any size is no rival of it.
+    """
+
+    told: str
+    codes: tuple[str, ...]
+    joints: tuple[int, ...]
+    fit: Fit
+    any_size: bool = False
+
+
+def say_columns(names: list[str]) -> str:
+    """Columns as a list in words."""
+    quoted = [f"'{name}'" for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
+
+
+def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading | None:
+    """The reading that explains the torques clearly better than the stated one, if there is one.
+
+    Parameters
+    ----------
+    asked : Asked
+    ignored : frozenset of str
+        Codes of readings that are not asked for.
+    """
+    stated = asked.rows.products.fit()
+    if stated.total < _DOUBTFUL:
+        return None
+    factor, loose, without = asked.rows.products.fit_sizes()
+    any_size = np.where(factor > 0.0, np.minimum(loose, without), without)
+    rival = min(stated.total, float(np.nansum(any_size)))
+    best: Reading | None = None
+    for reading in _list_readings(asked, stated, factor, loose, without):
+        if set(reading.codes) & ignored:
+            continue
+        removed = (stated.total if reading.any_size else rival) - reading.fit.total
+        kept = float(np.nansum(reading.fit.left[list(reading.joints)]))
+        if removed < _DOUBTFUL or kept > _CLEAR * removed:
+            continue
+        if best is None or reading.fit.total < best.fit.total - _ALIKE:
+            best = reading
+    return best
+
+
+def _list_readings(
+    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
+) -> Iterator[Reading]:
+    """Readings from the likeliest to the unlikeliest: of those alike the first is taken."""
+    rows, heard = asked.rows, tuple(asked.rows.products.heard)
+    yield from _read_gravity(asked, heard)
+    yield from _read_factors(asked, stated, factor, loose, without)
+    turned = _turn_torques(rows)
+    if turned is not None:
+        yield _tell_turned(asked, turned, np.zeros(rows.n, dtype=bool), rows.products.fit(_signs(turned)))
+    yield from _read_delay(asked, heard)
+    backwards = rows.products.fit(friction=-1.0)
+    yield Reading(
+        "the torques fit the motion run backwards; sort the rows by time.", ("backwards t",), heard, backwards
+    )
+    yield from _read_units(asked, heard)
+    yield from _read_turned_positions(asked)
+    yield from _read_exchanges(asked, stated)
+
+
+def _read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
+    rows = asked.rows
+    gravity = np.array(rows.bodies[0].gravity)
+    size = float(np.linalg.norm(gravity))
+    if not size:
+        return
+    none = replace(rows, gravity=0.0).products.fit()
+    friction = np.nanmean(none.shares[list(heard), 0]) if heard else 0.0
+    what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
+    told = (
+        f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '
+        "motors' whole torque."
+    )
+    yield Reading(told, ("without_gravity tau",), heard, none)
+    opposite = replace(rows, gravity=-1.0).products.fit()
+    told = "gravity acts opposite to robot.gravity; give gravity in the base frame."
+    yield Reading(told, ("sign gravity",), heard, opposite)
+    if not 9.7 < size < 9.9:
+        told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
+        fit = replace(rows, gravity=9.81 / size).products.fit()
+        yield Reading(told, ("size gravity",), heard, fit, True)
+
+
+def _read_factors(
+    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
+) -> Iterator[Reading]:
+    """Motor-side torque, currents, newton-millimetres, masses in grams."""
+    rows = asked.rows
+    with np.errstate(invalid="ignore"):
+        off = (np.abs(factor) < _SMALL) | (np.abs(factor) > _LARGE)
+        off &= loose < _BODY * without
+    at = np.flatnonzero(off)
+    if not len(at):
+        return
+    divisor = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0)
+    read = rows.times(1.0 / divisor, "tau")
+    middle = float(np.median(factor[at]))
+    hint = (
+        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
+    )
+    ratio = asked.gear_ratio
+    if ratio is not None and 0.3 < abs(middle * float(np.median(np.abs(np.array(ratio)[at])))) < 3.0:
+        hint = "it looks like motor-side torque: multiply it with the gear ratio"
+    elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
+        hint += ", and that q is in rad"
+    names = asked.names(at)
+    sizes = ", ".join(f"{one:.3g}" for one in factor[at])
+    told = (
+        f"{say_columns(names)} {'is' if len(at) == 1 else 'are'} {sizes} times what the rigid body needs, as "
+        f"currents or torques in another unit or before a gear are; {hint}."
+    )
+    yield Reading(
+        told, tuple(f"gain {name}" for name in names), tuple(at.tolist()), read.products.fit(), True
+    )
+
+
+def _signs(turned: np.ndarray) -> np.ndarray:
+    return np.where(turned, -1.0, 1.0)
+
+
+def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | None:
+    """Joints (n,) whose torques must be turned to leave least; None where none must."""
+    products = rows.products
+    best = np.zeros(rows.n, dtype=bool) if start is None else start
+    least = products.fit(_signs(best)).total
+    every = np.ones(rows.n, dtype=bool)
+    candidates = [every] if rows.n > 1 else []
+    while True:
+        single = []
+        for j in products.heard:
+            other = best.copy()
+            other[j] ^= True
+            single.append(other)
+        tried = [(products.fit(_signs(one)).total, k, one) for k, one in enumerate([*single, *candidates])]
+        candidates = []
+        total, _, one = min(tried, key=lambda t: t[:2]) if tried else (np.inf, 0, best)
+        if total > least - _ALIKE:
+            break
+        least, best = total, one
+    return best if best.any() else None
+
+
+def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, fit: Fit) -> Reading:
+    """One sentence about all columns that are turned round."""
+    both = np.flatnonzero(torques & positions)
+    parts, codes, columns = [], [], []
+    heard = np.isin(np.arange(len(torques)), asked.rows.products.heard)
+    if not positions.any() and torques[heard].all():
+        names = asked.names(np.flatnonzero(torques))
+        verb = "have" if len(names) > 1 else "has"
+        told = f"{say_columns(names)} {verb} the opposite sign of what the motion needs"
+        parts, codes, columns = [told], ["sign tau"], names
+    else:
+        alone = asked.names(np.flatnonzero(torques & ~positions))
+        if alone:
+            noun = "columns" if len(alone) > 1 else "column"
+            verb = "have" if len(alone) > 1 else "has"
+            parts.append(f"{noun} {say_columns(alone)} {verb} the opposite sign of what the motion needs")
+            codes += [f"sign {name}" for name in alone]
+            columns += alone
+        single = asked.names(np.flatnonzero(positions & ~torques), "q")
+        if single:
+            noun, verb = ("columns", "have") if len(single) > 1 else ("column", "has")
+            parts.append(f"{noun} {say_columns(single)} {verb} the opposite sign of the URDF's axis")
+            codes += [f"sign {name}" for name in single]
+            columns += single
+        for j in both.tolist():
+            names = [f"q_{asked.joints[j]}", f"tau_{asked.joints[j]}"]
+            parts.append(f"columns {say_columns(names)} have the opposite sign of the URDF's axis")
+            codes.append(f"sign {' '.join(names)}")
+            columns += names
+    hint = f"; {_SIGN_HINT}" if (torques & ~positions).any() else ""
+    told = f'{", and ".join(parts)}{hint}; write "turned: [{", ".join(columns)}]" in dataset.yaml.'
+    joints = np.flatnonzero(torques | positions)
+    return Reading(told, tuple(codes), tuple(joints.tolist()), fit)
+
+
+def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
+    """A delay between the torque and the position channels of the whole recorder, the same in most runs."""
+    rows = asked.rows
+    if not heard:
+        return
+    thin = np.arange(0, len(rows.q), max(1, len(rows.q) // _FIRST_LOOK))
+    coarse = np.arange(-_LONGEST, _LONGEST + 0.5 * _STEP, _STEP)
+    fine = np.linspace(-_STEP, _STEP, 21)
+    delay = _find_delay(asked, thin, _find_delay(asked, thin, coarse) + fine)
+    if abs(delay) < _LAG:
+        return
+    single = []
+    for run in np.unique(rows.run).tolist()[:_MOST_RUNS]:
+        at = np.flatnonzero(rows.run == run)
+        if rows.counts[at].sum(axis=0).max() >= LEAST_ROWS:
+            single.append(_find_delay(asked, at, _find_delay(asked, at, coarse) + fine))
+    if np.mean(np.abs(np.array(single) - delay) < 0.011) < 0.75:
+        return
+    late = "late" if delay > 0 else "early"
+    told = (
+        f"the torque channels come {1000 * abs(delay):.0f} ms {late} against the positions; align the "
+        "channels, or declare time_delay."
+    )
+    fit = rows.with_torques(asked.torque_at(delay)).products.fit()
+    yield Reading(told, ("late tau",), heard, fit, True)
+
+
+def _find_delay(asked: Asked, at: np.ndarray, delays: np.ndarray) -> float:
+    """Delay, of several, at which some rows leave least."""
+    rows = asked.rows.pick(at)
+    torques = (asked.torque_at(delay)[at] for delay in delays.tolist())
+    return float(delays[np.argmin([rows.with_torques(tau).products.fit().total for tau in torques])])
+
+
+def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
+    rows = asked.rows
+    slides = np.array(asked.slides)
+    span = np.ptp(rows.q, axis=0)
+    for kind, unit, target, factor, least in (
+        (~slides, "degrees", "rad", np.pi / 180.0, _LEAST_DEGREES),
+        (slides, "mm", "m", 1e-3, _LEAST_MM),
+    ):
+        moved = kind & (span > least)
+        picked = [moved, *(np.arange(rows.n) == j for j in np.flatnonzero(moved) if moved.sum() > 1)]
+        for k, some in enumerate(picked if moved.any() else []):
+            fit = rows.times(np.where(some, factor, 1.0), "q", "v", "a").products.fit()
+            j = int(np.flatnonzero(some)[0])
+            told, code = f"positions look like {unit}; convert q to {target}.", f"{unit} q"
+            if k:
+                name = f"q_{asked.joints[j]}"
+                told, code = f"column '{name}' looks like {unit}; convert it to {target}.", f"{unit} {name}"
+            yield Reading(told, (code,), (j,) if k else heard, fit)
+
+
+def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
+    """Positions, of any set of joints, that are turned round, their torques turned or not."""
+    rows = asked.rows.thin(_FIRST_LOOK)
+    turned = np.zeros(rows.n, dtype=bool)
+    torques = np.zeros(rows.n, dtype=bool)
+    least = rows.products.fit().total
+    while turned.sum() < rows.n:
+        tried: list[tuple[float, int, np.ndarray, np.ndarray]] = []
+        for j in rows.products.heard:
+            other = turned.copy()
+            other[j] ^= True
+            read = rows.times(_signs(other), *_MOTION)
+            for also in (False, True):
+                tau = torques.copy()
+                tau[j] ^= also
+                tried.append((read.products.fit(_signs(tau)).total, len(tried), other, tau))
+        if not tried:
+            return
+        total, _, other, tau = min(tried, key=lambda t: t[:2])
+        if total > least - _ALIKE:
+            break
+        least, turned, torques = total, other, tau
+    if turned.any():
+        whole = asked.rows.times(_signs(turned), *_MOTION)
+        yield _tell_turned(asked, torques, turned, whole.products.fit(_signs(torques)))
+
+
+def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
+    """Columns of two joints exchanged, and of the kinds of one."""
+    doubtful = [j for j in range(asked.rows.n) if stated.left[j] > _DOUBTFUL or asked.rows.n == 1]
+    for j in doubtful:
+        names = [f"q_{asked.joints[j]}", f"tau_{asked.joints[j]}"]
+        told = f"columns {say_columns(names)} look swapped; exchange them."
+        yield Reading(told, (f"exchanged {' '.join(names)}",), (j,), asked.swapped(j).products.fit())
+    rows = asked.rows.thin(_FIRST_LOOK)
+    for i in range(rows.n):
+        for j in range(i + 1, rows.n):
+            if i not in doubtful and j not in doubtful:
+                continue
+            order = np.arange(rows.n)
+            order[[i, j]] = [j, i]
+            for columns, kinds in (
+                (("tau",), ("tau",)),
+                (_MOTION, ("q",)),
+                ((*_MOTION, "tau"), ("q", "tau")),
+            ):
+                moved = (*columns, "counts") if "tau" in columns else columns
+                read = replace(rows, **{name: getattr(rows, name)[:, order] for name in moved})
+                pairs = [f"'{k}_{asked.joints[i]}' with '{k}_{asked.joints[j]}'" for k in kinds]
+                told = f"columns look swapped: exchange {' and '.join(pairs)}."
+                code = exchange_code(asked.joints, kinds, i, j)
+                yield Reading(told, (code,), (i, j), read.products.fit())

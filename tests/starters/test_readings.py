@@ -1,0 +1,312 @@
+"""What a data set's columns are, told from its recordings: the right reading, from CSV to the answer."""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wearscope.checking.dataset import check_dataset
+from wearscope.cli.main import wearscope
+from wearscope.cli.new_dataset import _name_option
+from wearscope.closed_loop.diagnosis import diagnose
+
+LINK = """<link name="l{n}"><inertial><origin xyz="0 0 {z}"/><mass value="{m}"/><inertia ixx="{i}"
+ ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial></link>
+ <joint name="j{n}" type="revolute"><parent link="{p}"/>
+ <child link="l{n}"/><origin xyz="0 0 {o}"/><axis xyz="0 -1 0"/>
+ <limit lower="-3.1" upper="3.1" effort="900" velocity="9"/></joint>"""
+
+
+def move(rng, t, n, size, frequencies):
+    q, v, a = np.zeros((3, len(t), n))
+    for j in range(n):
+        for f in frequencies:
+            w, phase = 2 * np.pi * f * rng.uniform(0.9, 1.1), rng.uniform(0, 6.28)
+            amplitude = size * rng.uniform(0.4, 1.0)
+            q[:, j] += amplitude * np.sin(w * t + phase)
+            v[:, j] += amplitude * w * np.cos(w * t + phase)
+            a[:, j] -= amplitude * w**2 * np.sin(w * t + phase)
+    return q, v, a
+
+
+def chain(q, v, a, mass, length, gravity=9.81):
+    """Torque of a hanging planar chain of point masses at the links' ends, by Newton's law alone."""
+    th, om, al = (np.cumsum(x, 1) for x in (q, v, a))
+    ax = np.cumsum(length * (np.cos(th) * al - np.sin(th) * om**2), 1)
+    az = np.cumsum(length * (np.sin(th) * al + np.cos(th) * om**2), 1) + gravity
+    x, z = np.cumsum(length * np.sin(th), 1), np.cumsum(-length * np.cos(th), 1)
+    tau = np.zeros_like(q)
+    for j in range(q.shape[1]):
+        x0, z0 = (x[:, j - 1], z[:, j - 1]) if j else (0.0, 0.0)
+        tau[:, j] = sum(
+            mass * ((x[:, i] - x0) * az[:, i] - (z[:, i] - z0) * ax[:, i]) for i in range(j, q.shape[1])
+        )
+    return tau
+
+
+class Bench:
+    """Recordings of a chain as CSV, and the command that takes them."""
+
+    def __init__(self, folder, n, mass=1.2, length=0.3, size=0.3, rate=100.0, seconds=14.0, runs=3):
+        self.folder, self.n, self.mass, self.length, self.runs = folder, n, mass, length, runs
+        self.size, self.rate, self.seconds = size, rate, seconds
+        self.frequencies = (0.11, 0.23, 0.37, 0.61)
+        links = [
+            LINK.format(n=k + 1, z=-length, m=mass, i=1e-5, o=-length if k else 0, p=f"l{k}" if k else "base")
+            for k in range(n)
+        ]
+        text = f'<robot name="chain"><link name="base"/>{"".join(links)}</robot>'
+        (folder / "arm.urdf").write_text(text)
+
+    def record(self, torque, clock=None, position=lambda q, k: q):
+        for k in range(self.runs):
+            rng = np.random.default_rng([self.n, k])
+            t = np.arange(int(self.seconds * self.rate)) / self.rate if clock is None else clock(k)
+            q, v, a = move(rng, t, self.n, self.size, self.frequencies)
+            tau = torque(q, v, a, rng, t)
+            names = [f"{kind}{j + 1}" for kind in ("q", "tau") for j in range(self.n)]
+            table = np.column_stack([t, position(q, k), tau])
+            header = ",".join(["time", *names])
+            np.savetxt(self.folder / f"run{k}.csv", table, "%.8g", ",", header=header, comments="")
+        return self
+
+    def take(self, *options):
+        files = [str(self.folder / f"run{k}.csv") for k in range(self.runs)]
+        place = ["--urdf", str(self.folder / "arm.urdf"), "--name", "d", "--in", str(self.folder)]
+        return CliRunner().invoke(wearscope, ["new", "dataset", *files, *place, *options])
+
+    def refuse(self, *options):
+        done = self.take(*options)
+        assert done.exit_code != 0 and not (self.folder / "d").exists()
+        return " ".join(str(done.exception or done.output).split())
+
+    def accept(self, *options):
+        done = self.take(*options)
+        assert done.exit_code == 0, done.output + str(done.exception)
+        return check_dataset(self.folder / "d").notes
+
+
+def rub(v, coulomb, viscous):
+    return coulomb * np.tanh(v / 0.01) + viscous * v
+
+
+@pytest.mark.parametrize(
+    ("n", "turned"), [(3, "tau_j1,tau_j3"), (4, "tau_j2,tau_j4"), (2, "tau_j2")], ids=["3", "4", "2"]
+)
+def test_torque_sensors_that_are_turned_are_all_named_and_turned_in_one_call(tmp_path, n, turned):
+    signs = np.array([-1.0 if f"tau_j{k + 1}" in turned else 1.0 for k in range(n)])
+    bench = Bench(tmp_path, n, mass=0.4 * n)
+    bench.record(lambda q, v, a, rng, t: signs * chain(q, v, a, 0.4 * n, 0.3) + rng.normal(0, 0.05, q.shape))
+    said = re.search(r"give --turn (\S+);", bench.refuse())
+    assert said is not None and said[1] == turned
+    bench.accept("--turn", turned)
+
+
+@pytest.mark.parametrize(("n", "mass", "friction"), [(2, 4.0, 3.0), (3, 0.8, 0.3), (2, 0.2, 0.02)])
+def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
+    bench = Bench(tmp_path, n, mass)
+    weight = mass * 0.3 * 9.81
+    bench.record(
+        lambda q, v, a, rng, t: (
+            chain(q, v, a, mass, 0.3, gravity=0.0)
+            + rub(v, friction, friction)
+            + rng.normal(0, 0.003 * weight, q.shape)
+        )
+    )
+    text = bench.refuse()
+    assert "the torque has no gravity in it; give --reading without_gravity" in text
+    bench.accept("--reading", "without_gravity")
+    verdict = diagnose(tmp_path / "d").verdict
+    assert verdict["verdict"] == []
+    assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
+
+
+def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
+    bench = Bench(tmp_path, 2, 4.0)
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, 4.0, 0.3, gravity=0.0) + rng.normal(0, 0.02, q.shape))
+    assert "neither gravity nor friction" in bench.refuse()
+
+
+@pytest.mark.parametrize(("n", "mass"), [(2, 4.0), (3, 0.5), (1, 1.0)])
+def test_torque_behind_the_gear_is_taken_and_said_to_be(tmp_path, n, mass):
+    bench = Bench(tmp_path, n, mass)
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, mass, 0.3) + rng.normal(0, 0.004 * mass, q.shape))
+    notes = bench.accept()
+    assert any("no friction to be seen in this torque" in note for note in notes)
+    verdict = diagnose(tmp_path / "d").verdict
+    assert set(verdict["torque"].values()) == {"link"} and verdict["verdict"] == []
+
+
+@pytest.mark.parametrize(
+    ("mass", "share", "falls"), [(1.6, 0.30, False), (1.6, 0.35, True), (12.0, 0.2, False), (0.3, 0.45, True)]
+)
+def test_friction_of_the_load_is_no_delay(tmp_path, mass, share, falls):
+    def torque(q, v, a, rng, t):
+        load = chain(q, v, a, mass, 0.3)
+        slip = 0.3 + 0.7 * np.exp(-np.abs(v)) if falls else 1.0
+        own = rub(v, 0.003 * mass, 0.03 * mass)
+        return (
+            load + share * slip * np.abs(load) * np.tanh(v / 0.05) + own + rng.normal(0, 0.01 * mass, v.shape)
+        )
+
+    Bench(tmp_path, 1, mass, size=0.6, rate=180.0, runs=4).record(torque).accept()
+
+
+@pytest.mark.parametrize("delay", [-0.06, 0.035])
+def test_a_delay_of_the_recorder_is_told(tmp_path, delay):
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 1.0, 0.3) + rub(v, 0.1, 0.3)
+        return np.column_stack([np.interp(t - delay, t, x) for x in tau.T]) + rng.normal(0, 0.02, q.shape)
+
+    bench = Bench(tmp_path, 1, 1.0, seconds=20.0)
+    bench.frequencies = (0.5, 1.1, 1.9, 2.7)
+    text = bench.record(torque).refuse()
+    told = re.search(r"come (\d+) ms (late|early)", text)
+    assert told is not None and told[2] == ("late" if delay > 0 else "early")
+    assert abs(int(told[1]) - 1000 * abs(delay)) <= 6
+
+
+def test_every_line_of_a_refusal_is_taken(tmp_path):
+    """Two refusals of one data set: what each prints is given, and in the end it is taken."""
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 1.0, 0.3) + rub(v, 0.1, 0.3) + rng.normal(0, 0.02, q.shape)
+        early = np.interp(t + 0.06, t, tau[:, 0])
+        return np.clip(early, -2.0, 2.0)[:, None]
+
+    bench = Bench(tmp_path, 1, 1.0, runs=4, seconds=20.0)
+    bench.frequencies = (0.5, 1.1, 1.9, 2.7)
+    bench.record(torque)
+    options: list[str] = []
+    for _ in range(5):
+        done = bench.take(*options)
+        if done.exit_code == 0:
+            break
+        codes = re.findall(r"--accept '([^']*)'", str(done.exception))
+        assert codes
+        options = [word for code in codes for word in ("--accept", code)]
+    assert done.exit_code == 0 and options
+
+
+def test_a_line_with_several_codes_is_one_that_the_command_takes():
+    told = 'd: late; if it is right as it is, write "accept: [clipped tau_a, late tau]" in dataset.yaml.'
+    assert _name_option(told).endswith("give --accept 'clipped tau_a' --accept 'late tau'.")
+
+
+@pytest.mark.parametrize("rates", [(183, 187, 191), (95, 100, 104), (20, 21, 22)])
+def test_rates_of_one_recorder_are_brought_to_one(tmp_path, rates):
+    def clock(k):
+        rng = np.random.default_rng(k)
+        return np.cumsum(rng.uniform(0.7, 1.3, 14 * rates[k]) / rates[k])
+
+    bench = Bench(tmp_path, 1, 0.8, size=0.6)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 0.8, 0.3) + rub(v, 0.3, 0.1) + rng.normal(0, 0.02, q.shape),
+        clock,
+    )
+    assert any("Hz and brought to" in note for note in bench.accept())
+
+
+@pytest.mark.parametrize(("far", "unit"), [(7.9, 1.0), (8.5, 1.0), (8.5, 180 / np.pi)])
+def test_a_data_set_has_one_unit(tmp_path, far, unit):
+    """One of the recordings goes further than a turn: all are in rad, or all in degrees."""
+
+    def reach(q, k):
+        return unit * q / np.abs(q).max() * (far if k == 2 else 2.9)
+
+    bench = Bench(tmp_path, 1, 0.6, seconds=20.0)
+    # Torques are of no matter to the unit: the columns are asked before they are.
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.6, 0.3), position=reach)
+    done = bench.take("--accept", "unrelated tau")
+    text = done.output + str(done.exception)
+    assert ("as degrees, by their size" in text) == (unit != 1.0)
+
+
+@pytest.mark.parametrize("toggles", [False, True])
+@pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), (1.5e-3, 0.05), (8e-5, 0.002)])
+def test_a_joint_that_rests_does_not_count(tmp_path, toggles, count, tick):
+    bench = Bench(tmp_path, 2, 0.5, size=0.2, rate=50.0)
+
+    def torque(q, v, a, rng, t):
+        moves = np.column_stack([q[:, 0], 0 * t]), np.column_stack([v[:, 0], 0 * t])
+        tau = chain(*moves, np.column_stack([a[:, 0], 0 * t]), 0.5, 0.3) + rub(moves[1], 0.4, 0.3)
+        tau[:, 1] = np.where(np.arange(len(t)) % 97 < 60, -tick, -3 * tick)
+        return np.round(tau / tick) * tick
+
+    def hold(q, k):
+        rest = np.full(len(q), -127 * count)
+        if toggles:
+            rest[120 + 10 * k :] -= count
+        return np.column_stack([np.round(q[:, 0] / count) * count, rest])
+
+    bench.record(torque, position=hold).accept()
+
+
+def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):
+    bench = Bench(tmp_path, 3, 0.5)
+    text = (tmp_path / "arm.urdf").read_text()
+    for k in range(3):
+        text = text.replace(f'"j{k + 1}"', f'"arm_{k + 1}"')
+    more = LINK.format(n=9, z=-0.1, m=0.01, i=1e-5, p="l3", o=-0.3).replace('"j9"', '"finger"')
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", more + "</robot>"))
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.5, 0.3) + rub(v, 0.1, 0.1))
+    for k in range(3):
+        file = tmp_path / f"run{k}.csv"
+        head, rest = file.read_text().split("\n", 1)
+        head = head.replace("tau", "effort_arm_").replace("q", "position_arm_")
+        file.write_text(head + "\n" + rest)
+    assert "--joints arm_1,arm_2,arm_3" in bench.refuse()
+    text = bench.take("--joints", "arm_1,arm_2").output
+    assert "position: position_arm_1 to position_arm_2" in text
+    bench.accept("--joints", "arm_1,arm_2,arm_3") if not (tmp_path / "d").exists() else None
+
+
+def test_sessions_payloads_and_tests_by_options(tmp_path):
+    bench = Bench(tmp_path, 1, 1.0, size=0.5, runs=4)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 1.0, 0.3) + rub(v, 0.1, 0.1) + rng.normal(0, 0.01, q.shape)
+    )
+    bench.accept(
+        "--test", "run2.csv", "--test", "run3.csv", "--session", "run1.csv=monday",
+        "--payload-of", "run0.csv=0.001,0,0,-0.1",
+    )  # fmt: skip
+    text = (tmp_path / "d" / "dataset.yaml").read_text()
+    assert text.count("use: test") == 2 and 'session: "monday"' in text
+    assert "run0.parquet, use: train, payload: {mass: 0.001, com: [0, 0, -0.1]}" in text
+
+
+def test_a_torque_that_does_not_count(tmp_path):
+    """The second joint moves the first one's load; its own torque is nonsense and takes no part."""
+    bench = Bench(tmp_path, 2, 1.0)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 1.0, 0.3) + rub(v, 0.2, 0.2) + rng.normal(0, 0.02, q.shape)
+    ).accept()
+    file = tmp_path / "d" / "dataset.yaml"
+    file.write_text(file.read_text() + "torque: {j2: none}\n")
+    import pandas as pd
+
+    for run in (tmp_path / "d" / "runs").iterdir():
+        table = pd.read_parquet(run)
+        table.drop(columns="tau_j2").to_parquet(run)
+    found = diagnose(tmp_path / "d")
+    assert found.verdict["torque"] == {"j1": "motor", "j2": "none"}
+    assert found.verdict["verdict"] == []
+    file.write_text(file.read_text().replace("{j2: none}", "none"))
+    assert any("'none' at every joint" in one for one in check_dataset(tmp_path / "d").problems)
+
+
+DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def test_a_double_pendulum_with_an_idle_joint_is_taken(tmp_path):
+    place = DATA / "double_pendulum"
+    if not place.is_dir():
+        pytest.skip("needs double_pendulum in WEARSCOPE_DATA or ../shared/data")
+    files = [str(file) for file in sorted(place.glob("*.csv"))]
+    options = ["--urdf", str(place / "acrobot.urdf"), "--name", "d", "--in", str(tmp_path)]
+    done = CliRunner().invoke(wearscope, ["new", "dataset", *files, *options])
+    assert done.exit_code == 0, done.output
+    assert any("is not driven" in note for note in check_dataset(tmp_path / "d").notes)
