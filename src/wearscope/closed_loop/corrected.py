@@ -12,18 +12,23 @@ declared model, which claims nothing. No test run is spent twice on a claim by t
 
 A part of the test runs that decides and another that reports would make both less sure, and would promise
 nothing on the part that reports.
+
+A body couples the joints, and few parameters of it need not fit all of them: a payload without moments of
+inertia turns a distant axis too easily. Before such a name is withdrawn, the joint that it harms is given an
+inertia of its own.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
 from wearscope.closed_loop.model.possible import Impossible, keep_possible, list_beyond
 from wearscope.closed_loop.model.prediction import bootstrap_change, predict_reduced, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.status import Marked
+from wearscope.effects.rotor_inertia_error import EFFECT as OWN_INERTIA
 
 #: Growth of an error [%] that is none: figures of three digits agree.
 _SAME = 0.1
@@ -36,7 +41,7 @@ def withdraw_worse(
     sigma: np.ndarray,
     terms: Sequence[ModelTerm],
     marked: Sequence[Marked],
-) -> tuple[Regression, list[bool], list[Impossible]]:
+) -> tuple[Regression, list[bool], list[Impossible], list[ModelTerm]]:
     """The corrected model without names that the test runs refute or that make a joint's error larger.
 
     Parameters
@@ -59,26 +64,41 @@ def withdraw_worse(
         Whether each name is in it.
     list of Impossible
         What the fit of the declared effects with the names left out.
+    list of ModelTerm
+        Inertias of joints that a named body would harm; they are no names.
     """
     start = Regression(base.prepared, base.entries, sigma, base.inertial, base.blocks)
     kept = [k for k, mark in enumerate(marked) if mark.status != "refuted"]
+    helped: list[ModelTerm] = []
     while kept:
-        model = refit(start, [*base.entries, *(terms[k] for k in kept)])
+        model = refit(start, [*base.entries, *helped, *(terms[k] for k in kept)])
         model, out = keep_possible(model, len(base.entries))
         first = len(model.entries) - len(kept)
         impossible = [kept[i - first] for i, *_ in list_beyond(model)]
-        worse = impossible or _find_worse(base.prepared, before, model, {k: terms[k] for k in kept})
-        if not worse:
-            return model, [k in kept for k in range(len(terms))], out
-        # What removes least of the test runs' error goes first.
-        kept.remove(min(worse, key=lambda k: np.nan_to_num(marked[k].reduction)))
-    return before, [False] * len(terms), []
+        here = {k: terms[k] for k in kept}
+        j, worse = (-1, impossible) if impossible else _find_worse(base.prepared, before, model, here)
+        if not worse and all(_is_possible(model, term) for term in helped):
+            return model, [k in kept for k in range(len(terms))], out, helped
+        inertia = ModelTerm(OWN_INERTIA, j, (), (0,))
+        if j >= 0 and all(terms[k].effect.spread for k in worse) and inertia not in helped:
+            helped.append(inertia)
+            continue
+        # What removes least of the test runs' error is withdrawn first.
+        kept.remove(min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction)))
+        helped = []
+    return before, [False] * len(terms), [], []
+
+
+def _is_possible(model: Regression, term: ModelTerm) -> bool:
+    """Whether a drive has an inertia left with what a term adds to the declared one."""
+    span = model.spans[model.entries.index(term)]
+    return bool(known_inertia(model.prepared.dataset)[term.joint] + model.solve()[span][0] >= 0.0)
 
 
 def _find_worse(
     prepared: Prepared, before: Regression, after: Regression, kept: dict[int, ModelTerm]
-) -> list[int]:
-    """Names of which one must go for the joint whose error grows most; none where no joint's does.
+) -> tuple[int, list[int]]:
+    """The joint whose error grows most, and the names one of which makes it; none where no joint's does.
 
     Bodies couple the joints: one without a name of its own may change by chance where another has one, and
     must be worse outside the noise.
@@ -91,11 +111,11 @@ def _find_worse(
     change, interval = bootstrap_change(errors[0], errors[1], max(4, int(4 * prepared.band.torque)), _SEED)
     for j in np.argsort(-np.nan_to_num(change)).tolist():
         if not change[j] > _SAME:
-            return []
+            return -1, []
         own = [k for k, term in kept.items() if term.joint == j and not term.effect.spread]
         felt = [k for k, term in kept.items() if term.effect.spread]
         if own:
-            return own
+            return j, own
         if interval[0][j] > 0.0:
-            return felt or list(kept)
-    return []
+            return j, felt or list(kept)
+    return -1, []

@@ -263,7 +263,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     terms = proposed.entries[len(declared.entries) :]
     marked = mark_terms(prepared, proposed, terms)
     before, impossible = keep_possible(declared, len(declared.entries))
-    after, stays, beyond = withdraw_worse(declared, before, search.sigma, terms, marked)
+    after, stays, beyond, helped = withdraw_worse(declared, before, search.sigma, terms, marked)
     named = [
         Attribution(term, f.evidence, names, mark, kept)
         for term, f, names, mark, kept in zip(terms, found, equivalent, marked, stays, strict=True)
@@ -278,6 +278,11 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     notes = answer.notes + [one.describe(prepared.dataset.joints) for one in impossible]
+    notes += [
+        f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
+        "model gives its drive an inertia of its own, which is no name."
+        for term in helped
+    ]
     return Diagnosis(
         prepared,
         search.policy,

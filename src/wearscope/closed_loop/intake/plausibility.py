@@ -222,13 +222,17 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
         if small and _needs_body(whole, j):
             prepared.notes.append(
                 f"{joints[j]}: next to nothing of the rigid body is seen in this torque; likely causes: "
-                'gravity was taken out ("torque: without_gravity"), or masses are far too large.'
+                'gravity was taken out ("torque: without_gravity"), a balancer carries the body, or masses '
+                "are far too large."
             )
 
 
 def _needs_body(whole: Rows, j: int) -> bool:
+    """Whether a joint's body has much torque that the drive's own inertia and friction cannot have."""
     at = whole.counts[:, j]
-    return bool(whole.known[at, j].std() > 0.5 * whole.tau[at, j].std())
+    own = np.column_stack([np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]])
+    left = whole.known[at, j] - own @ np.linalg.lstsq(own, whole.known[at, j], rcond=None)[0]
+    return bool(left.std() > 0.5 * whole.tau[at, j].std())
 
 
 def _torque_spread(run: PreparedRun) -> np.ndarray:

@@ -1,0 +1,40 @@
+"""Two measured machines: what is named, the error on runs that were not fitted, and no joint worse."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+
+DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+pytestmark = pytest.mark.slow
+
+
+def close(name):
+    if not (DATA / name).is_dir():
+        pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data")
+    return diagnose(DATA / name).verdict
+
+
+def test_ball_screw_axis_is_predicted_within_3_percent():
+    """Janot, Gautier, Brunot: 5.98 % on the test run with inertia, viscous, Coulomb and offset."""
+    verdict = close("emps")
+    assert {"viscous_asymmetry", "time_delay"} <= {entry["effect"] for entry in verdict["verdict"]}
+    assert verdict["joints"]["slide"]["left_percent"] < 2.8
+    assert not any("rigid body" in note for note in verdict["notes"])
+
+
+def test_industrial_arm_has_a_balancer_and_another_load_and_no_joint_is_worse():
+    """Weigand et al.: a hydraulic balancer at axis 2; the load is another one than the URDF's."""
+    verdict = close("kr300")
+    named = {(entry["joint"], entry["effect"]): entry for entry in verdict["verdict"]}
+    assert named["a2", "gravity_counterbalance"]["status"] == "confirmed"
+    load = [entry for (_, effect), entry in named.items() if effect in ("payload_error", "inertial_error")]
+    assert [entry["in_model"] for entry in load] == [True]
+    assert {
+        joint: state["error"] for joint, state in verdict["joints"].items() if state["error"] == "larger"
+    } == {}
+    for joint, percent in (("a1", 5.7), ("a2", 6.2), ("a3", 5.1)):
+        assert verdict["joints"][joint]["left_percent"] < percent
+    assert any(note.startswith("a1: the named body alone") for note in verdict["notes"])
