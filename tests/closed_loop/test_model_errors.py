@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.model_errors import evaluate_model
 from wearscope.errors import InputError
+from wearscope.model_errors import evaluate_model
 from wearscope.robots.model import make_model
 
 INERTIA, COULOMB, VISCOUS = [1.5, 0.6], [6.0, 3.0], [4.0, 2.0]

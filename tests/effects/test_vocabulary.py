@@ -305,11 +305,15 @@ PASSIVE = {
     "quadratic_viscous": {"curvature": 2.0},
     "joint_spring": {"stiffness": 50.0, "preload": -4.0},
     "friction_wear_temperature": {"eta0": 6.0, "eta3": 0.05, "eta5": 5.0, "eta6": 0.25},
+    "stribeck": {"level": 4.0, "speed": 0.8, "exponent": 1.0},
+    "torque_ripple": {"cosine": 1.5, "sine": -0.5, "wavenumber": 6.0},
 }
+#: Friction with a memory is no function of position and speed; tests/export replay it.
+WITH_MEMORY = {"presliding_hysteresis"}
 
 
 def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
-    assert {name for name, effect in EFFECTS.items() if effect.passive} == PASSIVE.keys()
+    assert {name for name, effect in EFFECTS.items() if effect.passive} == PASSIVE.keys() | WITH_MEMORY
     t = np.linspace(0.0, 1.0, 101)
     q, v = 0.3 + np.sin(5.0 * t)[:, None], 5.0 * np.cos(5.0 * t)[:, None]
     zero = np.zeros_like(q)
@@ -321,6 +325,10 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
         torque = held.get("friction", 0.0) * np.sign(v) + held.get("damping", 0.0) * v
         torque += held.get("quadratic", 0.0) * v * np.abs(v)
         torque += held.get("stiffness", 0.0) * q + held.get("preload", 0.0)
+        level, speed, exponent = held.get("falling", (0.0, 1.0, 1.0))
+        torque += level * np.exp(-np.abs(v / speed) ** exponent) * np.sign(v)
+        cosine, sine, wavenumber = held.get("wave", (0.0, 0.0, 1.0))
+        torque += cosine * np.cos(wavenumber * q) + sine * np.sin(wavenumber * q)
         np.testing.assert_allclose(effect.torque(signals, 0, values), torque[:, 0], atol=1e-12, err_msg=name)
 
 

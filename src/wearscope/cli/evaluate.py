@@ -24,7 +24,7 @@ def evaluate(model, dataset, out, allow_code):  # type: ignore[no-untyped-def]
     """
     from wearscope.cli.show import print_table
     from wearscope.cli.tables import format_value
-    from wearscope.closed_loop.model_errors import evaluate_model
+    from wearscope.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
     errors = evaluate_model(

@@ -5,6 +5,7 @@ from typing import Any
 
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.model.estimation import Estimate
+from wearscope.effects.viscous import EFFECT as VISCOUS
 
 
 def list_speed_torques(dataset: Dataset, estimates: Sequence[Estimate]) -> dict[str, Any]:
@@ -27,7 +28,7 @@ def list_speed_torques(dataset: Dataset, estimates: Sequence[Estimate]) -> dict[
         j = dataset.joints.index(joint)
         value = low = high = servo.back_emf
         for one in estimates:
-            if one.entry.joint == j and one.entry.effect.name == "viscous":
+            if one.entry.joint == j and one.entry.effect.name == VISCOUS.name:
                 ends = one.intervals.get("slope", (one.values["slope"],) * 2)
                 value, low, high = value + one.values["slope"], low + ends[0], high + ends[1]
         unit = f"{dataset.torque_unit[j]} s/{dataset.position_unit[j]}"

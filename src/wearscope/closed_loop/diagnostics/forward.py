@@ -12,6 +12,7 @@ from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.prediction import bootstrap_rms, pooled_rms
 from wearscope.cycles.base import Reference
+from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.simulation.errors import SimulationError
@@ -133,7 +134,7 @@ def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:
         return model
     fields = model.to_mapping()
     for entry in fields["effects"]:
-        if entry["effect"] == "time_delay":
+        if entry["effect"] == TIME_DELAY.name:
             entry["parameters"]["delay"] -= find_shift(
                 prepared, prepared.dataset.joints.index(entry["joint"])
             )

@@ -13,7 +13,7 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import Asked, Reading, find_reading
+from wearscope.closed_loop.intake.readings import SMALL, Asked, Reading, find_reading, say_factors
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
@@ -28,6 +28,9 @@ _MOST_ROWS, _MOST_OF_RUN = 4000, 1200
 #: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
 #: explains all but a share of it.
 _QUIET, _IDLE = 0.2, 0.3
+#: Torque over what the body needs beyond which no undeclared drive's inertia explains it, where that inertia
+#: and the body move alike: the body's own share of its torque there.
+_LARGEST, _OWN = 300.0, 0.05
 #: Counts of a torque that a joint which holds still may swing by.
 _COUNTS = 5.0
 #: Share of its reach below which a joint rests in a run.
@@ -54,6 +57,7 @@ def check_plausibility(prepared: Prepared) -> None:
         if run.piece < 2:
             _check_speeds(prepared, run)
         _check_frozen(prepared, run)
+    _check_sizes(prepared, asked)
     _check_readings(prepared, asked, left)
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
@@ -115,6 +119,37 @@ def _refuse(prepared: Prepared, where: str, told: str, *codes: str) -> None:
     note = prepared.dataset.accepted.refuse(where, told, *codes)
     if note not in prepared.notes:
         prepared.notes.append(note)
+
+
+def _check_sizes(prepared: Prepared, whole: Rows) -> None:
+    """Torques of joints at which body and drive's inertia move alike, so that one passes for the other."""
+    factors = np.full((len(prepared.runs), prepared.n), np.nan)
+    for k in range(len(prepared.runs)):
+        own = whole.pick(whole.run == k)
+        for j in own.products.heard:
+            at = own.counts[:, j]
+            known, plain = own.known[at, j], [np.ones(at.sum()), own.sign[at, j], own.v[at, j]]
+            if _leave(known, [*plain, own.a[at, j]]).std() > _OWN * known.std():
+                continue
+            tau, body = _leave(own.tau[at, j], plain), _leave(known, plain)
+            if (body @ tau) ** 2 > 0.5 * (body @ body) * (tau @ tau):
+                factors[k, j] = body @ tau / (body @ body)
+    with np.errstate(invalid="ignore"):
+        off = (np.abs(factors) < SMALL) | (np.abs(factors) > _LARGEST)
+    runs = np.flatnonzero(off.any(axis=1))
+    if len(runs):
+        where = prepared.dataset.folder
+        if len(runs) < len(prepared.runs):
+            where = where / prepared.runs[runs[0]].file
+        at = np.flatnonzero(off[runs[0]])
+        told, codes = say_factors(_ask(prepared, whole), at, factors[runs[0]])
+        _refuse(prepared, str(where), told, *codes)
+
+
+def _leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
+    """What columns do not explain of a signal."""
+    x = np.column_stack(columns)
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
 
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
@@ -230,9 +265,8 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
 def _needs_body(whole: Rows, j: int) -> bool:
     """Whether a joint's body has much torque that the drive's own inertia and friction cannot have."""
     at = whole.counts[:, j]
-    own = np.column_stack([np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]])
-    left = whole.known[at, j] - own @ np.linalg.lstsq(own, whole.known[at, j], rcond=None)[0]
-    return bool(left.std() > 0.5 * whole.tau[at, j].std())
+    own = [np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]]
+    return bool(_leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
 
 
 def _torque_spread(run: PreparedRun) -> np.ndarray:

@@ -24,7 +24,7 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
 #: joints must then keep less than a share of what it removes. Totals that differ by less are alike.
 _DOUBTFUL, _CLEAR, _ALIKE = 0.015, 0.3, 0.02
 #: Torque over need beyond which a factor is no error of the model.
-_SMALL, _LARGE = 0.25, 4.0
+SMALL, _LARGE = 0.25, 4.0
 #: Least share of a torque that a body must explain for its factor to mean anything.
 _BODY = 0.5
 #: Rows of a first look; least span of a position in degrees, or in mm, that is a motion.
@@ -171,13 +171,19 @@ def _read_factors(
     """Motor-side torque, currents, newton-millimetres, masses in grams."""
     rows = asked.rows
     with np.errstate(invalid="ignore"):
-        off = (np.abs(factor) < _SMALL) | (np.abs(factor) > _LARGE)
+        off = (np.abs(factor) < SMALL) | (np.abs(factor) > _LARGE)
         off &= loose < _BODY * without
     at = np.flatnonzero(off)
     if not len(at):
         return
     divisor = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0)
     read = rows.times(1.0 / divisor, "tau")
+    told, codes = say_factors(asked, at, factor)
+    yield Reading(told, codes, tuple(at.tolist()), read.products.fit(), True)
+
+
+def say_factors(asked: Asked, at: np.ndarray, factor: np.ndarray) -> tuple[str, tuple[str, ...]]:
+    """What is said of joints `at` with torques `factor` (n,) times what the body needs, and its codes."""
     middle = float(np.median(factor[at]))
     hint = (
         "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
@@ -193,9 +199,7 @@ def _read_factors(
         f"{say_columns(names)} {'is' if len(at) == 1 else 'are'} {sizes} times what the rigid body needs, as "
         f"currents or torques in another unit or before a gear are; {hint}."
     )
-    yield Reading(
-        told, tuple(f"gain {name}" for name in names), tuple(at.tolist()), read.products.fit(), True
-    )
+    return told, tuple(f"gain {name}" for name in names)
 
 
 def _signs(turned: np.ndarray) -> np.ndarray:
