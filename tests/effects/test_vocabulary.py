@@ -326,7 +326,7 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
         torque += held.get("quadratic", 0.0) * v * np.abs(v)
         torque += held.get("stiffness", 0.0) * q + held.get("preload", 0.0)
         level, speed, exponent = held.get("falling", (0.0, 1.0, 1.0))
-        torque += level * np.exp(-np.abs(v / speed) ** exponent) * np.sign(v)
+        torque += level * np.exp(-(np.abs(v / speed) ** exponent)) * np.sign(v)
         cosine, sine, wavenumber = held.get("wave", (0.0, 0.0, 1.0))
         torque += cosine * np.cos(wavenumber * q) + sine * np.sin(wavenumber * q)
         np.testing.assert_allclose(effect.torque(signals, 0, values), torque[:, 0], atol=1e-12, err_msg=name)

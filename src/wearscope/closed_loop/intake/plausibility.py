@@ -20,7 +20,7 @@ from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: Share of a torque's variance above which a joint, or a run, is doubted.
-_DOUBTFUL = 0.15
+_DOUBTFUL = 0.1
 #: A data set is refused without a remedy where this share of the variance stays at half of its joints.
 _HOPELESS = 0.8
 #: Most rows of all runs, and of one run, that the readings are weighed on.
@@ -57,8 +57,8 @@ def check_plausibility(prepared: Prepared) -> None:
         if run.piece < 2:
             _check_speeds(prepared, run)
         _check_frozen(prepared, run)
-    _check_sizes(prepared, asked)
     _check_readings(prepared, asked, left)
+    _check_sizes(prepared, asked)
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
