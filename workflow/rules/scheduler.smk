@@ -3,6 +3,7 @@ import json
 from wearscope.files import write_text
 from wearscope.integrity import SETTINGS
 
+
 # While jobs wait, Snakemake looks through all of them again a timespan after each look, so that a limit of starts a
 # timespan (--max-jobs-per-timespan) is kept; and each job that ends begins such a row of looks anew. By the middle of the
 # default study they took a quarter of a core. What runs here is limited by its cores: a look when a job has ended is
