@@ -18,7 +18,7 @@ inherited = dict(os.environ)
 # clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
 if os.path.isdir(SRC):
     sys.path.insert(0, SRC)
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")]))
+    os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
 os.environ.update(
     OMP_NUM_THREADS="1",
     OPENBLAS_NUM_THREADS="1",
