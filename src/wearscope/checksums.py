@@ -13,6 +13,8 @@ from wearscope.files import DamagedFile, digest_file, set_aside, write_text
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
+#: The configuration that a study was run with last, in its folder.
+SETTINGS = ".study.json"
 
 
 def record_checksums(folder: str | Path, files: Iterable[str | Path], made_with: str | Path = "") -> None:

@@ -13,15 +13,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from wearscope.checksums import CHECKSUMS, check_file, withdraw
+from wearscope.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
 from wearscope.files import DamagedFile, clear_stale
 from wearscope.home import find_home
 from wearscope.simulation.failures import read_markers
 from wearscope.simulation.recording import read_fingerprint
 from wearscope.simulation.traces import point_path
-
-#: The configuration that a study was run with last, in its folder.
-SETTINGS = ".study.json"
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from wearscope import example_dataset, integrity
 from wearscope.checking.costs import list_excesses
 from wearscope.checking.dataset import check_dataset
-from wearscope.checksums import check_file, find_output, record_checksums
+from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
 from wearscope.cli import main
 from wearscope.cli.main import wearscope
 from wearscope.cli.workflow import wait_turn
@@ -212,7 +212,7 @@ def test_the_repair_works_as_it_is_printed(tmp_path, monkeypatch, capsys):
     made = tmp_path / "results" / "s" / "a 1.txt"
     made.parent.mkdir(parents=True)
     (tmp_path / "Snakefile").write_text(SNAKEFILE)
-    (made.parent / integrity.SETTINGS).write_text(json.dumps({"word": "kept"}))
+    (made.parent / SETTINGS).write_text(json.dumps({"word": "kept"}))
     made.write_text("kept\n")
     shutil.copy(made, made.with_name("b.txt"))
     record_checksums(made.parent, [made])
