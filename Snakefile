@@ -5,19 +5,9 @@
 #   snakemake --cores 2 snr                                 up to one stage
 #
 # `wearscope run` and its sisters call these targets; `wearscope new study` makes a folder that includes this file.
-import os
-
 from snakemake.utils import min_version
 
 min_version("9.27")
-
-# A file given with --configfile is the whole study: nothing of the default's shows through.
-if not workflow.config_settings.configfiles:
-    STUDY_FILE = "config/config.yaml"
-    if not os.path.isfile(STUDY_FILE):
-        STUDY_FILE = os.path.join(str(workflow.current_basedir), STUDY_FILE)
-
-    configfile: STUDY_FILE
 
 
 report: "workflow/report/workflow.rst"

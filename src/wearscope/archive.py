@@ -50,6 +50,7 @@ from wearscope.checksums import record_checksums
 from wearscope.config import drop_retired
 from wearscope.errors import InputError
 from wearscope.files import digest_file, explain_unwritten, write_text, write_whole
+from wearscope.processes import end_process
 from wearscope.provenance import describe_provenance
 
 __all__ = [
@@ -350,4 +351,4 @@ def _tell_restored(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

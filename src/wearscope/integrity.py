@@ -16,6 +16,7 @@ from pathlib import Path
 from wearscope.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
 from wearscope.files import DamagedFile, clear_stale
 from wearscope.home import find_home
+from wearscope.processes import end_process
 from wearscope.simulation.failures import read_markers
 from wearscope.simulation.recording import read_fingerprint
 from wearscope.simulation.traces import point_path
@@ -104,4 +105,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

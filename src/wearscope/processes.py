@@ -1,12 +1,17 @@
-"""Processes that end with the one they work for."""
+"""Processes that end with the one they work for, and obey nothing that lies in their working directory."""
 
+import atexit
 import os
 import select
 import signal
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import chdir
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from types import ModuleType
+from typing import NoReturn
 
 #: Environment variable with the process that a job works for, see `identify_process`.
 MAIN = "WEARSCOPE_MAIN"
@@ -17,19 +22,74 @@ PYTHON = (sys.executable, "-P")
 
 
 def isolate(environment: Mapping[str, str]) -> dict[str, str]:
-    """Environment of a child process in which nothing that lies in the working directory is run or obeyed.
-
-    Python, and what it starts in turn, imports nothing from there, and numba reads its settings from the
-    environment alone: a ``.numba_config.yaml`` could name a cache, whose content runs.
-    """
+    """Environment of a child process that imports nothing from its working directory."""
     paths = [one for one in environment.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(one)]
     kept = {name: value for name, value in environment.items() if name != "PYTHONPATH"}
     return {
-        "NUMBA_CACHE_DIR": "",
         **kept,
         **({"PYTHONPATH": os.pathsep.join(paths)} if paths else {}),
         "PYTHONSAFEPATH": "1",
     }
+
+
+class _Elsewhere(PathFinder):
+    """Imports modules that would read a settings file of the working directory in the root directory."""
+
+    @classmethod
+    def find_spec(
+        cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find one of these modules; all others are left to Python's own finders."""
+        if fullname not in ("matplotlib", "numba.core.config"):
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is None or spec.loader is None:
+            return None
+        run = spec.loader.exec_module
+
+        def run_elsewhere(module: ModuleType) -> None:
+            with chdir("/"):
+                run(module)
+            if fullname == "numba.core.config":  # which looks again whenever it compiles
+                vars(module)["_config_fname"] = os.devnull
+
+        vars(spec.loader)["exec_module"] = run_elsewhere
+        return spec
+
+
+def ignore_settings_here() -> None:
+    """Have no library obey a settings file of the working directory, which may be a data set.
+
+    A ``.numba_config.yaml`` may name a cache, whose content runs; a ``matplotlibrc`` changes figures.
+    """
+    if _Elsewhere not in sys.meta_path:
+        sys.meta_path.insert(0, _Elsewhere)
+
+
+_ended: list[int] = []
+
+
+@atexit.register
+def _leave() -> None:
+    if _ended:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_ended[-1])
+
+
+def leave_with(code: int) -> None:
+    """Have this process end with an exit code, without taking the interpreter down.
+
+    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them,
+    after the work was done. What is registered with `atexit` still runs.
+    """
+    _ended.append(code)
+
+
+def end_process(code: int) -> NoReturn:
+    """End this process, see `leave_with`."""
+    leave_with(code)
+    sys.exit(code)
 
 
 def identify_process(pid: int) -> str:

@@ -158,6 +158,7 @@ def test_a_full_disk_ends_a_command_in_one_sentence(monkeypatch, capsys):
         raise OSError(errno.ENOSPC, "No space left on device", "/nowhere/x")
 
     monkeypatch.setattr(main, "wearscope", full)
+    monkeypatch.setattr(main, "end_process", sys.exit)
     with pytest.raises(SystemExit) as end:
         main.main()
     assert end.value.code == 1

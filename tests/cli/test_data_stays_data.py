@@ -16,7 +16,7 @@ from wearscope import example_dataset
 from wearscope.cli import stages
 from wearscope.cli.main import wearscope
 from wearscope.cli.study import list_code
-from wearscope.cli.workflow import keep_settings, merge, read_setting
+from wearscope.cli.workflow import build_command, keep_settings, merge, read_setting
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.errors import InputError
@@ -111,6 +111,14 @@ def test_nothing_that_lies_in_a_data_set_runs(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0 and "jobs to do" in done.stdout, done.stderr
     assert not (tmp_path / "ran").exists()
+
+
+def test_no_modules_for_snakemake_come_with_a_folder(tmp_path):
+    """It would import plugins from there by their names alone."""
+    module = tmp_path / ".snakemake" / "pip-deployments" / "snakemake_logger_plugin_x"
+    module.mkdir(parents=True)
+    with pytest.raises(InputError, match="pip-deployments: holds code that Snakemake would run; remove it"):
+        build_command((), tmp_path, 1, tmp_path / "settings.json")
 
 
 def test_a_child_has_no_folder_of_the_data_on_its_path(tmp_path):

@@ -213,3 +213,36 @@ with run_job(Snakemake(rule="it", wildcards=[], log=[{str(tmp_path / "it.log")!r
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split(), done.stderr) == (code, said, "")
+
+
+def call_python(code, folder, *arguments):
+    command = [*processes.PYTHON, "-c", code, *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_command_ends_as_it_says_where_libraries_abort_at_the_end(tmp_path, code):
+    """As threads of C++ do that are still there when their objects are taken down."""
+    done = call_python(
+        "import atexit, ctypes, sys\n"
+        "from wearscope.processes import end_process\n"
+        "ctypes.pythonapi.Py_AtExit(ctypes.CFUNCTYPE(None)(('abort', ctypes.CDLL(None))))\n"
+        "atexit.register(print, 'cleared')\n"
+        "end_process(int(sys.argv[1]))",
+        tmp_path, str(code),
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (code, "cleared\n")
+
+
+def test_settings_of_libraries_in_the_working_directory_are_not_obeyed(tmp_path):
+    """Nor read: a pipe would hold the reader for good."""
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n")
+    os.mkfifo(tmp_path / "matplotlibrc")
+    done = call_python(
+        "from wearscope.processes import ignore_settings_here as ignore; ignore()\n"
+        "import matplotlib, numba\n"
+        "from numba.core import config\n"
+        "config.reload_config(); print(config.DISABLE_JIT)",
+        tmp_path,
+    )
+    assert done.stdout == "0\n", done.stderr

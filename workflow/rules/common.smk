@@ -26,6 +26,12 @@ os.environ.update(
     NUMBA_NUM_THREADS="1",
 )
 
+from wearscope.processes import MAIN, STARTER, end_with, identify_process, ignore_settings_here, isolate
+
+# No job runs or obeys what lies in the working directory, which may be a data set.
+ignore_settings_here()
+os.environ.update(isolate(os.environ))
+
 from wearscope.cli.study import read_yaml
 from wearscope.closed_loop.intake.data_folder import find_inside, list_named
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
@@ -36,7 +42,6 @@ from wearscope.files import check_folder
 from wearscope.plain_yaml import take_label
 from wearscope.planning import SETUP_FIGURES, Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
-from wearscope.processes import MAIN, STARTER, end_with, identify_process, isolate
 from wearscope.robots.model_file import (
     check_code,
     find_model,
@@ -49,18 +54,33 @@ from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_script_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
 
+# A file given with --configfile is the whole study: nothing of the default's shows through.
+STUDY_FILE = "config/config.yaml"
+if not os.path.isfile(STUDY_FILE):
+    STUDY_FILE = os.path.join(HOME, STUDY_FILE)
+GIVEN = workflow.config_settings.configfiles
+
 try:
-    for file in workflow.configfiles:
+    for file in GIVEN or [STUDY_FILE]:
         if not str(file).endswith(".json"):  # which the command writes
-            read_yaml(Path(file))  # Snakemake keeps the last of two settings of one name, silently
+            read_yaml(
+                Path(file)
+            )  # Snakemake keeps the last of two settings of one name, and may run code in it
+except InputError as error:
+    raise SystemExit(str(error)) from None
+
+if not GIVEN:
+
+    configfile: STUDY_FILE
+
+
+try:
     STUDY = load_config(config)
     for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
         check_folder(f"results/{made}")
 except InputError as error:
     raise SystemExit(str(error)) from None
 
-# No job runs or obeys what lies in the working directory, which may be a data set.
-os.environ.update(isolate(os.environ))
 # Started by a job (partitions.smk), it ends with that job.
 end_with(os.environ.pop(STARTER, ""))
 # A job ends with this process, also where it alone is killed.

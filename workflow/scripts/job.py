@@ -1,6 +1,5 @@
 """What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
 
-import atexit
 import gc
 import os
 import resource
@@ -15,30 +14,14 @@ from typing import Any
 from wearscope.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
 from wearscope.errors import InputError
 from wearscope.files import FULL, DamagedFile, explain_unwritten, written
-from wearscope.processes import MAIN, end_with
+from wearscope.processes import MAIN, end_with, ignore_settings_here, leave_with
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
 # the interpreter ends, takes a fifth of a short job's time.
 gc.disable()
+ignore_settings_here()
 
 Say = Callable[[str], None]
-#: Whether the job of this process ended well.
-_done = False
-
-
-@atexit.register
-def leave() -> None:
-    """End a process whose job ended well, after what else is done at its end, without taking it down.
-
-    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them: a
-    job was lost so after its work was done.
-    """
-    if _done:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
-
-
 @contextmanager
 def run_job(snakemake: Any) -> Iterator[Say]:
     """Log a job, and end it where its input is bad or the workflow is no more.
@@ -101,8 +84,8 @@ def run_job(snakemake: Any) -> Iterator[Say]:
     if getattr(snakemake, "output", True):  # a job without output has others do its work, which say theirs
         record_costs(Path(snakemake.log[0]), time.monotonic() - start)
     gc.freeze()
-    global _done
-    _done = type(snakemake).__name__ == "Snakemake"
+    if type(snakemake).__name__ == "Snakemake":
+        leave_with(0)
 
 
 def record_costs(log: Path, seconds: float) -> Path:

@@ -2,7 +2,6 @@
 
 import importlib
 import os
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +9,7 @@ import click
 
 from wearscope.errors import InputError
 from wearscope.files import FULL, explain_unwritten
-from wearscope.processes import isolate
+from wearscope.processes import end_process, ignore_settings_here, isolate
 
 #: Where each command is: module of `wearscope.cli` and name in it.
 COMMANDS = {
@@ -84,13 +83,16 @@ def wearscope() -> None:
 def main() -> None:
     """Run the command; bad input ends it in one sentence."""
     os.environ.update(isolate(os.environ))
+    ignore_settings_here()
     try:
         wearscope(prog_name="wearscope")
+    except SystemExit as end:
+        end_process(end.code if isinstance(end.code, int) else int(end.code is not None))
     except InputError as error:
         click.echo(str(error), err=True)
-        sys.exit(1)
+        end_process(1)
     except OSError as error:
         if error.errno not in FULL:
             raise
         click.echo(str(explain_unwritten(error.filename or os.getcwd(), error)), err=True)
-        sys.exit(1)
+        end_process(1)

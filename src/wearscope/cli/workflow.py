@@ -200,7 +200,15 @@ def build_command(
         Passed on as they are.
     snakefile : Path, optional
         The user's own, and ``profiles/default`` next to it; the platform's where left out.
+
+    Raises
+    ------
+    InputError
+        Where the working directory, which may be a data set, brings modules for Snakemake.
     """
+    brought = folder / ".snakemake" / "pip-deployments"
+    if os.path.lexists(brought):
+        raise InputError(f"{brought}: holds code that Snakemake would run; remove it.")
     home = find_home()
     own = snakefile.resolve() if snakefile is not None else home / "Snakefile"
     profile = own.parent / "profiles" / "default"
