@@ -22,6 +22,8 @@ gc.disable()
 ignore_settings_here()
 
 Say = Callable[[str], None]
+
+
 @contextmanager
 def run_job(snakemake: Any) -> Iterator[Say]:
     """Log a job, and end it where its input is bad or the workflow is no more.

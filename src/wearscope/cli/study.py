@@ -159,7 +159,7 @@ def read_yaml(path: Path) -> dict:
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no settings; write them as 'name: value'.")
     if "__use_yte__" in content:
-        raise InputError(f"{path}: __use_yte__ lets code in the file run; write its values out, and remove it.")
+        raise InputError(f"{path}: __use_yte__ lets code in the file run; write values out and remove it.")
     return content
 
 
