@@ -35,6 +35,11 @@ class Plan:
         """Number of points of each set."""
         designed = self.study.design.count_points(self.study.factors)
         filling, checking = self.study.count_filling_points()
+        asked = self.study.direct
+        apart = {
+            "mismatch": 2 * min(asked.mismatch_runs, asked.runs),
+            "mismatch_nominal": self.study.simulation.nominal_runs,
+        }
         return {
             "identification": designed,
             "validation": designed,
@@ -42,8 +47,13 @@ class Plan:
             "checking": checking,
             "nominal": self.study.simulation.nominal_runs,
             "audit": self.study.count_audit_points(),
-            "direct": 2 * self.study.direct.runs,
+            "direct": 2 * asked.runs,
+            **(apart if asked.mismatch else {}),
         }
+
+    def nominal_of(self, name: str) -> str:
+        """Set from whose runs the detectors learn that are asked for a set's points."""
+        return "mismatch_nominal" if name == "mismatch" else "nominal"
 
     @cached_property
     def run_sets(self) -> list[str]:
@@ -115,7 +125,7 @@ class Plan:
 
     def quantity_inputs(self, *sets: str) -> dict[str, Any]:
         """Inputs of the test quantities of some sets: traces, or what was computed of chunks of them."""
-        simulated, cut = [*sets, "nominal"], self.quantity_chunks(*sets)
+        simulated, cut = [*sets, self.nominal_of(sets[0])], self.quantity_chunks(*sets)
         folder = f"{self.folder}/parts/quantity_chunks/{{robot}}/{{cycle}}"
         return {
             "traces": lambda w: [] if cut else self.traces(w.robot, w.cycle, *simulated),
@@ -130,7 +140,10 @@ class Plan:
         assert size is not None, "there are chunks"
         last = min((first + 1) * size, self.points[w.set]) - 1
         held = slice(first * size // self.points_per_job, last // self.points_per_job + 1)
-        return [*list_files(w.robot, w.cycle, w.set)[held], *list_files(w.robot, w.cycle, "nominal")]
+        return [
+            *list_files(w.robot, w.cycle, w.set)[held],
+            *list_files(w.robot, w.cycle, self.nominal_of(w.set)),
+        ]
 
     def quantity_memory(self, *sets: str) -> int:
         """Memory [MiB] for the test quantities of some sets."""

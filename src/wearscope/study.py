@@ -98,8 +98,14 @@ class Study:
         return frame
 
     def snr(self, **where: Any) -> pd.DataFrame:
-        """Signal-to-noise ratio of every cell, eq. (11) of Samuelsson et al. (2014), as `table` gives it."""
-        return self.table("snr", **where)
+        """Signal-to-noise ratio of every cell, eq. (11) of Samuelsson et al. (2014), as `table` gives it.
+
+        Of the surrogate that answers; ``model="full"`` gives the paper's own.
+        """
+        from wearscope.evaluation.snr import answer_rows
+
+        table = self.table("snr", **where)
+        return table if "model" in where else answer_rows(table)
 
     def ranking(self, **where: Any) -> pd.DataFrame:
         """Which detector is best: medians and ranks with intervals, as `table` gives it."""

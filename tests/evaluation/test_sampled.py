@@ -12,7 +12,7 @@ from wearscope.errors import InputError
 from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
 from wearscope.evaluation.detection import weighted_threshold
-from wearscope.evaluation.direct import direct_design, direct_table
+from wearscope.evaluation.direct import direct_design, direct_table, mismatch_design, mismatch_table
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
     interpolation,
@@ -24,7 +24,8 @@ from wearscope.evaluation.sampled_scope import (
 )
 from wearscope.evaluation.sampled_snr import draw_snr, quadrature_snr, sampled_snr_table
 from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
-from wearscope.evaluation.snr import exact_snr
+from wearscope.evaluation.snr import answer_rows, exact_snr
+from wearscope.evaluation.snr_sources import snr_sources
 from wearscope.surrogates.fitting import fit_surrogate
 from wearscope.surrogates.selection import ChosenSurrogate, choose_surrogate
 
@@ -202,6 +203,46 @@ def test_direct_runs_agree_with_a_right_surrogate_and_not_with_a_wrong_one(proce
         direct_table(table.assign(set="audit"), design, {KEY: process})
     with pytest.raises(InputError, match="cell r/c/1/A has no chosen surrogate"):
         direct_table(table, design, {})
+
+
+def test_a_robot_that_answers_half_as_much_has_half_the_ratio(process):
+    design = direct_design(PAPER_FACTORS, 300, 1, seed=1)
+    nominal = design.head(1).drop(columns=["hypothesis", "axis"])
+    pairs, learnt = mismatch_design(design, nominal, {"effects.wear.all.alpha": 1.3}, 200)
+    assert pairs["point"].tolist() == list(range(1, 401)) and len(learnt) == 1
+    same = ["f", "w3", "hypothesis"]
+    assert pairs[same].equals(pd.concat([design[:200], design[300:500]], ignore_index=True)[same])
+    for table in (pairs, learnt):
+        assert set(table["effects.wear.all.alpha_natural"]) == {1.3}
+
+    ideal = direct_table(direct_values(design).assign(set="direct"), design, {KEY: process})
+    asked = direct_values(pairs)
+    kept = mismatch_table(asked, ideal).iloc[0]
+    assert kept["mismatch_low"] < kept["snr_ideal"] < kept["mismatch_high"] and kept["runs"] == 200
+    step = np.diff(asked["y"].to_numpy().reshape(2, -1).mean(axis=1))[0]
+    halved = mismatch_table(asked.assign(y=asked["y"] - 0.5 * step * (asked["f"] > 0)), ideal).iloc[0]
+    assert halved["snr_mismatch"] == pytest.approx(0.5 * kept["snr_mismatch"])
+    assert halved["snr_ideal"] == ideal["snr_direct"].item()
+    lost = asked.assign(y=asked["y"].where(asked["point"] != 3))
+    assert mismatch_table(lost, ideal)[["runs", "n_failed"]].to_numpy().tolist() == [[199, 1]]
+    assert np.isnan(mismatch_table(asked, ideal.assign(snr_direct=np.nan))["snr_mismatch"].item())
+
+
+def test_sources_of_the_ratio_and_the_direct_value_where_they_disagree():
+    snr = pd.DataFrame({"fda": ["A", "A", "D"], "model": "chosen", "snr_exact": [1.0, 3.0, 30.0]})
+    both = pd.concat([snr, snr.assign(model="full", snr_exact=[2.0, 2.0, 9.0])], ignore_index=True)
+    assert (
+        answer_rows(both).equals(snr) and answer_rows(both[both["model"] == "full"])["model"].eq("full").all()
+    )
+    cell = pd.DataFrame({"robot": "r", "cycle": "c", "axis": 1, "fda": ["A", "D"]})
+    told = cell.assign(snr_surrogate=[1.0, 32.0], snr_direct=[1.1, 42.0], agrees=[True, False])
+    table = snr_sources(snr, both[both["model"] == "full"], told, cell.assign(snr_mismatch=[1.2, 4.0]))
+    assert table.set_index("fda").loc["D"].to_dict() == {
+        "median": 30.0, "median_paper": 9.0, "surrogate": 32.0, "direct": 42.0, "answer": 42.0,
+        "mismatch": 4.0,
+    }  # fmt: skip
+    assert table["answer"].tolist() == [1.0, 42.0] and table["median"].tolist() == [2.0, 30.0]
+    assert list(snr_sources(snr)) == ["fda", "median"]
 
 
 def test_runs_drawn_along_a_line_are_those_drawn_along_its_table():

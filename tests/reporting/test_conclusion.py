@@ -120,9 +120,12 @@ def test_the_strip_names_the_caveat_that_matters(told, found, fields, said):
 def test_a_direct_value_that_disagrees_is_the_answer(told, found):
     direct = pd.DataFrame(
         {"robot": "medium", "cycle": "a", "axis": 1, "fda": ["C"], "snr_direct": [42.0], "direct_low": [40.0],
-         "direct_high": [45.0], "snr_surrogate": [32.0], "agrees": [False]}
+         "direct_high": [45.0], "snr_surrogate": [32.0], "agrees": [False], "surrogate_low": [30.0],
+         "surrogate_high": [34.0], "runs": [60]}
     )  # fmt: skip
     study = replace(told, conclusions=[found], direct=direct, audit=None)
     assert "is 42 (40 to 45); the surrogate says 32. The direct value" in study_strip(study).caveat
+    page = render_study(study, compare_with_paper(study))
+    assert "the direct value answers" in page
     agreed = replace(study, direct=direct.assign(agrees=True))
     assert "direct value" not in study_strip(agreed).caveat

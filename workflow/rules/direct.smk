@@ -3,9 +3,14 @@ DIRECT_ROBOT, DIRECT_CYCLE = next(iter(ROBOTS)), next(iter(CYCLES))
 DIRECT_TABLES = [f"{R}/direct.parquet"] if DIRECT else []
 
 
+MISMATCH = DIRECT and bool(STUDY.direct.mismatch)
+MISMATCH_TABLES = [f"{R}/mismatch.parquet"] if MISMATCH else []
+
+
 rule direct:
     input:
         DIRECT_TABLES,
+        MISMATCH_TABLES,
 
 
 rule make_direct_design:
@@ -45,6 +50,7 @@ use rule compute_test_quantities as compute_direct_quantities with:
         **needs(PLAN.quantity_memory("direct"), 30),
     params:
         sets=["direct"],
+        nominal_set="nominal",
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes[:1],
         detectors=config["detectors"],
@@ -74,3 +80,63 @@ rule compare_direct:
         "Compare the surrogates' SNR with direct Monte Carlo"
     script:
         "../scripts/compare_direct.py"
+
+
+if MISMATCH:
+
+    # The same question of a robot that differs from the model that the detectors hold.
+    rule make_mismatch_design:
+        input:
+            direct=f"{R}/design/direct.parquet",
+            nominal=f"{R}/design/nominal.parquet",
+            code=lambda w: code("make_mismatch_design"),
+        output:
+            pairs=f"{R}/design/mismatch.parquet",
+            nominal=f"{R}/design/mismatch_nominal.parquet",
+        log:
+            f"{R}/logs/make_mismatch_design.log",
+        conda:
+            ENV
+        params:
+            mismatch=STUDY.direct.mismatch,
+            runs=STUDY.direct.mismatch_runs,
+        message:
+            "Draw the runs on a robot that differs from its model"
+        script:
+            "../scripts/make_mismatch_design.py"
+
+    use rule compute_direct_quantities as compute_mismatch_quantities with:
+        input:
+            **PLAN.quantity_inputs("mismatch"),
+            mismatch=f"{R}/design/mismatch.parquet",
+            nominal=f"{R}/design/mismatch_nominal.parquet",
+            robot=lambda w: robot_files(ROBOTS[w.robot]),
+            code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
+        output:
+            table=f"{R}/parts/mismatch_quantities/{{robot}}/{{cycle}}.parquet",
+            failed=f"{R}/parts/mismatch_failed_simulations/{{robot}}/{{cycle}}.parquet",
+        log:
+            f"{R}/logs/compute_mismatch_quantities/{{robot}}/{{cycle}}.log",
+        params:
+            sets=["mismatch"],
+            nominal_set="mismatch_nominal",
+        message:
+            "Compute the test quantities of {wildcards.robot}, {wildcards.cycle}, which differs from its model"
+
+    rule compare_mismatch:
+        input:
+            quantities=f"{R}/parts/mismatch_quantities/{DIRECT_ROBOT}/{DIRECT_CYCLE}.parquet",
+            direct=f"{R}/direct.parquet",
+            code=lambda w: code("compare_mismatch"),
+        output:
+            f"{R}/mismatch.parquet",
+        log:
+            f"{R}/logs/compare_mismatch.log",
+        conda:
+            ENV
+        params:
+            seed=STUDY.seed,
+        message:
+            "Compare the SNR with that of a robot that differs from its model"
+        script:
+            "../scripts/compare_mismatch.py"

@@ -41,6 +41,12 @@ rule compute_snr:
         unpack(asked_of(STUDY.snr.model)),
         # Replicates, which tell whether a robot's model has noise, belong to the filling design.
         noise=f"{R}/chosen_surrogates.parquet" if FILLED else [],
+        # The paper's own model stands next to the chosen surrogate.
+        paper=(
+            f"{R}/surrogates.parquet"
+            if STUDY.snr.model == "chosen" and "full" in STUDY.surrogates.models
+            else []
+        ),
         code=lambda w: code("compute_snr"),
     output:
         snr=f"{R}/snr.parquet",

@@ -172,6 +172,7 @@ rule write_report:
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
         direct=DIRECT_TABLES[0] if DIRECT else [],
+        mismatch=MISMATCH_TABLES[0] if MISMATCH else [],
         conclusion=f"{R}/conclusion.json",
         thresholds=f"{R}/thresholds.parquet",
         rankings=f"{R}/rankings.parquet",

@@ -169,7 +169,7 @@ rule simulate_points:
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,
         packed=STUDY.simulation.packed,
-        kinds=STUDY.factor_kinds(),
+        kinds=lambda w: STUDY.factor_kinds(w.get("set", "")),
         worn=STUDY.worn_axes(),
         seed=STUDY.seed,
         step=STUDY.simulation.step,

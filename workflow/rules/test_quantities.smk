@@ -23,6 +23,7 @@ rule compute_test_quantities:
     params:
         installed=installed("robots", "detectors", "effects"),
         sets=RUN_SETS,
+        nominal_set="nominal",
         reference=lambda w: ROBOTS[w.robot],
         axes=STUDY.axes,
         detectors=config["detectors"],
@@ -39,7 +40,7 @@ rule compute_test_quantities:
 rule compute_quantity_chunk:
     input:
         design=f"{R}/design/{{set}}.parquet",
-        nominal=f"{R}/design/nominal.parquet",
+        nominal=lambda w: f"{R}/design/{PLAN.nominal_of(w.set)}.parquet",
         traces=lambda w: PLAN.quantity_traces(PLAN.traces, w),
         recordings=lambda w: PLAN.quantity_traces(PLAN.packed, w),
         detectors=f"{R}/check/detectors.json",
@@ -58,7 +59,8 @@ rule compute_quantity_chunk:
         installed=installed("robots", "detectors", "effects"),
         reference=lambda w: ROBOTS[w.robot],
         size=STUDY.simulation.quantities_per_job(),
-        axes=lambda w: STUDY.axes[:1] if w.set == "direct" else STUDY.axes,
+        nominal_set=lambda w: PLAN.nominal_of(w.set),
+        axes=lambda w: STUDY.axes[:1] if w.set in ("direct", "mismatch") else STUDY.axes,
         detectors=config["detectors"],
         factors=FACTORS,
         max_failed_share=lambda w: STUDY.max_failed_share if w.set in RUN_SETS else 1.0,

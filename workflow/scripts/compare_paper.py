@@ -3,11 +3,12 @@
 from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.findings import compare_with_paper, findings_table
 from wearscope.reporting.study import Study
 
 TABLES = (
-    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures", "checks",
+    "surrogates", "validation", "fits", "sensitivity", "ranking", "scope", "failures", "checks",
 )  # fmt: skip
 
 with run_job(snakemake):
@@ -16,6 +17,7 @@ with run_job(snakemake):
         config=params.config,
         factors=[Factor(**one) for one in params.factors],
         **{name: tables.read_table(given[name]) for name in TABLES},
+        snr=answer_rows(tables.read_table(given.snr)),
         audit_answers=tables.read_table(given.answers) if given.get("answers") else None,
     )
     tables.write_table(snakemake.output[0], findings_table(compare_with_paper(study)))

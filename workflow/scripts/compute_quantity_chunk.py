@@ -26,6 +26,7 @@ with run_job(snakemake) as say:
         w.cycle,
         {w.set: len(design)},
         PackedRecordings(given.recordings),
+        params.nominal_set,
     )
     tables.write_table(snakemake.output.failed, failed)
     tables.write_table(snakemake.output.table, table)

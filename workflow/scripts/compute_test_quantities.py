@@ -16,7 +16,9 @@ with run_job(snakemake) as say:
     designs = {name: tables.read_table(given[name]) for name in params.sets}
     nominal = tables.read_table(given.nominal)
     if given.parts:
-        points = {name: list(table["point"]) for name, table in [*designs.items(), ("nominal", nominal)]}
+        points = {
+            name: list(table["point"]) for name, table in [*designs.items(), (params.nominal_set, nominal)]
+        }
         rows = [row for file in given.failed for row in tables.read_table(file).itertuples()]
         failures = {(row.set, row.point): row.reason for row in rows}
         check_failures(failures, points, f"robot {w.robot}, cycle {w.cycle}", params.max_failed_share)
@@ -36,6 +38,7 @@ with run_job(snakemake) as say:
             w.robot,
             w.cycle,
             packed=PackedRecordings(given.recordings),
+            nominal_set=params.nominal_set,
         )
         table = tables.to_arrow(table)
     tables.write_table(snakemake.output.failed, failed)

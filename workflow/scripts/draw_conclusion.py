@@ -8,6 +8,7 @@ from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.audit import withheld_answers
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
+from wearscope.evaluation.snr import answer_rows
 from wearscope.surrogates.chosen import read_cells
 
 COLUMNS = [
@@ -19,7 +20,7 @@ with run_job(snakemake):
     factors = [Factor(**one) for one in params.factors]
     conclusions, rankings = conclude_study(
         tables.Parts(given.scope, COLUMNS),
-        tables.read_table(given.snr),
+        answer_rows(tables.read_table(given.snr)),
         factors,
         params.scope["p_f"],
         params.scope["p_d"],

@@ -4,6 +4,7 @@ from job import run_job
 from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.figures.fit import draw_fit
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
@@ -14,7 +15,7 @@ from wearscope.simulation.idle import drop_idle
 with run_job(snakemake) as say:
     params, given, out = snakemake.params, snakemake.input, snakemake.output
     factors = [Factor(**one) for one in params.factors]
-    snr = tables.read_table(given.snr)
+    snr = answer_rows(tables.read_table(given.snr))
     scope = tables.read_table(given.scope)
 
     def save(name, figure):

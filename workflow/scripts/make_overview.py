@@ -8,13 +8,14 @@ from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.evaluation.overview import overview_table
+from wearscope.evaluation.snr import answer_rows
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params
     fits = tables.read_table(given.fits)
     table = overview_table(
         tables.read_table(given.scope),
-        tables.read_table(given.snr),
+        answer_rows(tables.read_table(given.snr)),
         fits[fits["model"] == params.model] if "model" in fits else fits,
         tables.read_table(given.failed_simulations),
         [read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text(encoding="utf-8"))],

@@ -8,15 +8,17 @@ from wearscope.simulation.traces import read_points
 
 
 def quantify(
-    say, traces, model, designs, nominal, outcome, params, factors, robot, cycle, sizes=None, packed=None
-):
+    say, traces, model, designs, nominal, outcome, params, factors, robot, cycle, sizes=None, packed=None,
+    nominal_set="nominal",
+):  # fmt: skip
     """Tables of test quantities and of failed simulations.
 
     `outcome` is what `wearscope.simulation.failures.read_markers` gives, `params` the rule's; `sizes` are the
-    points of whole sets, where `designs` hold a chunk; `packed` are recordings that are no file a point.
+    points of whole sets, where `designs` hold a chunk; `packed` are recordings that are no file a point;
+    the detectors learn from `nominal_set`.
     """
     fingerprints, failed = outcome
-    points = {name: list(table["point"]) for name, table in [*designs.items(), ("nominal", nominal)]}
+    points = {name: list(table["point"]) for name, table in [*designs.items(), (nominal_set, nominal)]}
     check_failures(failed, points, f"robot {robot}, cycle {cycle}", params.max_failed_share, sizes)
 
     def read_batches(name):
@@ -30,7 +32,7 @@ def quantify(
         [DetectorSpec(name, one["use"], one["options"]) for name, one in params.detectors.items()],
         params.axes,
         model,
-        [batch for _, _, batch in read_batches("nominal")],
+        [batch for _, _, batch in read_batches(nominal_set)],
         robot=robot,
         cycle=cycle,
         designs=designs,

@@ -4,9 +4,10 @@ from job import run_job
 from wearscope import tables
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.ranking import rank_deployable
+from wearscope.evaluation.snr import answer_rows
 
 with run_job(snakemake):
     params = snakemake.params
-    snr, upper = tables.read_table(snakemake.input.snr), list_bounds(params.detectors)
+    snr, upper = answer_rows(tables.read_table(snakemake.input.snr)), list_bounds(params.detectors)
     ranking = rank_deployable(snr, upper, by=params.group_by, seed=params.seed)
     tables.write_table(snakemake.output[0], ranking)

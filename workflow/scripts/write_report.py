@@ -11,6 +11,7 @@ from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
+from wearscope.evaluation.snr import answer_rows
 from wearscope.plugins import load
 from wearscope.reporting.costs import read_costs
 from wearscope.reporting.findings import read_findings
@@ -19,7 +20,7 @@ from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 
 TABLES = (
-    "surrogates", "validation", "fits", "sensitivity", "snr", "ranking", "scope", "failures",
+    "surrogates", "validation", "fits", "sensitivity", "ranking", "scope", "failures",
     "failed_simulations", "checks", "thresholds", "rankings", "responses", "simulated", "detection",
     "friction", "postures",
 )  # fmt: skip
@@ -34,11 +35,16 @@ with run_job(snakemake):
     detectors = {
         name: load(one["use"], "detectors", "DETECTOR") for name, one in params.config["detectors"].items()
     }
+    snr = tables.read_table(given.snr)
+    paper = snr[snr["model"] == "full"]
     study = Study(
         config=params.config,
         factors=[Factor(**one) for one in params.factors],
         **{name: tables.read_table(given[name]) for name in TABLES},
         **audit,
+        snr=answer_rows(snr),
+        paper_snr=paper if 0 < len(paper) < len(snr) else None,
+        mismatch=tables.read_table(given.mismatch) if given.get("mismatch") else None,
         screening=read_screening(given.screening),
         reevaluation=(
             read_reevaluation(given.reevaluation, given.after, params.factors) if given.get("after") else None

@@ -19,7 +19,8 @@ def list_excesses(study: StudyConfig) -> Iterator[str]:
     cells = pairs * len(study.axes) * len(study.detectors)
     points = 2 * study.design.count_points(study.factors) + sum(study.count_filling_points())
     points += study.simulation.nominal_runs + study.count_audit_points()
-    runs = pairs * points + 2 * study.direct.runs * study.direct.enabled
+    direct = study.direct.runs + bool(study.direct.mismatch) * study.direct.mismatch_runs
+    runs = pairs * points + 2 * direct * study.direct.enabled
     slower = max(1.0, USUAL_STEP / study.simulation.step)
     grid = prod(study.scope.grid) * len(study.scope.factors)
     rate = study.simulation.sample_rate or 250.0

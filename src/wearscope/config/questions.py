@@ -1,10 +1,22 @@
 """Sections on what is asked of the surrogates, and how their answers are checked."""
 
+import re
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from wearscope.config.base import AskedModel, CellKey, Model, Probability, Section
+
+_SECTIONS = "drive|sensors|payload|controller|gravity|home|lower|upper|links|effects"
+
+
+def _check_path(path: str) -> str:
+    if not re.match(rf"^({_SECTIONS})\.[^\s.]+(\.[^\s.]+)*( %)?$", path):
+        raise ValueError(f"'{path}' is no path of a number of the robot, such as effects.viscous.all.viscous")
+    return path
+
+
+NumberPath = Annotated[str, AfterValidator(_check_path)]
 
 
 class SensitivitySettings(Section):
@@ -76,3 +88,10 @@ class DirectSettings(Section):
     """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""
     runs: Annotated[int, Field(ge=10)] = 1000
     """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""
+    mismatch: dict[NumberPath, float] = Field(default={})
+    """Numbers of the simulated robot that differ from the model that the detectors hold, by path, such as
+    `effects.friction_wear_temperature.all.alpha: 1.3`; with ` %` after the path a change in percent. The same
+    cells are asked once more with a robot like that, from its nominal runs on. A factor of such a kind is a
+    mismatch that varies."""
+    mismatch_runs: Annotated[int, Field(ge=10)] = 200
+    """Simulations under each of the two hypotheses with that robot."""

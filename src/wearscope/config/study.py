@@ -149,9 +149,10 @@ class StudyConfig(Section):
             asked.checking_points + asked.checking_question_points * axes,
         )
 
-    def factor_kinds(self) -> dict[str, str]:
-        """Kind by factor, as the simulation takes it."""
-        return {name: factor.full_kind() for name, factor in self.factors.items()}
+    def factor_kinds(self, set_name: str = "") -> dict[str, str]:
+        """Kind by factor, as the simulation takes it; with the mismatch in the sets of that name."""
+        kinds = {name: factor.full_kind() for name, factor in self.factors.items()}
+        return kinds | {path: path for path in self.direct.mismatch if set_name.startswith("mismatch")}
 
     def factor_ranges(self) -> dict[str, list[Any]]:
         """Kind and natural range by factor, validation included."""

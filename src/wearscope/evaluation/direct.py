@@ -1,4 +1,4 @@
-"""The SNR's question asked of the simulator itself, run by run, beside the surrogate's answer."""
+"""The SNR's question asked of the simulator itself, also where the robot differs from its model."""
 
 from collections.abc import Mapping, Sequence
 
@@ -67,6 +67,81 @@ def direct_design(
     return table
 
 
+def mismatch_design(
+    direct: pd.DataFrame, nominal: pd.DataFrame, mismatch: Mapping[str, float], runs: int
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """First pairs of a direct design, and nominal runs, on a robot that differs from its model.
+
+    Parameters
+    ----------
+    direct : DataFrame
+        From `direct_design`.
+    nominal : DataFrame
+        The nominal design; the detectors learn from this robot too.
+    mismatch : mapping of str to float
+        Number of the robot by path.
+    runs : int
+        Pairs.
+
+    Returns
+    -------
+    pairs, nominal : DataFrame
+        With a column of natural levels for each path.
+    """
+    half = len(direct) // 2
+    count = min(runs, half)
+    pairs = pd.concat([direct.iloc[first : first + count] for first in (0, half)], ignore_index=True)
+    levels = {f"{path}_natural": float(value) for path, value in mismatch.items()}
+    return pairs.assign(point=np.arange(1, 2 * count + 1), **levels), nominal.assign(**levels)
+
+
+def mismatch_table(
+    test_quantities: pd.DataFrame,
+    direct: pd.DataFrame,
+    seed: int = 0,
+    level: float = 0.95,
+    draws: int = 2000,
+) -> pd.DataFrame:
+    """SNR where the robot differs from the detectors' model, next to that where it does not.
+
+    Parameters
+    ----------
+    test_quantities : DataFrame
+        Of the pairs of a `mismatch_design`.
+    direct : DataFrame
+        From `direct_table`.
+    seed, level, draws
+        As in `direct_table`.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``runs``, ``n_failed``, ``snr_ideal`` with ``ideal_low``,
+        ``ideal_high``, and ``snr_mismatch`` with ``mismatch_low``, ``mismatch_high``.
+    """
+    ideal = direct.set_index(CELL)
+    records = []
+    for key, cell in cells_of(test_quantities):
+        known = ideal.loc[key]
+        y = _pairs(cell)
+        free = not np.isfinite(known["snr_direct"])
+        value, low, high = _sample(y, free, key, seed, level, draws)
+        records.append(
+            {
+                **dict(zip(CELL, key, strict=True)),
+                "runs": y.shape[1],
+                "n_failed": len(cell) // 2 - y.shape[1],
+                "snr_ideal": known["snr_direct"],
+                "ideal_low": known["direct_low"],
+                "ideal_high": known["direct_high"],
+                "snr_mismatch": value,
+                "mismatch_low": low,
+                "mismatch_high": high,
+            }
+        )
+    return pd.DataFrame(records)
+
+
 def direct_table(
     test_quantities: pd.DataFrame,
     design: pd.DataFrame,
@@ -123,18 +198,10 @@ def direct_table(
         if key not in chosen:
             raise InputError(f"direct: cell {cell_name(key)} has no chosen surrogate; choose one first.")
         surrogate = chosen[key]
-        y = cell.sort_values("point")["y"].to_numpy(dtype=float).reshape(2, half)
-        good = y[:, np.isfinite(y).all(axis=0)]
-        value, low, high = np.nan, np.nan, np.nan
+        good = _pairs(cell)
         known_noise = (noise or {}).get(key, np.nan)
         free = surrogate.status == "ok" and is_noise_free(known_noise, response_size(surrogate))
-        if good.shape[1] >= 2 and not free:
-            value = _snr(good)
-            index = bootstrap_indices(good.shape[1], draws, generator_for(seed, "direct", cell_name(key)))
-            again = np.array([_snr(good[:, one]) for one in index])
-            again = again[np.isfinite(again)]
-            if again.size:
-                low, high = np.quantile(again, tail)
+        value, low, high = _sample(good, free, key, seed, level, draws)
         said = [np.nan] * 3
         if surrogate.status == "ok" and not free:
             stream = generator_for(seed, "direct surrogate", cell_name(key))
@@ -148,8 +215,8 @@ def direct_table(
                 "runs": good.shape[1],
                 "n_failed": half - good.shape[1],
                 "snr_direct": value,
-                "direct_low": float(low),
-                "direct_high": float(high),
+                "direct_low": low,
+                "direct_high": high,
                 "snr_surrogate": said[0],
                 "surrogate_low": said[1],
                 "surrogate_high": said[2],
@@ -157,6 +224,27 @@ def direct_table(
             }
         )
     return pd.DataFrame(records)
+
+
+def _pairs(cell: pd.DataFrame) -> np.ndarray:
+    """Values (2, N) under H0 and H1 of the pairs in which both have one."""
+    y = cell.sort_values("point")["y"].to_numpy(dtype=float).reshape(2, -1)
+    return y[:, np.isfinite(y).all(axis=0)]
+
+
+def _sample(
+    y: np.ndarray, free: bool, key: tuple, seed: int, level: float, draws: int
+) -> tuple[float, float, float]:
+    """SNR of pairs (2, N) with its interval; NaN where there are too few, or the model is free of noise."""
+    low, high = np.nan, np.nan
+    if y.shape[1] < 2 or free:
+        return np.nan, low, high
+    index = bootstrap_indices(y.shape[1], draws, generator_for(seed, "direct", cell_name(key)))
+    again = np.array([_snr(y[:, one]) for one in index])
+    again = again[np.isfinite(again)]
+    if again.size:
+        low, high = np.quantile(again, [0.5 - level / 2, 0.5 + level / 2])
+    return _snr(y), float(low), float(high)
 
 
 def _snr(y: np.ndarray) -> float:

@@ -218,6 +218,12 @@ def snr_table(
     return pd.DataFrame(records)
 
 
+def answer_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the surrogate that answers: the chosen one, where the paper's model stands next to it."""
+    chosen = table["model"] == "chosen"
+    return table[chosen].reset_index(drop=True) if chosen.any() else table
+
+
 def is_noise_free(noise: float, size: float) -> bool:
     """Whether a run's standard deviation is none beside y's size: nothing but the nuisances scatters."""
     return noise <= NOISE_FREE * size

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.conclusion import Bound, Conclusion
+from wearscope.reporting import trust
 from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text
 from wearscope.reporting.study import Study
 
@@ -104,6 +105,7 @@ def qualify(study: Study, one: Conclusion) -> list[str]:
             f"{names} {_told(one)} the friction law that the simulator itself uses: an upper bound, which no "
             "plant can have. It is neither ranked nor recommended."
         )
+        said += trust.mismatch_outcome(study, one.upper)
     if one.withheld:
         said.append(f"Withheld, as direct simulation contradicts them: {join_words(one.withheld)}.")
     elif study.audit is None:

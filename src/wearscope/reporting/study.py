@@ -25,7 +25,9 @@ class Study:
         The validated configuration.
     factors : sequence of Factor
     surrogates, validation, fits, sensitivity, snr, ranking, scope, failures, checks : DataFrame
-        As the stages write them.
+        As the stages write them; `snr` of the surrogate that answers.
+    paper_snr : DataFrame or None
+        SNR of the paper's model (3), where another surrogate answers.
     failed_simulations : DataFrame
         ``robot``, ``cycle``, ``set``, ``point``, ``reason``: points that were simulated in vain.
     audit, audit_summary, audit_verdicts, audit_answers : DataFrame or None
@@ -36,6 +38,8 @@ class Study:
         ``robot``, ``factor``, ``kind``, ``dropped``: which factors move no torque of a robot.
     direct : DataFrame or None
         SNR by direct Monte Carlo; None where it was not asked.
+    mismatch : DataFrame or None
+        SNR where the robot has another law than the detectors hold; None where it was not asked.
     reevaluation : Reevaluation or None
         What the correction changes; None where it was not asked.
     loops : mapping of str to mapping
@@ -83,6 +87,8 @@ class Study:
     chosen: pd.DataFrame | None = None
     screening: pd.DataFrame | None = None
     direct: pd.DataFrame | None = None
+    mismatch: pd.DataFrame | None = None
+    paper_snr: pd.DataFrame | None = None
     reevaluation: "Reevaluation | None" = None
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None

@@ -1,9 +1,11 @@
 """How far the answers can be trusted: fits, audit, failed points."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
-from wearscope.reporting.labels import count_text, factor_name, words
+from wearscope.reporting.labels import count_text, factor_name, join_words, words
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
@@ -110,6 +112,31 @@ def direct_outcome(study: Study) -> list[str]:
         f"included: {'; '.join(parts)}. "
         f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
         f"{count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
+    ]
+
+
+def tell_mismatch(study: Study) -> str:
+    """What the robot of the mismatch has that its model does not state."""
+    return join_words([f"{path} {value:g}" for path, value in study.config["direct"]["mismatch"].items()])
+
+
+def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
+    """SNR where the robot differs from the detectors' model; [] where it was not asked."""
+    table = study.mismatch
+    if table is None or table.empty:
+        return []
+    rows = table[table["fda"].isin(detectors)] if detectors else table
+    parts = [
+        f"{study.detector_name(row.fda)} {format_number(row.snr_mismatch)} "
+        f"({format_number(row.mismatch_low)} to {format_number(row.mismatch_high)}) "
+        f"instead of {format_number(row.snr_ideal)} "
+        f"({format_number(row.ideal_low)} to {format_number(row.ideal_high)})"
+        for row in rows.itertuples()
+    ]
+    first = table.iloc[0]
+    return [
+        f"SNR where the robot's friction differs from the law that the detectors hold, {first['robot']}, "
+        f"{words(first['cycle'])}, axis {first['axis']}: {'; '.join(parts)}."
     ]
 
 

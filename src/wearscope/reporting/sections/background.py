@@ -45,7 +45,9 @@ class Trust(StudySection):
             "quality": say([trust.surrogate_quality(study)]),
             "fits": embed_charts([chart_fits(study)]),
             "chosen": render_chosen(study),
-            "audited": say([*trust.audit_outcome(study), *trust.direct_outcome(study)]),
+            "audited": say(
+                [*trust.audit_outcome(study), *trust.direct_outcome(study), *trust.mismatch_outcome(study)]
+            ),
             "audit": embed_charts([chart_audit(study)] if audited else []),
             "failed": say(failed),
             "failures": [

@@ -4,7 +4,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from wearscope.reporting import answers
+from wearscope.evaluation.snr_sources import snr_sources
+from wearscope.reporting import answers, trust
 from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
 from wearscope.reporting.charts.factors import chart_response, chart_weights
 from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
@@ -61,7 +62,40 @@ class Detectors(StudySection):
             "coded units",
             "ranking": render_table(shown, filter_by={"detector": "fda"} if "detector" in shown else None),
             "charts": embed_charts([chart_snr(study), chart_snr_cells(study)]),
+            "sources": self._sources(),
         }
+
+    def _sources(self) -> Markup:
+        """The SNR by source; nothing where there is only one."""
+        study = self.study
+        table = snr_sources(study.snr, study.paper_snr, study.direct, study.mismatch)
+        if len(table.columns) < 3:
+            return Markup("")
+        names = {
+            "fda": "detector",
+            "median": "median, chosen surrogate",
+            "median_paper": "median, the paper's model (3)",
+        }
+        note = "Signal-to-noise ratio by its source."
+        if study.direct is not None and len(study.direct):
+            cell = study.direct.iloc[0]
+            where = f"{cell['robot']}, {words(cell['cycle'])}, axis {cell['axis']}"
+            names |= {
+                "surrogate": "surrogate there",
+                "direct": "simulated directly",
+                "answer": "answer there",
+            }
+            note += (
+                f" There: {where}. Where surrogate and direct simulation disagree, the direct value answers."
+            )
+            if "mismatch" in table:
+                names["mismatch"] = "robot differs from model"
+                note += f" The robot that differs from the detectors' model has {trust.tell_mismatch(study)}."
+        shown = table.assign(fda=table["fda"].map(study.detector_name), key=table["fda"]).rename(
+            columns=names
+        )
+        cells = [{"fda": name} for name in shown.pop("key")]
+        return render_table(shown, note, cells=cells)
 
 
 class Scope(StudySection):

@@ -1,0 +1,13 @@
+"""SNR where the robot differs from its model, next to that where it does not."""
+
+from job import run_job
+from wearscope import tables
+from wearscope.evaluation.direct import mismatch_table
+
+with run_job(snakemake) as say:
+    given = snakemake.input
+    quantities, direct = tables.read_table(given.quantities), tables.read_table(given.direct)
+    table = mismatch_table(quantities, direct, snakemake.params.seed)
+    for row in table.itertuples():
+        say(f"fda {row.fda}: SNR {row.snr_ideal:.3g} on its model, {row.snr_mismatch:.3g} where it differs")
+    tables.write_table(snakemake.output[0], table)
