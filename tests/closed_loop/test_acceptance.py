@@ -163,8 +163,8 @@ def test_the_line_keeps_what_was_accepted_before_and_any_name():
     assert "f: it looks odd; if it is right as it is, write " in str(caught.value)
 
 
-@pytest.mark.parametrize("reach", [1.0, 1.5, 3.0])
-@pytest.mark.parametrize("size", [0.02, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("reach", [1.0, 3.0])
+@pytest.mark.parametrize("size", [0.02, 0.3])
 def test_joints_full_of_friction_under_an_overstated_body_are_believed(arm, tmp_path, reach, size):
     """Any smaller rigid body explains such a joint, not just that of positions in degrees or turned axes."""
     folder = shutil.copytree(arm, tmp_path / "d")

@@ -60,18 +60,17 @@ def test_a_delay_that_makes_a_sixth_of_the_error_is_named(record, tmp_path):
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "time_delay")]
 
 
-def test_nothing_is_named_where_the_declared_model_suffices(record, tmp_path):
-    for seed in range(3):
-        folder = record(seed=10 + seed)
-        assert close_loop(folder, tmp_path / f"out{seed}", light=True)["verdict"] == []
-        folder.rename(tmp_path / f"done{seed}")
+@pytest.mark.parametrize("seed", range(10, 13))
+def test_nothing_is_named_where_the_declared_model_suffices(record, tmp_path, seed):
+    assert close_loop(record(seed=seed), tmp_path / "out", light=True)["verdict"] == []
 
 
 def test_structure_outside_the_vocabulary_is_called_unknown(record, tmp_path):
     def friction_by_position(t, q, v, a, rng):
         return np.column_stack([5 * np.sin(3 * q[:, 0]) * np.sign(v[:, 0]), 0 * t])
 
-    verdict = close_loop(record(extra_torque=friction_by_position, seed=4), tmp_path / "out", light=True)
+    folder = record(extra_torque=friction_by_position, seed=4, runs=4, duration=8.0)
+    verdict = close_loop(folder, tmp_path / "out", light=True)
     assert [e["effect"] for e in verdict["verdict"]] == ["unknown"]
     assert verdict["verdict"][0]["depends_on"] == ["q_a", "sign_qd_a"]
     assert verdict["joints"]["a"]["rms_after"] < 0.4 * verdict["joints"]["a"]["rms_before"]
@@ -93,20 +92,19 @@ def test_smooth_structure_is_described_with_few_heights(record, tmp_path):
     def product(t, q, v, a, rng):
         return np.column_stack([4 * q[:, 0] * v[:, 0], 0 * t])
 
-    verdict = close_loop(record(extra_torque=product, seed=4), tmp_path / "out", light=True)
+    folder = record(extra_torque=product, seed=4, runs=4, duration=8.0)
+    verdict = close_loop(folder, tmp_path / "out", light=True)
     assert [e["effect"] for e in verdict["verdict"]] == ["unknown"]
     assert len(verdict["verdict"][0]["parameters"]) <= COARSE
 
 
-def test_drifting_bias_is_not_called_unknown(record, tmp_path):
+@pytest.mark.parametrize("seed", range(30, 33))
+def test_drifting_bias_is_not_called_unknown(record, tmp_path, seed):
     def walk(t, q, v, a, rng):
         return np.cumsum(rng.normal(size=(len(t), 2)), axis=0) * 0.05
 
-    for seed in range(3):
-        folder = record(extra_torque=walk, seed=30 + seed)
-        verdict = close_loop(folder, tmp_path / f"out{seed}", light=True)["verdict"]
-        assert "unknown" not in [e["effect"] for e in verdict]
-        folder.rename(tmp_path / f"done{seed}")
+    verdict = close_loop(record(extra_torque=walk, seed=seed), tmp_path / "out", light=True)["verdict"]
+    assert "unknown" not in [e["effect"] for e in verdict]
 
 
 def test_a_ripple_is_named_from_one_run(record, tmp_path):

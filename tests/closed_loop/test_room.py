@@ -41,13 +41,13 @@ def test_evidence_on_the_generic_term_does_not_depend_on_the_room(record, pose):
     def bend(t, q, v, a, rng):
         return 6.0 * np.sin(3.0 * q)
 
-    problem = pose(record(extra_torque=bend, seed=5, runs=4, duration=6.0))
+    problem = pose(record(extra_torque=bend, seed=5, runs=3, duration=4.0))
     search = Search(problem, Policy(flips=99))
     assembly = search.assemble(())
     found = []
     for size in (0, 2**20, 2**30):
         terms = GenericTerms(problem.prepared, problem.joined, room=size)
-        found.append([weigh_generic(search, terms, assembly, [0, 1]) for _ in range(2)][-1])
+        found.append([weigh_generic(search, terms, assembly, [0]) for _ in range(2)][-1])
     assert len(found[0]) > 5
     for other in found[1:]:
         for a, b in zip(found[0], other, strict=True):

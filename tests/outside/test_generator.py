@@ -155,6 +155,7 @@ def test_a_payload_counts_wherever_it_is_said_and_has_its_mass():
     assert entry["joints"] == arm.names and entry["parameters"]["mass"] == {"value": 2.8, "unit": "kg"}
 
 
+@pytest.mark.slow
 def test_a_load_on_a_light_wrist_that_nobody_declared_is_named(tmp_path):
     """The wrist's joint needs 16 times what its own links do, as a torque in another unit would."""
     diagnosis = diagnose_case(draw_case(777), tmp_path / "case")
@@ -163,6 +164,7 @@ def test_a_load_on_a_light_wrist_that_nobody_declared_is_named(tmp_path):
     assert entry["parameters"]["mass"]["value"] == pytest.approx(2.8, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [775, 781])
 def test_time_is_not_named_beside_temperature_in_a_single_run(tmp_path, number):
     """There one is a function of the other, and the examiner's friction is no straight line in either."""
@@ -171,6 +173,7 @@ def test_time_is_not_named_beside_temperature_in_a_single_run(tmp_path, number):
     assert "temperature_dependent_friction" in named and "warm_up_drift" not in named
 
 
+@pytest.mark.slow
 def test_a_name_whose_parameter_no_machine_has_leaves_its_joint_unexplained(tmp_path):
     """A gear of 104 N m/rad: the compliance is not named, and neither is nothing said."""
     diagnosis = diagnose_case(draw_case(774), tmp_path / "case")

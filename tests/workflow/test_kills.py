@@ -1,6 +1,6 @@
 """A study that is killed at any moment is finished by the same command to the same bytes.
 
-A few kills run with the rest of the tests, as many as the review asks for with `make test-kills`.
+A few kills run with `make test-slow`, twenty with `make test-kills`.
 """
 
 import os
@@ -82,6 +82,7 @@ def check_finished(folder, reference):
     assert left == []
 
 
+@pytest.mark.slow
 def test_killed_a_few_times_in_a_row(undisturbed, fresh):
     """The whole group, and the main process alone, at random moments of one study."""
     reference, seconds = undisturbed

@@ -89,7 +89,7 @@ def test_a_setting_that_stands_twice_is_told(clone):
     assert re.search(r"bad\.yaml: is not readable YAML \(line \d+, .*'seed' stands twice", done.stderr)
 
 
-@pytest.mark.parametrize("place", ["results", "results/bad", "results/tracking"])
+@pytest.mark.parametrize("place", ["results/bad", "results/tracking"])
 def test_a_file_where_results_are_to_be_is_told(clone, bad, place):
     path, aside = clone / place, clone / "aside"
     path.parent.mkdir(exist_ok=True)

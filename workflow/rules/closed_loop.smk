@@ -19,7 +19,7 @@ LOOP_OPTIONS = dict(
 if STUDY.dataset is None:
     LOOP_FOLDER = TWIN
 else:
-    LOOP_FOLDER = f"results/closed_loop/{dataset_name(STUDY.dataset)}"
+    LOOP_FOLDER = f"results/closed_loop/{DATASET.name}"
 LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
 
 
@@ -109,8 +109,7 @@ if STUDY.dataset is not None:
 
     rule close_loop:
         input:
-            dataset=dataset_file(STUDY.dataset),
-            files=dataset_files(STUDY.dataset),
+            **DATASET_INPUTS,
             effects=own_effects(),
             code=code("close_loop", *effect_files()),
         output:

@@ -7,7 +7,6 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import yaml
 from snakemake.io import sourcecache_entry
 
 # The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
@@ -33,23 +32,13 @@ ignore_settings_here()
 os.environ.update(isolate(os.environ))
 
 from wearscope.cli.study import read_yaml
-from wearscope.closed_loop.intake.data_folder import find_inside, list_named
-from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.files import check_folder
-from wearscope.plain_yaml import take_label
+from wearscope.named_files import NamedDataSet, NamedRobot
 from wearscope.planning import SETUP_FIGURES, Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
-from wearscope.robots.model_file import (
-    check_code,
-    find_model,
-    list_effects,
-    locate_effect,
-    read_model_file,
-    read_text,
-)
 from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_script_sources, plugin_file
 from wearscope.tracking.session_names import Tracked, name_sessions
@@ -125,6 +114,14 @@ SCOPE_FIGURES, SETUP_FIGURES = PLAN.scope_figures, list(SETUP_FIGURES)
 FINDING_FIGURES, FIGURES, CATEGORIES = PLAN.finding_figures, PLAN.figures, PLAN.categories
 
 
+def tell(find, *given):
+    """What a function finds; ends the run in its sentence where it refuses."""
+    try:
+        return find(*given)
+    except InputError as error:
+        raise SystemExit(str(error)) from None
+
+
 def here(files):
     """Files that are no results: every job finds them in its own copy of the tree, no storage holds them.
 
@@ -133,6 +130,12 @@ def here(files):
     """
     return [sourcecache_entry(file, file) for file in files] if CARRIED else files
 
+
+# The measured data set that the configuration names, and its dataset.yaml and other files as inputs.
+DATASET = tell(NamedDataSet, STUDY.dataset) if STUDY.dataset is not None else None
+DATASET_INPUTS = (
+    dict(dataset=here([DATASET.file])[0], files=here(tell(lambda: DATASET.files))) if DATASET else {}
+)
 
 # Style sheets and templates of figures and page, which no import shows.
 REPORT_FILES = here(
@@ -195,36 +198,22 @@ def code(script, *plugins):
 
 @cache
 def read_robot(reference):
-    """Path and content of a robot's model file; ends the run in one sentence where it cannot be used."""
-    try:
-        path = find_model(reference)
-        content = read_model_file(path)
-        check_code(list_effects(content, str(path)), STUDY.allow_code, str(path))
-    except InputError as error:
-        raise SystemExit(f"config: robots: {error}") from None
-    return path, content
+    """A robot's model file, and what it names."""
+    return tell(NamedRobot, reference, STUDY.allow_code)
 
 
 def robot_files(reference):
     """Model file and URDF of a robot."""
     if reference in MADE_MODELS:
         return [reference, str(Path(reference).with_suffix(".urdf"))]
-    path, content = read_robot(reference)
-    urdf = os.path.join(path.parent, content["urdf"])
-    if not os.path.isfile(urdf) or re.search(r"[{}\n]", urdf):
-        raise SystemExit(
-            f"{path}: urdf: {urdf!r} is no file, or its name holds braces; name the robot's URDF."
-        )
-    return here([str(path), urdf])
+    return here(tell(read_robot(reference).list_files))
 
 
 def robot_effects(reference):
     """Files of the effects that a robot's model lists, or may list where a rule makes it."""
     if reference in MADE_MODELS:
         return [*effect_files(), *{file for one in MADE_MODELS[reference] for file in robot_effects(one)}]
-    path, content = read_robot(reference)
-    names = list_effects(content, str(path))
-    return [plugin_file(locate_effect(name, path.parent), "effects") for name in names]
+    return read_robot(reference).list_effect_files()
 
 
 def detector_files():
@@ -247,15 +236,14 @@ def offered(room):
 def installed(*rooms):
     """What is used of installed packages, by name: a parameter, as the dates of their files tell no change."""
     robots = [*NAMED_ROBOTS.values(), *(carried.source for carried in STUDY.carry_over.values())]
-    models = [read_robot(reference) for reference in robots]
     named = {
         "robots": robots,
         "cycles": STUDY.cycles,
         "detectors": [detector.use for detector in STUDY.detectors.values()],
         "effects": [
             *STUDY.closed_loop.effects,
-            *(name for path, content in models for name in list_effects(content, str(path))),
-            *dataset_effects(),
+            *(name for reference in robots for name in read_robot(reference).effects),
+            *(DATASET.effects if DATASET else []),
         ],
     }
     return {
@@ -287,55 +275,8 @@ def own_effects():
     return here([file for file in files if os.path.isfile(file)])
 
 
-def dataset_file(path):
-    """The dataset.yaml of a measured data set given as its folder or that file."""
-    return here([os.path.join(path, "dataset.yaml") if os.path.isdir(path) else path])[0]
-
-
-def refuse_braces(file):
-    """Refuse a path that Snakemake would read as a pattern."""
-    if re.search(r"[{}\n]", file):
-        raise InputError(f"{file}: the path holds a brace or the end of a line; rename that file or folder.")
-
-
-def read_dataset(path):
-    """Content of a dataset.yaml; ends the run in one sentence where there is none."""
-    file = dataset_file(path)
-    try:
-        refuse_braces(file)
-        content = load_fields(Path(file))
-        folder_name(content.get("name"), file)
-    except InputError as error:
-        raise SystemExit(f"config: dataset: {error}")
-    return content
-
-
-def dataset_name(path):
-    """Name of the results' folder of a measured data set."""
-    return folder_name(read_dataset(path)["name"], dataset_file(path))
-
-
-def dataset_files(path):
-    """URDF, runs and own effects that a data set names and that are there; the loop says which is missing."""
-    return list_dataset_files(read_dataset(path), os.path.dirname(dataset_file(path)))
-
-
-def list_dataset_files(content, folder):
-    """Files that a data set's fields name and that are there."""
-    paths = [find_listed(folder, name) for name in list_named(content)]
-    return here([path for path in paths if path is not None])
-
-
-def dataset_effects():
-    """Names of effects that the data set asks for."""
-    content = {} if STUDY.dataset is None else read_dataset(STUDY.dataset)
-    listed = [content.get(field) for field in ("effects", "declared_effects")]
-    return [name for names in listed if isinstance(names, list) for name in names if isinstance(name, str)]
-
-
 def read_tracked(path):
     """Sessions of a data set, or why there are none to track, which only the target `track` must know."""
-    read_dataset(path)
     try:
         return name_sessions(path)
     except InputError as error:
@@ -344,42 +285,11 @@ def read_tracked(path):
 
 def tracked_files():
     """What the target `track` makes; ends the run in one sentence where there is nothing to track."""
-    if STUDY.dataset is None:
+    if not DATASET:
         raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
     if TRACKED.refusal:
         raise SystemExit(TRACKED.refusal)
     return [f"{TRACK_FOLDER}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
-
-
-def session_fields(path, sessions):
-    """What of a dataset.yaml the runs of some sessions depend on, as text."""
-    content = dict(read_dataset(path))
-    content.pop("reference", None)
-    listed = content.pop("runs", None)
-    runs = [run for run in listed if isinstance(run, dict)] if isinstance(listed, list) else []
-    own = [run for run in runs if str(take_label(run.get("session"))) in sessions]
-    return yaml.safe_dump({**content, "runs": own})
-
-
-def session_files(path, sessions):
-    """URDF, own effects and the runs of some sessions that a data set names and that are there."""
-    content = yaml.safe_load(session_fields(path, sessions))
-    return list_dataset_files(content, os.path.dirname(dataset_file(path)))
-
-
-def find_listed(folder, name):
-    """A file that a data set names, where it lies in its folder and is an ordinary one."""
-    try:
-        path = find_inside(Path(folder), name, "dataset.yaml")
-    except InputError:
-        return None
-    if not path.is_file():
-        return None
-    try:
-        refuse_braces(str(path))
-    except InputError as error:
-        raise SystemExit(f"config: dataset: {error}")
-    return str(path)
 
 
 def figure_files(names):

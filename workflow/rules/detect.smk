@@ -5,7 +5,7 @@ if STUDY.dataset is None:
             refuse_without_dataset,
 
 else:
-    DETECTION = f"results/detection/{dataset_name(STUDY.dataset)}"
+    DETECTION = f"results/detection/{DATASET.name}"
     # The corrected model of the loop closed on the same data set, or the one that is named.
     DETECT_ROBOT = (
         [f"{LOOP_FOLDER}/model_after.yaml"] if STUDY.detect.model is None else robot_files(STUDY.detect.model)
@@ -17,8 +17,7 @@ else:
 
     rule judge_recordings:
         input:
-            dataset=dataset_file(STUDY.dataset),
-            files=dataset_files(STUDY.dataset),
+            **DATASET_INPUTS,
             robot=DETECT_ROBOT,
             code=lambda w: code("judge_recordings", *detector_files(), *effect_files()),
         output:

@@ -4,7 +4,7 @@ if STUDY.export.model is not None:
     EXPORT = f"results/export/{label(STUDY.export.model)}"
 elif STUDY.dataset is not None:
     EXPORTED = [f"{LOOP_FOLDER}/model_after.yaml", f"{LOOP_FOLDER}/verdict.json"]
-    EXPORT = f"results/export/{dataset_name(STUDY.dataset)}"
+    EXPORT = f"results/export/{DATASET.name}"
 else:
     EXPORTED, EXPORT = [], None
 

@@ -2,14 +2,14 @@
 # on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
 if STUDY.dataset is not None:
     TRACKED = read_tracked(STUDY.dataset)
-    TRACK_FOLDER = f"results/tracking/{dataset_name(STUDY.dataset)}"
+    TRACK_FOLDER = f"results/tracking/{DATASET.name}"
     TRACK_LEVEL = STUDY.tracking.false_alarm_rate
     TRACK_EFFECTS = {name: LOOP_OPTIONS[name] for name in ("installed", "effects", "allow_code")}
 
     rule identify_healthy:
         input:
-            dataset=ancient(dataset_file(STUDY.dataset)),
-            files=session_files(STUDY.dataset, TRACKED.reference),
+            dataset=ancient(DATASET_INPUTS["dataset"]),
+            files=here(DATASET.list_session_files(TRACKED.reference)),
             effects=own_effects(),
             code=lambda w: code("identify_healthy", *effect_files()),
         output:
@@ -22,7 +22,7 @@ if STUDY.dataset is not None:
             **needs(4000, 120),
         params:
             **LOOP_OPTIONS,
-            fields=session_fields(STUDY.dataset, TRACKED.reference),
+            fields=DATASET.take_session_fields(TRACKED.reference),
         message:
             "Identify the healthy machine of {STUDY.dataset}"
         script:
@@ -30,9 +30,9 @@ if STUDY.dataset is not None:
 
     rule assess_session:
         input:
-            dataset=ancient(dataset_file(STUDY.dataset)),
+            dataset=ancient(DATASET_INPUTS["dataset"]),
             reference=rules.identify_healthy.output,
-            files=lambda wildcards: session_files(STUDY.dataset, [TRACKED.named[wildcards.session]]),
+            files=lambda wildcards: here(DATASET.list_session_files([TRACKED.named[wildcards.session]])),
             code=lambda w: code("assess_session", *effect_files()),
         output:
             f"{TRACK_FOLDER}/sessions/{{session}}.json",
@@ -47,7 +47,7 @@ if STUDY.dataset is not None:
         params:
             **TRACK_EFFECTS,
             session=lambda wildcards: TRACKED.named[wildcards.session],
-            fields=lambda wildcards: session_fields(STUDY.dataset, [TRACKED.named[wildcards.session]]),
+            fields=lambda wildcards: DATASET.take_session_fields([TRACKED.named[wildcards.session]]),
             level=TRACK_LEVEL,
         message:
             "Compare session {wildcards.session} with the healthy machine"
@@ -56,8 +56,7 @@ if STUDY.dataset is not None:
 
     rule join_sessions:
         input:
-            dataset=dataset_file(STUDY.dataset),
-            files=dataset_files(STUDY.dataset),
+            **DATASET_INPUTS,
             reference=rules.identify_healthy.output,
             sessions=expand(rules.assess_session.output, session=list(TRACKED.named)),
             code=lambda w: code("join_sessions", *effect_files()),
