@@ -125,7 +125,6 @@ def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):
     model, figures, notes = save(tmp_path / "arm", urdf, Stated())
     assert len(notes) >= 1 and "joint 'j1': the torque limit 2 (given: URDF" in notes[0]
     assert model.torque_limit[1] > 2.0 and not figures["torque_limit"].given[1]
-    assert check_robot_folder(tmp_path / "arm").problems == []
 
 
 @pytest.mark.parametrize(
