@@ -86,5 +86,5 @@ def fit_below(assembly: Assembly, e: Evidence, cutoff: float) -> tuple[float, fl
     if not information > 0.0:
         return 0.0, np.inf
     beta = float(column @ left) / information
-    scores = layout.pack(column * (left - beta * column)).sum(axis=1)
+    scores = layout.sum_blocks(column * (left - beta * column))
     return beta, float(np.sqrt(np.sum(scores**2))) / information

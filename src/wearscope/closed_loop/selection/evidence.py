@@ -155,22 +155,22 @@ def weigh(
     """
     assembly = assembly.by_fifths if by_fifths else assembly
     layout = assembly.layout
-    every = sums or assembly.sum_products(candidate)
-    sums = every.select(subset)
+    sums = (sums or assembly.sum_products(candidate)).select(subset)
     added = assembly.add(sums)
     best = int(np.argmax(added.gain))
     beta, inner = added.beta[best], added.inner[best]
     chosen = Chosen(candidate.at(best), subset)
     own = sums.gram[:, best].sum(axis=0)
-    information = np.einsum("i,bij,j->b", beta, sums.gram[:, best], beta)
+    information = assembly.inform(sums.at(best), beta)
     if not by_fifths and shows_alone(candidate, information, layout.folds, policy):
-        return weigh(assembly, candidate, subset, policy, every, by_fifths=True)
-    change = assembly.hold_out(sums)
-    touched = list(candidate.joints)
-    fitted = -assembly.fit_change(sums.at(best), beta) / max(assembly.sample_losses[touched].sum(), 1e-300)
-    felt = _losses_where_felt(assembly, candidate, chosen, change, fitted, policy)
+        return weigh(assembly, candidate, subset, policy, by_fifths=True)
+    by_joint = assembly.hold_out(sums)
+    change = by_joint.sum(axis=1)
+    fit_change = assembly.fit_change(sums.at(best), beta)
+    felt = _losses_where_felt(assembly, candidate, by_joint, fit_change, policy)
     joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
     reach = list(find_reach(assembly.chosen, candidate))
+    fitted = -float(fit_change.sum()) / max(assembly.sample_losses[list(candidate.joints)].sum(), 1e-300)
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     flips = make_flips(policy.flips, len(layout.blocks), policy.seed)
@@ -363,29 +363,32 @@ class _Felt:
 
 
 def _losses_where_felt(
-    assembly: Assembly, candidate: Candidate, chosen: Chosen, change: np.ndarray, fitted: float,
-    policy: Policy,
-) -> dict[int, _Felt]:  # fmt: skip
-    """Losses of the model at each joint where the candidate is felt.
+    assembly: Assembly, candidate: Candidate, change: np.ndarray, fit_change: np.ndarray, policy: Policy
+) -> dict[int, _Felt]:
+    """Losses of the model at each joint where a candidate is felt.
 
-    `fitted` is what it removes at all joints that the model couples to those, over the loss at those: where
-    it is much, the share removed at the joint itself is worked out.
+    What is felt at one joint gains at all that the model couples to it. Where it removes much of the fitted
+    loss, the share at the joint itself is told.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model.
+    candidate : Candidate
+    change : ndarray (B, n)
+        Of the held-out loss by the candidate.
+    fit_change : ndarray (n,)
+        The same on the rows that are fitted.
+    policy : Policy
     """
-    held = np.isfinite(change)
-    before = assembly.joint_losses[held].sum(axis=0)
-    total = float(-np.nansum(change))
-    own = candidate.joint if candidate.joint in candidate.joints else candidate.joints[0]
-    # What gains nothing in all need not be told apart by joint.
-    alone = len(candidate.joints) == 1 or total <= 0.0
-    coupled = len(find_reach(assembly.chosen, candidate)) > 1 and fitted >= policy.beyond_chance
-    if alone and not coupled:
-        return {own: _Felt(total, float(before[own]), fitted)}
-    after = Assembly(assembly.layout, assembly.target, (*assembly.chosen, chosen), assembly.sigma)
-    shares = 1.0 - after.sample_losses / np.maximum(assembly.sample_losses, 1e-300)
-    if alone:
-        return {own: _Felt(total, float(before[own]), float(shares[own]))}
-    gains = before - after.joint_losses[held].sum(axis=0)
-    return {j: _Felt(float(gains[j]), float(before[j]), float(shares[j])) for j in candidate.joints}
+    gains, losses = -np.nansum(change, axis=0), np.nansum(assembly.joint_losses, axis=0)
+    shares = -fit_change / np.maximum(assembly.sample_losses, 1e-300)
+    if len(candidate.joints) == 1:
+        (j,) = candidate.joints
+        fitted = -float(fit_change.sum()) / max(float(assembly.sample_losses[j]), 1e-300)
+        fitted = float(shares[j]) if fitted >= policy.beyond_chance else fitted
+        return {j: _Felt(float(gains.sum()), float(losses[j]), fitted)}
+    return {j: _Felt(float(gains[j]), float(losses[j]), float(shares[j])) for j in candidate.joints}
 
 
 def adjust_p_values(weighed: list[Evidence]) -> list[Evidence]:

@@ -94,6 +94,7 @@ def _coarsen(sums: Sums, finest: Candidate, level: int, sigma: float) -> Sums:
         onto.T @ sums.gram @ onto,
         sums.score @ onto,
         size / level * regularise(level) / sigma**2,
+        {},
     )
 
 

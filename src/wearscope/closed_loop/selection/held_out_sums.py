@@ -54,9 +54,7 @@ class HeldOut:
         folds = layout.folds
         member = np.concatenate([folds.train, folds.test])
         patterns, unit = np.unique(member, axis=1, return_inverse=True)
-        block = np.empty(len(layout.keep) + 1, dtype=int)
-        block[layout.index] = np.arange(len(layout.blocks))[:, None]
-        of_row = unit.reshape(-1)[block[:-1][::every]]
+        of_row = unit.reshape(-1)[layout.block_of[::every]]
         kept = np.flatnonzero(keep)
         self.order = kept[np.argsort(of_row[kept], kind="stable")]
         edges = np.searchsorted(of_row[self.order], np.arange(patterns.shape[1] + 1))

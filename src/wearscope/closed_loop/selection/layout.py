@@ -1,13 +1,36 @@
-"""Rows of all training runs arranged by block, so that every sum over a block is one product of arrays."""
+"""Rows of all training runs, their blocks, and the stretches that folds are fitted on and hold out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
+from wearscope.closed_loop.model.candidates import Candidate
+
+#: Models whose products at a joint are kept.
+_MOST_KEPT = 4
+
+
+class Term(Protocol):
+    """A term of a model: `assembly.Chosen`."""
+
+    @property
+    def candidate(self) -> Candidate:
+        """Of one shape."""
+
+    @property
+    def subset(self) -> tuple[int, ...]:
+        """Of its coefficients."""
+
+    @property
+    def rows(self) -> list[np.ndarray]:
+        """Columns by joint of the candidate's."""
 
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
@@ -19,28 +42,44 @@ def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Products:
-    """Block sums of products of a term's columns at one joint, not weighed.
+    """A model's columns at one joint and their sums of products by unit, not weighed.
 
     Attributes
     ----------
-    owner : tuple
-        The candidate, the subset and the target that they are of.
-    x : ndarray (B, L, m)
-        Its columns at the rows that count.
-    gram : ndarray (B, m, m)
-    score : ndarray (B, m)
+    columns : ndarray (M, k)
+    target : ndarray (M,)
+        Torque to explain, zero in rows that do not count.
+    gram : ndarray (U, k, k)
+    score : ndarray (U, k)
     """
 
-    owner: tuple
-    x: np.ndarray
+    columns: np.ndarray
+    target: np.ndarray
     gram: np.ndarray
     score: np.ndarray
 
-    def is_of(self, owner: tuple) -> bool:
-        """Whether they are of the same objects."""
-        return all(
-            a is b or (isinstance(a, tuple) and a == b) for a, b in zip(self.owner, owner, strict=True)
-        )
+
+@dataclass(frozen=True)
+class Units:
+    """Rows that the same folds are fitted on and hold out.
+
+    Attributes
+    ----------
+    patterns : ndarray (2 F, U)
+    segments : list of (int, slice)
+        Unit and rows of each stretch.
+    test_rows : list of ndarray of int
+        Rows that each fold holds out.
+    """
+
+    patterns: np.ndarray
+    segments: list[tuple[int, slice]]
+    test_rows: list[np.ndarray]
+
+    @property
+    def train(self) -> np.ndarray:
+        """Whether each fold is fitted on a unit, (F, U)."""
+        return self.patterns[: len(self.test_rows)]
 
 
 @dataclass(frozen=True)
@@ -66,22 +105,30 @@ class Layout:
         return cls(prepared, blocks, make_folds(blocks, [run.file for run in train], motion))
 
     @cached_property
-    def index(self) -> np.ndarray:
-        """Row of each place (B, L); the number of rows, which holds zeros, where a block has fewer."""
-        lengths = [len(run.t) for run in self.prepared.runs_for("train")]
-        first = np.concatenate([[0], np.cumsum(lengths)])
-        longest = max(block.stop - block.start for block in self.blocks)
-        index = np.full((len(self.blocks), longest), int(first[-1]))
-        for b, block in enumerate(self.blocks):
-            index[b, : block.stop - block.start] = first[block.run] + np.arange(block.start, block.stop)
-        return index
+    def block_of(self) -> np.ndarray:
+        """Block of each row, (M,)."""
+        return np.repeat(np.arange(len(self.blocks)), [block.stop - block.start for block in self.blocks])
+
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        return np.searchsorted(self.block_of, np.arange(len(self.blocks)))
+
+    @cached_property
+    def units(self) -> Units:
+        """Units of the folds."""
+        folds, of_row = self.folds, self.block_of
+        member = np.concatenate([folds.train, folds.test])
+        patterns, unit = np.unique(member, axis=1, return_inverse=True)
+        unit = unit.reshape(-1)[of_row]
+        edges = np.concatenate([[0], 1 + np.flatnonzero(np.diff(unit)), [len(unit)]])
+        segments = [(int(unit[a]), slice(a, b)) for a, b in pairwise(edges.tolist())]
+        return Units(patterns.astype(float), segments, [np.flatnonzero(test[of_row]) for test in folds.test])
 
     @cached_property
     def by_fifths(self) -> "Layout":
         """The same with fifths of every recording held out."""
         other = Layout(self.prepared, self.blocks, hold_out_fifths(self.blocks, self.folds))
-        other.__dict__.update(index=self.index, keep=self.keep, run_of=self.run_of, by_fifths=other)
-        other.__dict__["first_terms"] = self.first_terms
+        other.__dict__.update(keep=self.keep, run_of=self.run_of, by_fifths=other)
         return other
 
     @property
@@ -122,14 +169,43 @@ class Layout:
         return other
 
     @cached_property
-    def first_terms(self) -> dict[int, "Products"]:
-        """Products of the first term of the model that was last asked about, by joint."""
+    def _kept(self) -> dict[int, list[tuple[tuple, Products]]]:
+        """Products that were made last, by joint."""
         return {}
 
-    def pack(self, x: np.ndarray) -> np.ndarray:
-        """Rows (M, ...) as (B, L, ...), zero beyond a block's end."""
-        padded = np.concatenate([x, np.zeros((1, *x.shape[1:]))])
-        return padded[self.index]
+    def multiply(self, joint: int, target: np.ndarray, terms: Sequence[Term]) -> Products:
+        """Products of a model's columns at a joint; those of the same terms are made once.
+
+        Parameters
+        ----------
+        joint : int
+        target : ndarray (M, n)
+            Torque to explain.
+        terms : sequence of Chosen
+            Those that are felt there.
+        """
+        key = (target, *((term.candidate, term.subset) for term in terms))
+        kept = self._kept.setdefault(joint, [])
+        for known, made in kept:
+            if len(known) == len(key) and known[0] is target and known[1:] == key[1:]:
+                return made
+        keep = self.keep[:, joint]
+        y = target[:, joint] * keep
+        parts = [term.rows[term.candidate.joints.index(joint)] for term in terms]
+        columns = np.concatenate([*parts, np.zeros((len(y), 0))], axis=1)
+        x = columns * keep[:, None]
+        gram = np.zeros((self.units.patterns.shape[1], x.shape[1], x.shape[1]))
+        score = np.zeros(gram.shape[:2])
+        for unit, part in self.units.segments:
+            gram[unit] += x[part].T @ x[part]
+            score[unit] += x[part].T @ y[part]
+        made = Products(columns, y, gram, score)
+        self._kept[joint] = [(key, made), *kept][:_MOST_KEPT]
+        return made
+
+    def sum_blocks(self, x: np.ndarray) -> np.ndarray:
+        """Sums (B, ...) of rows (M, ...) by block."""
+        return np.asarray(np.add.reduceat(x, self._starts, axis=0))
 
     def unpack(self, x: np.ndarray) -> list[np.ndarray]:
         """Rows (M, ...) as one array a run."""

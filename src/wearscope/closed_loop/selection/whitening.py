@@ -58,7 +58,7 @@ def drift_p_value(
     k = model.shape[1]
     gram[:k, :k] += elsewhere * assembly.sigma[joint] ** 2
     left = y - both @ np.linalg.solve(gram, x.T @ y)
-    sums = layout.pack(np.where(keep, left, 0.0)).sum(axis=1)
+    sums = layout.sum_blocks(np.where(keep, left, 0.0))
     if not always and find_memory(sums, layout.run_of) <= 1:
         return 0.0
     kept = layout.unpack(keep)
@@ -86,7 +86,7 @@ def drift_p_value(
     if np.trace(inner) < _ABSORBED**2 * np.sum(c**2):
         return 1.0
     inner += 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(len(inner))
-    scores = layout.pack(clean * residual[:, None]).sum(axis=1)
+    scores = layout.sum_blocks(clean * residual[:, None])
     observed, chance = flip_scores(scores[:, None, :], inner[None], flips)
     return float(stats.norm.sf(score_chance(observed, chance)))
 
