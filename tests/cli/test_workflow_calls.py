@@ -80,6 +80,20 @@ def test_the_line_says_what_is_done_and_what_is_left():
     assert describe(read("Building DAG of jobs..."), 2.0) == "planning, 2 s"
 
 
+def test_the_line_says_how_far_a_long_job_is():
+    progress = read("total           3", "Job 1: Simulate medium")
+    job = "simulate_points medium slow identification 0: {}/40 points of identification\n"
+    progress.read(job.format(4), 10.0)
+    assert describe(progress, 11.0) == "0 of 3 jobs, 11 s; 4 of 40 points of identification"
+    progress.read(job.format(14), 20.0)  # one a second
+    said = "0 of 3 jobs, 20 s; 14 of 40 points of identification, about 26 s left"
+    assert describe(progress, 20.0) == said
+    progress.read("1 of 3 steps (33%) done\n", 50.0)
+    assert describe(progress, 50.0) == "1 of 3 jobs, 50 s, about 1 min 40 s left"
+    progress.read("close_loop: forward simulation, r1.csv, model after: ok\n", 60.0)
+    assert progress.message == "forward simulation, r1.csv, model after: ok"
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (200, "3 min 20 s"), (7500, "2 h 5 min")]
 )

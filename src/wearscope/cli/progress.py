@@ -28,9 +28,14 @@ def describe(done: Done, elapsed: float) -> str:
     """Text of the line."""
     if not done.total:
         return f"planning, {format_seconds(elapsed)}"
-    left = done.seconds_left(elapsed)
-    rest = "" if left is None else f", about {format_seconds(left)} left"
-    return f"{done.done} of {done.total} jobs, {format_seconds(elapsed)}{rest}"
+    text = f"{done.done} of {done.total} jobs, {format_seconds(elapsed)}"
+    if done.part is not None:
+        count, total, what = done.part
+        text += f"; {count} of {total} {what}"
+        left = done.part_seconds_left
+    else:
+        left = done.seconds_left(elapsed)
+    return text if left is None else f"{text}, about {format_seconds(left)} left"
 
 
 @contextmanager
@@ -53,7 +58,8 @@ def show_progress(verbose: bool) -> Iterator[Any]:
             task = bar.add_task("planning", total=None)
 
             def move(done: Done, elapsed: float, line: str) -> None:
-                text = describe(done, elapsed) + (f": {done.message}" if done.message else "")
+                doing = done.message if done.part is None else ""
+                text = describe(done, elapsed) + (f": {doing}" if doing else "")
                 room = console.width - 24
                 bar.update(task, total=done.total or None, completed=done.done, description=text[:room])
 
@@ -65,6 +71,7 @@ def show_progress(verbose: bool) -> Iterator[Any]:
             nonlocal last
             if time.monotonic() - last >= EVERY:
                 last = time.monotonic()
-                console.print(describe(done, elapsed), markup=False, highlight=False, soft_wrap=True)
+                doing = f": {done.message}" if done.message and done.part is None else ""
+                console.print(describe(done, elapsed) + doing, markup=False, highlight=False, soft_wrap=True)
 
         yield write

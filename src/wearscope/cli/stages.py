@@ -110,7 +110,7 @@ def _shorten(path: Path) -> str:
 def show_result(path: Path, opened: bool = False) -> None:
     """Say what a page says on top, in five lines, and where it is."""
     if path.is_file():
-        from wearscope.reporting.page import read_strip
+        from wearscope.reporting.page_strip import read_strip
 
         strip = read_strip(path)
         if strip is not None:

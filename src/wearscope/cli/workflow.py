@@ -27,6 +27,9 @@ _PLANNED = re.compile(r"^total\s+(\d+)$")
 _BEGUN = re.compile(r"^(?:local)?rule (\w+):$|^Job \d+: (.+)$")
 _FAILED = re.compile(r"^Error in rule (\w+):$")
 _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error details\)$")
+#: What a job says of its own progress: parts done, or the step that a diagnosis is at.
+_PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
+_SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
 #: Lines of Snakemake's that do not say what went wrong.
 _CHATTER = re.compile(
@@ -45,6 +48,12 @@ class Progress:
         Jobs.
     message : str
         Of the job begun last.
+    part : tuple of (int, int, str)
+        Done, total and name of the parts of the job that spoke last; nothing once they are done.
+    begun : dict of str to (float, int)
+        Seconds since the start, and parts done, where a job first spoke of its parts.
+    part_seconds_left : float or None
+        Time that those parts still take at their own speed.
     rule, log : str
         Of the first job that failed.
     last : deque of str
@@ -54,25 +63,38 @@ class Progress:
     done: int = 0
     total: int = 0
     message: str = ""
+    part: tuple[int, int, str] | None = None
+    part_seconds_left: float | None = None
+    begun: dict[str, tuple[float, int]] = field(default_factory=dict)
     rule: str = ""
     log: str = ""
     last: deque[str] = field(default_factory=lambda: deque(maxlen=60))
 
-    def read(self, line: str) -> None:
-        """Take a line of the output."""
+    def read(self, line: str, elapsed: float = 0.0) -> None:
+        """Take a line of the output, so many seconds after the start."""
         line = line.rstrip()
         if line:
             self.last.append(line)
         if found := _STEPS.match(line):
-            self.done, self.total = int(found[1]), int(found[2])
+            self.done, self.total, self.part = int(found[1]), int(found[2]), None
         elif found := _PLANNED.match(line):
             self.total = int(found[1])
+        elif found := _PART.match(line):
+            self._take_part(found[1] + found[4], int(found[2]), int(found[3]), found[4], elapsed)
+        elif found := _SAID.match(line):
+            self.message = found[1]
         elif found := _BEGUN.match(line):
             self.message = found[2] or found[1].replace("_", " ")
         elif (found := _FAILED.match(line)) and not self.rule:
             self.rule = found[1]
         elif (found := _LOG.match(line)) and self.rule and not self.log:
             self.log = found[1]
+
+    def _take_part(self, job: str, done: int, total: int, what: str, elapsed: float) -> None:
+        start, first = self.begun.setdefault(job, (elapsed, done))
+        left, speed = total - done, (done - first) / (elapsed - start) if elapsed > start else 0.0
+        self.part = (done, total, what) if left > 0 else None
+        self.part_seconds_left = left / speed if speed > 0.0 and left > 0 else None
 
     def seconds_left(self, elapsed: float) -> float | None:
         """Time that the jobs left take if they take as long as those done; None before the first is done."""
@@ -268,8 +290,9 @@ def call_snakemake(
         try:
             for line in process.stdout:
                 print(line, end="", file=file, flush=True)
-                progress.read(line)
-                watch(progress, time.monotonic() - start, line)
+                elapsed = time.monotonic() - start
+                progress.read(line, elapsed)
+                watch(progress, elapsed, line)
         except BaseException:
             process.terminate()
             raise
