@@ -15,7 +15,7 @@ from wearscope.closed_loop.diagnostics.next_measurement import (
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names
 from wearscope.cycles.base import Reference
-from wearscope.reporting.next_measurement import describe_measurements
+from wearscope.reporting.loop_words import tell_measurement
 
 pytestmark = pytest.mark.slow
 #: A single vertical joint whose gain error, mass, payload and counterbalance all look like gravity's share.
@@ -81,7 +81,7 @@ def test_the_advice_widens_the_angle_and_is_written_as_a_cycle(diagnosis, tmp_pa
     assert (advice.plan.reference.q >= low - 1e-9).all() and (advice.plan.reference.q <= high + 1e-9).all()
     assert advice.plan.payload in list_payloads(diagnosis.prepared)
     (entry,) = write_measurements(tmp_path, [advice], diagnosis.prepared.dataset.joints)
-    page = str(describe_measurements({"next_measurement": [entry]}))
+    page = tell_measurement(entry)
     if advice.power >= 0.9:
         assert (tmp_path / "next_measurement_1.csv").is_file() and "Record" in page
     else:

@@ -18,9 +18,9 @@ from wearscope.reporting.closed_loop import (
     gap_closed,
     read_closed_loop,
 )
-from wearscope.reporting.closed_loop_outcome import conclude_loop
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.joint_cards import draw_curves, tell_change
+from wearscope.reporting.loop_words import conclude_loop, tell_change
+from wearscope.reporting.sections.loop_outcome import draw_curves
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
@@ -281,6 +281,16 @@ def test_failed_simulation_is_an_alarm(tmp_path):
     assert "model after: failed: the robot fell over" in html
 
 
+def test_events_and_thresholds_are_on_the_page(tmp_path):
+    push = {"run": "runs/r2.parquet", "joint": "a", "t": 2.5, "seconds": 0.4, "size": -7.0}
+    limit = {"a": {"threshold": 3.2, "false_alarms_per_hour_at_most": 90.0}}
+    write(tmp_path, VERDICT | {"events": [push], "collision_thresholds": limit})
+    text = text_of(page(tmp_path))
+    assert "a runs/r2.parquet 2.5 0.4 −7 N m" in text and "a 3.2 N m 90" in text
+    write(tmp_path, VERDICT | {"events": [], "collision_thresholds": limit})
+    assert "No push and no collision was seen." in text_of(page(tmp_path))
+
+
 def test_light_loop_has_a_page_that_says_what_is_missing(tmp_path):
     verdict = {k: v for k, v in VERDICT.items() if k not in ("advice", "undetermined", "forward")}
     write(tmp_path, verdict, light=True)
@@ -321,7 +331,7 @@ def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):
 
 def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path):
     write(tmp_path, VERDICT)
-    kind, text = conclude_loop(read_closed_loop(tmp_path))
+    kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "unsure" and text == (
         "The declared model lacks stribeck or concave viscous at a. With it the error on the test runs falls "
         "by up to 50 %, at a from 2 to 1 N m, but grows by 7 % at b."
@@ -329,23 +339,23 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     sure = copy.deepcopy(VERDICT) | {"verdict": [ENTRY | {"equivalent": []}]}
     sure["joints"]["b"] |= {"rms_after": 1.5}
     write(tmp_path, sure)
-    kind, text = conclude_loop(read_closed_loop(tmp_path))
+    kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "good" and text.endswith("at a from 2 to 1 N m.")
     sure["verdict"][0]["status"] = "not_confirmed"
     sure["joints"]["b"]["state"] = "unexplained"
     write(tmp_path, sure)
-    kind, text = conclude_loop(read_closed_loop(tmp_path))
+    kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "unsure" and "stribeck at a (not confirmed)" in text
     assert text.endswith("; b keeps something unexplained.")
     refuted = sure | {"verdict": [ENTRY | {"status": "refuted"}]}
     write(tmp_path, refuted)
-    kind, text = conclude_loop(read_closed_loop(tmp_path))
+    kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "bad" and "bear out" in text
     nothing = copy.deepcopy(VERDICT) | {"verdict": []}
     for joint in JOINTS:
         nothing["joints"][joint]["state"] = "explained"
     write(tmp_path, nothing)
-    assert conclude_loop(read_closed_loop(tmp_path))[0] == "good"
+    assert conclude_loop(read_closed_loop(tmp_path).verdict)[0] == "good"
 
 
 def test_a_joint_s_card_says_what_became_of_the_error_and_what_is_left():

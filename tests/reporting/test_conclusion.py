@@ -117,6 +117,22 @@ def test_the_strip_names_the_caveat_that_matters(told, found, fields, said):
     assert said in study_strip(study).caveat
 
 
+def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, found):
+    arm = {"arm": ["URDF given; friction assumed"]}
+    study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
+    assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
+    assert "if they are halved or doubled is not judged" in study_strip(study).caveat
+    row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
+    path = "effects.friction_wear_temperature.all.eta0 %"
+    config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
+    study = replace(study, mismatch=pd.DataFrame(row), config=config)
+    assert study_strip(study).caveat.endswith(
+        "With Coulomb friction changed by +100 %, its signal-to-noise ratio at a, axis 1 is 4 instead of 9."
+    )
+    given = replace(study, sources={"arm": ["paper"]})
+    assert study_strip(given).answer.endswith("The robot's numbers are given.")
+
+
 def test_a_direct_value_that_disagrees_is_the_answer(told, found):
     direct = pd.DataFrame(
         {"robot": "medium", "cycle": "a", "axis": 1, "fda": ["C"], "snr_direct": [42.0], "direct_low": [40.0],

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.reporting.comparison import (
+from wearscope.evaluation.paired_estimates import (
     Estimate,
     decide,
     estimate_columns,

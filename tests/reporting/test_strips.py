@@ -1,18 +1,27 @@
 """The strip on top of pages: read back as people see it, on every kind of page; history of a folder."""
 
+import copy
 import json
 import os
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
+import pandas as pd
 import pytest
 from reporting.test_closed_loop_page import VERDICT, write
+from reporting.test_tracking_page import OUTCOME
+from reporting.test_tracking_page import write as write_tracking
 
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
+from wearscope.reporting.detection import Detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import find_answers, render_history, trend_table
-from wearscope.reporting.page import Section, Strip, read_strip, render_page
+from wearscope.reporting.page import Section, render_page
+from wearscope.reporting.page_strip import Strip, read_strip
+from wearscope.reporting.strips import detection_strip, loop_strip, study_strip
 from wearscope.reporting.study_page import render_study
 
 
@@ -66,6 +75,85 @@ def test_the_strip_has_no_code_and_no_equation(pages, kind, tmp_path):
     for text in (strip.answer, strip.sure, strip.caveat, strip.action):
         assert text and not re.search(r"\(\d+\)|\b[0-9a-f]{7,}\b|\bw\d\b|P_[fd]|Q-\d", text)
     assert strip.kind in ("good", "unsure", "bad")
+
+
+def numbers_of(text):
+    found = re.findall(r"\d[\d,]*\.?\d*", text)
+    return [float(one.replace(",", "").rstrip(".")) for one in found]
+
+
+def shown(strip, folder):
+    """A strip as a reader of its page sees it."""
+    page = folder / "report.html"
+    page.write_text(render_page("t", [Section("s", "b")], strip=strip), encoding="utf-8")
+    return read_strip(page)
+
+
+@pytest.mark.parametrize("robot", ["", "medium", "large"])
+def test_a_study_s_strip_is_its_conclusion(asked, robot, tmp_path):
+    one = next(one for one in asked.conclusions if one.robot == robot)
+    strip = shown(study_strip(replace(asked, conclusions=[one], audit_answers=None)), tmp_path)
+    if not one.detector:
+        assert strip.kind == "bad" and "No detector can be recommended" in strip.answer
+        return
+    assert f"({one.detector})" in strip.answer
+    if np.isnan(one.wear):
+        assert "no change of wear" in strip.answer
+        return
+    told = numbers_of(strip.answer)
+    assert float(f"{one.wear:.2g}") in told
+    assert all(float(f"{1.96 * bound.sigma:.2g}") in told for bound in one.bounds)
+    assert 100 * one.p_f in numbers_of(strip.sure) and 100 * one.p_d in numbers_of(strip.sure)
+    assert strip.kind == ("good" if one.cells_sure == one.cells and not one.tied_with else "unsure")
+
+
+@pytest.mark.parametrize("entries", [0, 1, 2])
+def test_a_loop_s_strip_is_its_verdict(entries, tmp_path):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": VERDICT["verdict"][::-1][:entries]}
+    if not entries:
+        for one in verdict["joints"].values():
+            one["state"] = "explained"
+    write(tmp_path, verdict)
+    strip = shown(loop_strip(read_closed_loop(tmp_path)), tmp_path)
+    held = [one for one in verdict["verdict"] if one["status"] != "refuted"]
+    for one in held:
+        assert (
+            f"{one['effect'].replace('_', ' ')} or" in strip.answer and f"at {one['joint']}" in strip.answer
+        )
+    if not held:
+        assert strip.answer.startswith("The declared model suffices") and strip.kind == "good"
+        return
+    errors = min(verdict["joints"].values(), key=lambda one: one["rms_after"] / one["rms_before"])
+    gain = round(100 * (1 - errors["rms_after"] / errors["rms_before"]))
+    assert {gain, errors["rms_before"], errors["rms_after"]} <= set(numbers_of(strip.answer))
+    confirmed = sum(one["status"] == "confirmed" for one in verdict["verdict"])
+    assert numbers_of(strip.sure)[:2] == [confirmed, len(verdict["verdict"])]
+
+
+def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
+    write_tracking(tmp_path)
+    strip = read_strip(tmp_path / "report.html")
+    last = OUTCOME["sessions"][-1]
+    assert (
+        strip.answer == f"Session {last['session']}: Changed: coulomb at a since d3." and strip.kind == "bad"
+    )
+    assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
+    assert last["next_measurement"][0]["table"] in strip.action and strip.caveat == last["cannot_tell"][0]
+
+
+@pytest.mark.parametrize(
+    "verdicts", [["alarm", "no alarm"], ["no alarm", "no alarm"], ["withheld", "no alarm"]]
+)
+def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
+    rows = [
+        {"run": f"r{k}", "kind": "judged", "joint": "a", "verdict": one} for k, one in enumerate(verdicts)
+    ]
+    found = Detections({"setting": {"p_f": 0.02}}, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
+    strip = shown(detection_strip(found), tmp_path)
+    alarms = verdicts.count("alarm")
+    told = f"Alarm in {alarms} of 2 recordings, at a." if alarms else "No alarm in 2 recordings."
+    assert strip.answer == told and numbers_of(strip.sure) == [2.0]
+    assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
 
 
 def test_what_is_read_is_what_was_written(tmp_path):

@@ -20,9 +20,8 @@ def list_assumptions(study: Study) -> list[tuple[str, str]]:
         (
             "Intervals",
             "95 %. Those of medians, ranks and differences are bootstraps over the cells, a robot, "
-            "test-cycle "
-            "and axis drawn for all detectors at once; shares have Wilson intervals; those of the surrogates "
-            "assume independent normal residuals.",
+            "test-cycle and axis drawn for all detectors at once; shares have Wilson intervals; those of "
+            "the surrogates assume independent normal residuals.",
         ),
         (
             "Reality",
@@ -110,10 +109,8 @@ def _density(study: Study) -> str:
     snr, scope = study.config["snr"], study.config["scope"]
     return (
         f"SNR: {snr['runs']:,} runs a cell and hypothesis (at most 20,000 of a chosen surrogate), and the "
-        "exact value, which for a chosen surrogate is by quadrature on 4,096 Sobol' points. "
-        f"Scope: {scope['runs']:,} "
-        "runs, all fault changes at one σ sharing those of H¹; Gaussian kernel, bandwidth by Silverman's "
-        "rule; the closed form needs neither. Where the two differ is shown. Verdicts in sentences and "
-        "tables are "
-        "those of the closed form."
+        "exact value, which for a chosen surrogate is by quadrature on 4,096 Sobol' points. Scope: "
+        f"{scope['runs']:,} runs, all fault changes at one σ sharing those of H¹; Gaussian kernel, "
+        "bandwidth by Silverman's rule; the closed form needs neither. Where the two differ is shown. "
+        "Verdicts in sentences and tables are those of the closed form."
     )

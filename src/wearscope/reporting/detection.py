@@ -137,26 +137,21 @@ def tell_scatter(found: Detections) -> list[str]:
         worst = unlike.sort_values("scatter_ratio").iloc[-1]
         cells = len(table) - int(unknown)
         sentences.append(
-            f"In {len(unlike)} of {count_text(cells, 'cell')} (motion, joint and detector) the "
-            "machine's nominal "
-            "test quantities do not lie where the simulated ones do, most at "
-            f"{worst['joint']} with {worst['fda']}, where they are "
-            f"{format_number(worst['scatter_ratio'], 2)} times "
-            "as far from the simulated median as the simulated ones: there the threshold's "
-            "false-alarm rate is "
-            "that of the simulator and not of the machine, and no alarm is given."
+            f"In {len(unlike)} of {count_text(cells, 'cell')} (motion, joint and detector) the machine's "
+            f"nominal test quantities do not lie where the simulated ones do, most at {worst['joint']} with "
+            f"{worst['fda']}, where they are {format_number(worst['scatter_ratio'], 2)} times as far from "
+            "the simulated median as the simulated ones: there the threshold's false-alarm rate is that of "
+            "the simulator and not of the machine, and no alarm is given."
         )
     if alike:
         sentences.append(
-            f"In {count_text(int(alike), 'cell')} nothing tells the machine's nominal test quantities "
-            "from the "
-            "simulated ones."
+            f"In {count_text(int(alike), 'cell')} nothing tells the machine's nominal test quantities from "
+            "the simulated ones."
         )
     if unknown:
         sentences.append(
-            f"In {count_text(int(unknown), 'cell')} there are fewer than 3 nominal recordings to "
-            "compare: whether "
-            "the threshold holds on the machine is not known. Record the motion again, healthy."
+            f"In {count_text(int(unknown), 'cell')} there are fewer than 3 nominal recordings to compare: "
+            "whether the threshold holds on the machine is not known. Record the motion again, healthy."
         )
     return sentences
 
@@ -169,14 +164,12 @@ def tell_factors(found: Detections) -> list[str]:
         if idle:
             sentences.append(
                 f"In the model {found.summary['model']}, {join_words(idle)} "
-                f"move{'s' if len(idle) == 1 else ''} no "
-                f"torque of {motion}: the simulated runs say nothing of "
-                f"{'it' if len(idle) == 1 else 'them'}."
+                f"move{'s' if len(idle) == 1 else ''} no torque of {motion}: the simulated runs say nothing "
+                f"of {'it' if len(idle) == 1 else 'them'}."
             )
         if "wear" in one["factors_that_move_nothing"]:
             sentences.append(
-                f"So for {motion} there is no wear that a test quantity could be compared with; give "
-                "the model the "
-                "effect wear."
+                f"So for {motion} there is no wear that a test quantity could be compared with; give the "
+                "model the effect wear."
             )
     return sentences

@@ -1,6 +1,8 @@
 """The page of detectors on recordings: alarms first, then every value on one axis with the simulated ones."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -22,8 +24,8 @@ from wearscope.reporting.page import (
     embed_figure,
     format_number,
     render_page,
+    render_part,
     render_table,
-    unbreak,
 )
 from wearscope.reporting.strips import detection_strip
 
@@ -63,80 +65,54 @@ def render_detection(found: Detections) -> str:
     judged = found.judged["run"].nunique()
     subtitle = (
         f"{count_text(judged, 'recording')} judged by "
-        f"{count_text(found.thresholds['fda'].nunique(), 'detector')} "
-        f"at a wanted false-alarm rate of {setting['p_f']:g}"
+        f"{count_text(found.thresholds['fda'].nunique(), 'detector')} at a wanted false-alarm rate of "
+        f"{setting['p_f']:g}"
     )
     title = f"Detectors on recordings: {found.summary['dataset']}"
     shown = [section for section in sections if section.body]
     return render_page(title, shown, subtitle, strip=detection_strip(found))
 
 
-def _paragraphs(sentences: list[str]) -> Markup:
-    return Markup("").join(Markup("<p>{}</p>").format(unbreak(one)) for one in sentences)
-
-
 def _outcome(found: Detections) -> Markup:
-    parts = []
-    for kind, sentence in conclude(found):
-        text = unbreak(sentence)
-        if kind == "plain":
-            parts.append(Markup("<p>{}</p>").format(text))
-        else:
-            parts.append(Markup('<div class="{}">{}</div>').format(kind, text))
-    return Markup("").join([*parts, _paragraphs(tell_scatter(found)), _paragraphs(tell_factors(found))])
+    told = [("" if kind == "plain" else kind, sentence) for kind, sentence in conclude(found)]
+    return render_part(told=told + [("", one) for one in [*tell_scatter(found), *tell_factors(found)]])
 
 
 def _axis(found: Detections) -> Markup:
     simulated = found.simulated[found.simulated["kind"] != "compared"]
     columns = ["motion", "joint", "fda", "kind", "y"]
     rows = pd.concat([simulated[columns], found.detection[columns]], ignore_index=True)
-    parts = []
+    figures = []
     for motion, cells in found.thresholds.groupby("motion", sort=False):
-        own = rows[rows["motion"] == motion]
         caption = (
-            f"Test quantities of {motion} in their own unit. Boxes: simulated runs, each box half of "
-            "what lies "
-            "beyond the one within; their detectors were fitted to simulated nominal runs. Points: "
-            "recordings; "
-            "nominal ones are asked of detectors fitted to the other nominal ones. Dashed: alarm threshold."
+            f"Test quantities of {motion} in their own unit. Boxes: simulated runs, each box half of what "
+            "lies beyond the one within; their detectors were fitted to simulated nominal runs. Points: "
+            "recordings; nominal ones are asked of detectors fitted to the other nominal ones. Dashed: alarm "
+            "threshold."
         )
-        alt = (
-            f"Simulated and recorded test quantities of {motion} by joint and detector, with alarm thresholds"
-        )
-        parts.append(embed_figure(draw_detection(own, cells), alt, caption))
-    table = found.thresholds[
-        [
-            "motion",
-            "joint",
-            "fda",
-            "nominal_runs",
-            "nominal_above",
-            "scatter_ratio",
-            "scatter_p_adjusted",
-            "scatter",
-        ]
-    ].rename(
-        columns={
-            "nominal_runs": "nominal recordings",
-            "nominal_above": "of them above the threshold",
-            "scatter_ratio": "distance from the simulated median, machine over simulator",
-            "scatter_p_adjusted": "adjusted p",
-            "scatter": "the simulated scatter is",
-        }
-    )
+        alt = f"Simulated and recorded test quantities of {motion} with alarm thresholds"
+        figures.append(embed_figure(draw_detection(rows[rows["motion"] == motion], cells), alt, caption))
+    names = {
+        "motion": "motion", "joint": "joint", "fda": "detector", "nominal_runs": "nominal recordings",
+        "nominal_above": "of them above the threshold",
+        "scatter_ratio": "distance from the simulated median, machine over simulator",
+        "scatter_p_adjusted": "adjusted p", "scatter": "the simulated scatter is",
+    }  # fmt: skip
     caption = (
-        "Distances of nominal test quantities from their common median, compared by rank (Mann and "
-        "Whitney), p "
-        "adjusted over all rows (Holm)."
+        "Distances of nominal test quantities from their common median, compared by rank (Mann and Whitney), "
+        "p adjusted over all rows (Holm)."
     )
-    return Markup("").join(parts) + _fold(table, caption, "Whose scatter it is")
+    table = found.thresholds[list(names)].rename(columns=names)
+    return _fold(table.to_dict("records"), caption, "Whose scatter it is", figures)
 
 
-def _fold(table: pd.DataFrame, caption: str, summary: str) -> Markup:
-    shown = render_table(table, caption)
-    if len(table) <= _MOST_SHOWN:
-        return shown
-    return Markup("<details><summary>{}</summary>{}</details>").format(summary, shown)
+def _fold(
+    rows: Sequence[Mapping[Any, Any]], caption: str, summary: str, before: Sequence[Markup] = ()
+) -> Markup:
+    table = render_table(rows, caption)
+    if len(rows) <= _MOST_SHOWN:
+        return render_part(parts=[*before, table])
+    return render_part(parts=before, folded=[(summary, False, table)])
 
 
 def _values(found: Detections) -> Markup:
@@ -144,6 +120,8 @@ def _values(found: Detections) -> Markup:
     order = {verdict: k for k, verdict in enumerate(_BADGES)}
     rows = found.detection.assign(order=found.detection["verdict"].map(order))
     for row in rows.sort_values(["kind", "order", "run"], kind="stable").to_dict("records"):
+        judged = row["kind"] == "judged"
+        wear, low, high = (format_number(row[name], 2) for name in ("wear", "wear_low", "wear_high"))
         records.append(
             {
                 "recording": row["run"],
@@ -152,62 +130,48 @@ def _values(found: Detections) -> Markup:
                 "detector": row["fda"],
                 "y": write_quantity(row["y"], row["unit"]) if row["status"] == "ok" else row["status"],
                 "threshold": write_quantity(row["threshold"], row["unit"]),
-                "verdict": badge(row["verdict"], _BADGES[row["verdict"]])
-                if row["kind"] == "judged"
-                else badge("nominal"),
+                "verdict": badge(row["verdict"], _BADGES[row["verdict"]]) if judged else badge("nominal"),
                 "p, simulated": row["p_value"],
                 "p, machine": row["p_machine"],
                 "warmer [K]": row["warmer"],
-                "wear like it (95 %)": f"{format_number(row['wear'], 2)} "
-                "({format_number(row['wear_low'], 2)} to "
-                f"{format_number(row['wear_high'], 2)})",
+                "wear like it (95 %)": f"{wear} ({low} to {high})" if wear != "n/a" else wear,
             }
         )
     caption = (
-        "p, simulated: share of simulated runs without wear that reach y, at least 1 / (runs + 1); "
-        "p, machine: the "
-        "same of the nominal recordings. Wear like it: of a wear drawn evenly from the fault's "
+        "p, simulated: share of simulated runs without wear that reach y, at least 1 / (runs + 1); p, "
+        "machine: the same of the nominal recordings. Wear like it: of a wear drawn evenly from the fault's "
         "range, given y."
     )
-    table = pd.DataFrame(records)
-    table["verdict"] = pd.Series([one["verdict"] for one in records], dtype=object)
-    return _fold(table, caption, f"All {len(records)} values")
+    return _fold(records, caption, f"All {len(records)} values")
 
 
 def _thresholds(found: Detections) -> Markup:
-    records = []
-    for row in found.thresholds.to_dict("records"):
-        records.append(
-            {
-                "motion": row["motion"],
-                "joint": row["joint"],
-                "detector": row["fda"],
-                "threshold": write_quantity(row["threshold"], row["unit"]),
-                "false-alarm rate (95 %)": f"{row['p_f']:g} ({format_number(row['p_f_low'], 2)} to "
-                f"{format_number(row['p_f_high'], 2)})",
-                "simulated runs": row["runs"],
-                "wear detected from": row["wear_detected"],
-                "why there is none": row["reason"],
-            }
-        )
+    records = [
+        {
+            "motion": row["motion"],
+            "joint": row["joint"],
+            "detector": row["fda"],
+            "threshold": write_quantity(row["threshold"], row["unit"]),
+            "false-alarm rate (95 %)": f"{row['p_f']:g} ({format_number(row['p_f_low'], 2)} to "
+            f"{format_number(row['p_f_high'], 2)})",
+            "simulated runs": row["runs"],
+            "wear detected from": row["wear_detected"],
+            "why there is none": row["reason"],
+        }
+        for row in found.thresholds.to_dict("records")
+    ]
     p_d = 100 * found.summary["setting"]["p_d"]
     caption = (
-        "Threshold: the simulated value without wear that a further such run reaches with at most the wanted "
-        "probability; in brackets, what that of this threshold may be. Wear detected from: smallest "
-        "wear from which "
-        f"on {p_d:g} % of the simulated worn runs reach the threshold; n/a where wear moves nothing "
-        "or not even "
-        "the most worn run does."
+        "Threshold: the simulated value without wear that a further such run reaches with at most the "
+        "wanted probability; in brackets, what that of this threshold may be. Wear detected from: smallest "
+        f"wear from which on {p_d:g} % of the simulated worn runs reach the threshold; n/a where wear moves "
+        "nothing or not even the most worn run does."
     )
-    return _fold(pd.DataFrame(records), caption, "All thresholds")
+    return _fold(records, caption, "All thresholds")
 
 
 def _refused(found: Detections) -> Markup:
-    refused = found.summary["refused"]
-    if not refused:
-        return Markup("")
-    items = Markup("").join(Markup("<li>{}</li>").format(one["reason"]) for one in refused)
-    return Markup("<ul>{}</ul>").format(items)
+    return render_part(listed=[one["reason"] for one in found.summary["refused"]])
 
 
 def _setting(found: Detections) -> Markup:
@@ -218,22 +182,15 @@ def _setting(found: Detections) -> Markup:
         else "simulated runs of the corrected model"
     )
     sentences = [
-        f"The detectors were fitted to {fitted} before they were asked for the recordings, and to "
-        "simulated nominal "
-        "runs before they were asked for simulated runs.",
+        f"The detectors were fitted to {fitted} before they were asked for the recordings, and to simulated "
+        "nominal runs before they were asked for simulated runs.",
         f"{setting['runs']} runs without wear and {setting['worn_runs']} with wear of the model "
-        f"{summary['model']} "
-        "were simulated along each motion as recorded, at the recorded temperatures, with "
-        "temperature and payload "
-        f"mass error scattered by {setting['sigma']:g} coded units of the study; their torque noise "
-        "is that of "
-        f"{summary['torque_noise_from']}. Recorded and simulated runs were filtered alike, and cut "
-        "from the first to "
-        "the last motion.",
+        f"{summary['model']} were simulated along each motion as recorded, at the recorded temperatures, "
+        f"with temperature and payload mass error scattered by {setting['sigma']:g} coded units of the "
+        f"study; their torque noise is that of {summary['torque_noise_from']}. Recorded and simulated runs "
+        "were filtered alike, and cut from the first to the last motion.",
     ]
     for motion, one in summary["motions"].items():
-        sentences.append(
-            f"{motion[0].upper()}{motion[1:]}, {format_number(one['seconds'])} s: nominal "
-            f"{', '.join(one['nominal'])}."
-        )
-    return _paragraphs(sentences)
+        named = f"{motion[0].upper()}{motion[1:]}, {format_number(one['seconds'])} s"
+        sentences.append(f"{named}: nominal {', '.join(one['nominal'])}.")
+    return render_part(told=[("", one) for one in sentences])

@@ -11,7 +11,7 @@ from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.labels import count_text, join_words
-from wearscope.reporting.page import Section, embed_chart, render_page, render_table
+from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
 
 Names = tuple[str, str]
 _SIDES = ["var(--before)", "var(--after)"]
@@ -47,7 +47,9 @@ def render_study_differences(
         for name, frame in zip(names, rankings, strict=True)
         if len(frame)
     ]
-    sections = [Section("What differs", _list(tell_studies(names, rankings, differences)), "summary")]
+    sections = [
+        Section("What differs", render_part(listed=tell_studies(names, rankings, differences)), "summary")
+    ]
     found = {}
     if sides:
         table = pd.concat(sides, ignore_index=True)
@@ -100,7 +102,7 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
         "In the joint's unit of torque.",
     )
     sections = [
-        Section("What differs", _list(tell_loops(names, *named_by)), "summary"),
+        Section("What differs", render_part(listed=tell_loops(names, *named_by)), "summary"),
         Section("Joints", embed_chart(chart) + render_table(table.rename(columns={"side": "in"})), "joints"),
     ]
     return _render(names, sections, {"sides": sides})
@@ -116,23 +118,12 @@ def _render(names: Names, sections: list[Section], found: Mapping[str, pd.DataFr
 def _fold(rows: pd.DataFrame) -> Markup:
     """Table of what differs, recordings only counted, folded where it is long."""
     recordings = rows["item"].str.startswith("traces/") | rows["item"].str.contains("/traces/")
-    left = rows[~recordings]
-    note = Markup("")
-    if recordings.any():
-        note = Markup('<p class="note">{}.</p>').format(
-            f"And {count_text(int(recordings.sum()), 'recording')}"
-        )
-    if not len(left):
-        return note
-    table = render_table(left)
-    if len(left) > _LONG:
-        table = Markup("<details><summary>{} rows</summary>{}</details>").format(len(left), table)
-    return table + note
-
-
-def _list(sentences: list[str]) -> Markup:
-    items = Markup("").join(Markup("<li>{}</li>").format(one) for one in sentences)
-    return Markup("<ul>{}</ul>").format(items)
+    left, count = rows[~recordings], int(recordings.sum())
+    notes = [f"And {count_text(count, 'recording')}."] if count else []
+    table = [render_table(left)] if len(left) else []
+    if len(left) <= _LONG:
+        return render_part(parts=table) + render_part(notes=notes)
+    return render_part(notes=notes, folded=[(f"{len(left)} rows", False, table[0])])
 
 
 def tell_studies(

@@ -14,7 +14,8 @@ from wearscope.errors import InputError
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named
 from wearscope.reporting.labels import count_text
-from wearscope.reporting.page import Section, Strip, badge, embed_chart, read_strip, render_page, render_table
+from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
+from wearscope.reporting.page_strip import Strip, read_strip
 
 #: What made a page, by a file next to it.
 _KINDS = {

@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html.parser import HTMLParser
+from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,8 @@ import pandas as pd
 from markupsafe import Markup, escape
 
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
+from wearscope.reporting.labels import count_text
+from wearscope.reporting.page_strip import Strip, unbreak
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,102 +49,44 @@ class Section:
         return self.anchor or re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
-#: Headings of a strip.
-HEADINGS = ("How sure", "Mind", "Next")
-
-
-@dataclass(frozen=True)
-class Strip:
-    """What stands on top of every page, to be read in ten seconds.
-
-    Attributes
-    ----------
-    answer : str
-        One sentence or two, without a code, an equation's number or a hash.
-    kind : str
-        Its colour: good, unsure or bad.
-    sure : str
-        How sure that is.
-    caveat : str
-        The one that matters most.
-    action : str
-        What to do next, as text or `Markup` with a link.
-    """
-
-    answer: str
-    kind: str
-    sure: str
-    caveat: str
-    action: str
-
-    def rows(self) -> list[tuple[str, str]]:
-        """What follows the answer, with its heading."""
-        told = zip(HEADINGS, (self.sure, self.caveat, self.action), strict=True)
-        return [(name, text if isinstance(text, Markup) else unbreak(text)) for name, text in told if text]
-
-
-class _StripReader(HTMLParser):
-    """Collects the texts of a page's strip."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.answer, self.kind, self.told = "", "", {}  # type: str, str, dict[str, str]
-        self._place = self._heading = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Enter a part of the strip."""
-        kinds = (dict(attrs).get("class") or "").split()
-        if kinds[:2] == ["strip", "conclusion"]:
-            self.kind = kinds[2]
-        elif self.kind and not self._place and ("answer" in kinds or tag in ("dt", "dd")):
-            self._place = tag
-            self._heading = "" if tag == "dt" else self._heading
-
-    def handle_endtag(self, tag: str) -> None:
-        """Leave it."""
-        self._place = "" if tag == self._place else self._place
-
-    def handle_data(self, data: str) -> None:
-        """Take its text."""
-        if self._place == "p":
-            self.answer += data
-        elif self._place == "dt":
-            self._heading += data
-        elif self._place == "dd":
-            self.told[self._heading] = self.told.get(self._heading, "") + data
-
-
-#: Beginning of a page in which its strip lies, in characters.
-_TOP = 60_000
-
-
-def read_strip(page: str | Path) -> Strip | None:
-    """The strip of a page that was written, as a browser shows it; None where it has none."""
-    with Path(page).open(encoding="utf-8") as file:
-        top = file.read(_TOP)
-    start, end = top.find('<div class="strip'), top.find("</dl>")
-    if start < 0 or end < 0:
-        return None
-    read = _StripReader(top[start:end])
-    sure, caveat, action = (" ".join(read.told.get(name, "").split()) for name in HEADINGS)
-    return Strip(" ".join(read.answer.split()), read.kind, sure, caveat, action)
-
-
+@cache
 def environment() -> jinja2.Environment:
     """Templates of this package; text is escaped, an unknown name is an error."""
-    return jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["unbreak"] = unbreak
+    made.globals |= {"badge": badge, "count_text": count_text}
+    return made
 
 
 def render_template(name: str, **context: Any) -> Markup:
     """HTML of one of the package's templates."""
     return Markup(environment().get_template(name).render(**context))
+
+
+def render_part(**given: Any) -> Markup:
+    """HTML of sentences, tables and figures in the usual order; empty where nothing is given.
+
+    Parameters
+    ----------
+    told : sequence of (str, str)
+        Sentences, with ``alarm``, ``notice`` or nothing.
+    notes, listed : sequence of str
+        Small print, and bullets.
+    parts : sequence of Markup
+        Tables and figures.
+    folded : sequence of (str, bool, Markup)
+        Summary, whether it is open, and what it folds.
+    """
+    if not any(given.values()):
+        return Markup("")
+    empty = dict.fromkeys(("told", "notes", "parts", "listed", "folded"), ())
+    return render_template("part.html", **empty | given)
 
 
 def render_page(
@@ -240,12 +184,6 @@ def embed_figure(figure: "Figure | str | Path", alt: str, caption: str = "", kin
     image = Markup('<img src="data:{};base64,{}" alt="{}">').format(_MEDIA[kind], data, alt)
     text = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
     return Markup("<figure>{}{}</figure>").format(image, text)
-
-
-def unbreak(text: str) -> str:
-    """Text whose numbers stay on the line of their unit, and signs on that of their number."""
-    pattern = r"(?<=[\d>]) (?=%|°C|N m\b)|(?<=\bN) (?=m\b)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])"
-    return re.sub(pattern, "\N{NO-BREAK SPACE}", text)
 
 
 def badge(text: str, kind: str = "neutral") -> Markup:

@@ -1,7 +1,5 @@
 """The page of a reevaluation: what the correction changes, and whether it is truer."""
 
-from collections.abc import Iterable
-
 import pandas as pd
 from markupsafe import Markup
 
@@ -13,8 +11,8 @@ from wearscope.reporting.page import (
     embed_figure,
     format_number,
     render_page,
+    render_part,
     render_table,
-    unbreak,
 )
 from wearscope.reporting.reevaluation import (
     Reevaluation,
@@ -56,25 +54,18 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
 
 def summarise_reevaluation(one: Reevaluation) -> Markup:
     """Sentences and figure for the first page: which answers change, and what is nearer to the truth."""
-    parts = [_bullets(answer_sentences(one)), _bullets(truth_sentences(one))]
-    if one.assumed:
-        text = (
-            f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled "
-            "to the joint's own friction."
-        )
-        parts.append(Markup('<p class="note">{}</p>').format(text))
+    assumed = (
+        f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
+        "the joint's own friction."
+    )
     sides = "before, after and in truth" if one.has_truth else "before and after"
     caption = (
         f"SNR {sides} with 95 % intervals, over the models that the data allow and their surrogates; linear "
         "below 1."
     )
-    parts.append(embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption))
-    return Markup("").join(parts)
-
-
-def _bullets(sentences: Iterable[str]) -> Markup:
-    items = Markup("").join(Markup("<li>{}</li>").format(unbreak(text)) for text in sentences)
-    return Markup("<ul>{}</ul>").format(items)
+    figure = embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption)
+    sentences = render_part(listed=[*answer_sentences(one), *truth_sentences(one)])
+    return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[figure])
 
 
 def _value(row: object, side: str) -> str:
@@ -130,7 +121,7 @@ def _question(one: Reevaluation, question: str) -> Markup:
     }[question]
     if len(rows) > len(records):
         note += f" The {len(records)} surest of {len(rows)}; all: reevaluation.parquet."
-    return render_table(pd.DataFrame(records), note)
+    return render_table(records, note)
 
 
 def _ranks(one: Reevaluation) -> Markup:
@@ -153,6 +144,5 @@ def _basis(one: Reevaluation, chosen: pd.DataFrame) -> Markup:
             sentences.append(f"{row.side}: the model alone; nothing is known of its uncertainty.")
     columns = ["robot", "axis", "fda", "kind", "fit", "state", "n_points"]
     shown = chosen[columns].rename(columns={"robot": "side", "fda": "detector", "n_points": "points"})
-    return Markup("{}{}").format(
-        _bullets(sentences), render_table(shown, "Surrogates, with their fit [%] on checking points.")
-    )
+    table = render_table(shown, "Surrogates, with their fit [%] on checking points.")
+    return render_part(listed=sentences) + table

@@ -6,11 +6,11 @@ from markupsafe import Markup
 from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import trust
 from wearscope.reporting.closed_loop import ClosedLoop
-from wearscope.reporting.closed_loop_outcome import conclude_loop
 from wearscope.reporting.conclusion import certainty, conclude, tell_sure
 from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
-from wearscope.reporting.page import Strip
+from wearscope.reporting.loop_words import conclude_loop
+from wearscope.reporting.page_strip import Strip
 from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, truth_sentences
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
@@ -31,12 +31,13 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
     action = Markup('See <a href="#robots">each robot\'s own page</a>.') if pages else _study_action(one)
     # A divided study's overview has no tables of single cells, which the doubts are about.
     caveat = "" if pages else _study_caveat(study, one)
-    return Strip(conclude(study, one), certainty(one), tell_sure(one), caveat, action)
+    answer = " ".join(filter(None, [conclude(study, one), trust.tell_basis(study)]))
+    return Strip(answer, certainty(one), tell_sure(one), caveat, action)
 
 
 def _study_caveat(study: Study, one: Conclusion) -> str:
     """What would change the answer most, the first that applies."""
-    assumed = [robot for robot, texts in study.sources.items() if any("assumed" in text for text in texts)]
+    assumed = trust.assumed_robots(study)
     if doubts := [text for text in trust.doubts(study) if f" of {one.detector}:" in text and one.detector]:
         return doubts[0]
     if contradicted := trust.contradicted(study, one.detector):
@@ -45,10 +46,10 @@ def _study_caveat(study: Study, one: Conclusion) -> str:
         others = join_words([study.detector_name(name) for name in one.tied_with], "or")
         return f"Its signal-to-noise ratio is not told apart from that of {others}."
     if assumed:
-        what = "numbers are assumed, not given" if len(assumed) == len(study.sources) else "assumed numbers"
+        moved = trust.tell_moved(study, one.detector)
         if len(assumed) == len(study.sources):
-            return f"Some {what}: the answer is about a robot like {join_words(assumed)}, not about yours."
-        return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} {what}."
+            return f"The answer is about a robot like {join_words(assumed)}, not about yours. {moved}"
+        return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
     return "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
 
 
@@ -63,7 +64,7 @@ def _study_action(one: Conclusion) -> Markup:
 
 def loop_strip(loop: ClosedLoop) -> Strip:
     """What the model lacks, and whether it got better."""
-    kind, text = conclude_loop(loop)
+    kind, text = conclude_loop(loop.verdict)
     return Strip(text, kind, _loop_sure(loop), _loop_caveat(loop), _loop_action(loop))
 
 

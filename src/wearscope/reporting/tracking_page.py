@@ -4,13 +4,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
 from wearscope.reporting.figures.tracking import draw_friction, draw_parameter
 from wearscope.reporting.labels import count_text, join_words, unit_text
-from wearscope.reporting.page import Section, badge, embed_figure, format_number, render_page, render_table
+from wearscope.reporting.page import (
+    Section,
+    badge,
+    embed_figure,
+    format_number,
+    render_page,
+    render_part,
+    render_table,
+)
 from wearscope.reporting.strips import tracking_strip
 from wearscope.reporting.tracking import Tracking, read_tracking
 
@@ -39,7 +46,7 @@ def render_tracking(tracking: Tracking) -> str:
         Section("Other changes", _others(tracking), "others"),
         Section("Session by session", _sessions(tracking), "sessions"),
         Section("The healthy machine", _healthy(outcome), "healthy"),
-        Section("Notes", _items(outcome["notes"]), "notes"),
+        Section("Notes", render_part(listed=outcome["notes"]), "notes"),
     ]
     later = len(outcome["sessions"])
     subtitle = (
@@ -50,13 +57,6 @@ def render_tracking(tracking: Tracking) -> str:
     footer = f"Made by wearscope {outcome['version']}."
     shown = [section for section in sections if section.body]
     return render_page(title, shown, subtitle, footer, strip=tracking_strip(tracking))
-
-
-def _items(sentences: list[str]) -> Markup:
-    if not sentences:
-        return Markup("")
-    items = Markup("").join(Markup("<li>{}</li>").format(text) for text in sentences)
-    return Markup("<ul>{}</ul>").format(items)
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
@@ -75,21 +75,17 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 
 def _outcome(tracking: Tracking) -> Markup:
     last = tracking.outcome["sessions"][-1]
-    parts = [Markup("<p>In the last session, {}:</p>").format(last["session"])]
-    if last["changes"]:
-        parts.append(_items([tell_entry(entry) for entry in last["changes"]]))
-    else:
-        parts.append(Markup("<p>{}</p>").format(badge("no change", "good")))
+    changes = [tell_entry(entry) for entry in last["changes"]]
+    parts = [render_part(told=[("", f"In the last session, {last['session']}:")], listed=changes)]
+    if not changes:
+        parts.append(badge("no change", "good"))
     if last["cannot_tell"]:
-        parts.append(Markup("<h3>What cannot be told</h3>{}").format(_items(last["cannot_tell"])))
+        parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=last["cannot_tell"])]
     files = [one["cycle_file"] for one in last["next_measurement"] if "cycle_file" in one]
-    if files:
-        parts.append(Markup("<p>Test-cycles to record: {}.</p>").format(join_words(files)))
-    over = [session for session, _ in tracking.entries() if session != last["session"]]
-    passed = list(dict.fromkeys(over))
-    if passed:
-        parts.append(Markup("<p>Earlier sessions with a change: {}.</p>").format(join_words(passed)))
-    return Markup("").join(parts)
+    passed = list(dict.fromkeys(one for one, _ in tracking.entries() if one != last["session"]))
+    told = [f"Test-cycles to record: {join_words(files)}."] if files else []
+    told += [f"Earlier sessions with a change: {join_words(passed)}."] if passed else []
+    return render_part(parts=[*parts, render_part(told=[("", one) for one in told])])
 
 
 def _friction(tracking: Tracking) -> Markup:
@@ -111,7 +107,7 @@ def _friction(tracking: Tracking) -> Markup:
     ]
     if not trends:
         return figure
-    return figure + render_table(pd.DataFrame(trends), "Straight line through the later sessions.")
+    return figure + render_table(trends, "Straight line through the later sessions.")
 
 
 def _wear(tracking: Tracking) -> Markup:
@@ -138,7 +134,7 @@ def _wear(tracking: Tracking) -> Markup:
         "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
         "study or one side of the target reevaluate."
     )
-    return render_table(pd.DataFrame(records), caption)
+    return render_table(records, caption)
 
 
 def _others(tracking: Tracking) -> Markup:
@@ -161,7 +157,7 @@ def _sessions(tracking: Tracking) -> Markup:
         }
         for one in tracking.outcome["sessions"]
     ]
-    return render_table(pd.DataFrame(records))
+    return render_table(records)
 
 
 def _healthy(outcome: Mapping[str, Any]) -> Markup:
@@ -180,9 +176,9 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
         for joint, terms in by_joint.items()
     ]
     scatter = healthy["scatter"]
-    return Markup("<p>{}</p>{}").format(
+    text = (
         f"Reference: {join_words(outcome['reference'])}. Healthy sessions differ by "
         f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
-        f"torque (standard deviation, {scatter['sessions']} held out).",
-        render_table(pd.DataFrame(records), "The structure that is held."),
+        f"torque (standard deviation, {scatter['sessions']} held out)."
     )
+    return render_part(told=[("", text)], parts=[render_table(records, "The structure that is held.")])

@@ -10,6 +10,12 @@ from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
 CHOSEN = "chosen"
+#: Parameters of eq. (17) as people call them.
+FRICTION = {
+    "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
+    "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
+    "alpha": "an exponent of low-speed friction",
+}  # fmt: skip
 POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
 
@@ -109,15 +115,19 @@ def direct_outcome(study: Study) -> list[str]:
     return [
         f"SNR without a surrogate, {first['robot']}, {words(first['cycle'])}, axis {first['axis']}, "
         f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
-        f"included: {'; '.join(parts)}. "
-        f"The intervals overlap in {int(known['agrees'].astype(bool).sum())} of "
-        f"{count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
+        f"included: {'; '.join(parts)}. The intervals overlap in {int(known['agrees'].astype(bool).sum())} "
+        f"of {count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
     ]
 
 
 def tell_mismatch(study: Study) -> str:
     """What the robot of the mismatch has that its model does not state."""
-    return join_words([f"{path} {value:g}" for path, value in study.config["direct"]["mismatch"].items()])
+    told = []
+    for path, value in study.config["direct"]["mismatch"].items():
+        parts = path.removesuffix(" %").split(".")
+        name = FRICTION.get(parts[-1], words(f"{parts[-1]} of {parts[1]}"))
+        told.append(f"{name} {f'changed by {value:+g} %' if path.endswith(' %') else f'of {value:g}'}")
+    return join_words(told).replace("-", "\N{MINUS SIGN}")
 
 
 def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
@@ -128,9 +138,8 @@ def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
     rows = table[table["fda"].isin(detectors)] if detectors else table
     parts = [
         f"{study.detector_name(row.fda)} {format_number(row.snr_mismatch)} "
-        f"({format_number(row.mismatch_low)} to {format_number(row.mismatch_high)}) "
-        f"instead of {format_number(row.snr_ideal)} "
-        f"({format_number(row.ideal_low)} to {format_number(row.ideal_high)})"
+        f"({format_number(row.mismatch_low)} to {format_number(row.mismatch_high)}) instead of "
+        f"{format_number(row.snr_ideal)} ({format_number(row.ideal_low)} to {format_number(row.ideal_high)})"
         for row in rows.itertuples()
     ]
     first = table.iloc[0]
@@ -138,6 +147,35 @@ def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
         f"SNR where the robot's friction differs from the law that the detectors hold, {first['robot']}, "
         f"{words(first['cycle'])}, axis {first['axis']}: {'; '.join(parts)}."
     ]
+
+
+def assumed_robots(study: Study) -> list[str]:
+    """Robots of which some number is assumed, not given."""
+    return [robot for robot, texts in study.sources.items() if any("assumed" in text for text in texts)]
+
+
+def tell_basis(study: Study) -> str:
+    """Whether the robots' numbers are given or assumed; empty where the study does not say."""
+    if not study.sources:
+        return ""
+    assumed = assumed_robots(study)
+    if not assumed:
+        return "The robot's numbers are given."
+    which = "the robot" if len(study.sources) == 1 else join_words(assumed)
+    return f"Some numbers of {which} are assumed."
+
+
+def tell_moved(study: Study, detector: str) -> str:
+    """How far a detector's SNR moves where the robot differs from what was assumed."""
+    table = study.mismatch
+    rows = table[table["fda"] == detector] if table is not None else None
+    if rows is None or rows.empty:
+        return "How far it moves if they are halved or doubled is not judged."
+    row = next(rows.itertuples())
+    return (
+        f"With {tell_mismatch(study)}, its signal-to-noise ratio at {words(row.cycle)}, axis {row.axis} is "
+        f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)}."
+    )
 
 
 def contradicted(study: Study, detector: str) -> str:

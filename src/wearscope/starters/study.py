@@ -16,6 +16,8 @@ from wearscope.starters.writing import check_folder_name, fill_template, new_fol
 
 #: Who lends wear and temperature to a model that has none, such as that of a closed loop.
 LENDER = "medium"
+#: Effect whose Coulomb friction a small study also doubles.
+EQ_17 = "friction_wear_temperature"
 DETECTORS = {
     "A": "{use: residual_energy, options: {align: path}}",
     "B": "distribution_distance",
@@ -134,6 +136,7 @@ def write_study(
         scope=scope,
         scope_grid="" if large else ", grid: [10, 10], runs: 10000",
         small=not large,
+        doubled=all(any(one.effect == EQ_17 for one in model.effects) for model in models),
     )
     with new_folder(target) as folder:
         (folder / "config").mkdir()

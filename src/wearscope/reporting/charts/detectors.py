@@ -6,7 +6,7 @@ import altair as alt
 import numpy as np
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
-from wearscope.reporting.charts.encoding import cell_tips, name_labels, named
+from wearscope.reporting.charts.encoding import cell_tips, name_labels, named, tips
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.charts.study import together
 from wearscope.reporting.study import Study
@@ -45,36 +45,23 @@ def chart_snr(study: Study) -> Chart:
             y=rows,
             yOffset=offset,
             color=tint,
-            tooltip=[
-                *cell_tips(),
-                alt.Tooltip("snr:Q", title="SNR", format=".3"),
-                alt.Tooltip("low:Q", title="95 % from", format=".3"),
-                alt.Tooltip("high:Q", title="to", format=".3"),
-                alt.Tooltip("status:N"),
-            ],
+            tooltip=[*cell_tips(), *tips("snr:Q|SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; status:N")],
         )
     )
     ranks = named("rankings").encode(y=rows, yOffset=offset, color=tint)
-    tips = [
-        alt.Tooltip("fda:N", title="detector"),
-        alt.Tooltip("robot:N"),
-        alt.Tooltip("median:Q", title="median SNR", format=".3"),
-        alt.Tooltip("low:Q", title="95 % from", format=".3"),
-        alt.Tooltip("high:Q", title="to", format=".3"),
-        alt.Tooltip("rank:Q"),
-    ]
+    told = tips("fda:N|detector; robot:N; median:Q|median SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; rank:Q")
     bound = (
         named("rankings")
         .transform_filter(f"!({deployable})")
         .mark_rule(strokeDash=[6, 4], strokeWidth=2, color="var(--soft)")
-        .encode(x=alt.X("median:Q", title="signal-to-noise ratio"), y=rows, tooltip=tips)
+        .encode(x=alt.X("median:Q", title="signal-to-noise ratio"), y=rows, tooltip=told)
     )
     ranks = ranks.transform_filter(deployable)
     spans = ranks.mark_rule(strokeWidth=5, opacity=0.35).encode(
-        x=alt.X("low:Q", title="signal-to-noise ratio"), x2="high:Q", tooltip=tips
+        x=alt.X("low:Q", title="signal-to-noise ratio"), x2="high:Q", tooltip=told
     )
     medians = ranks.mark_tick(thickness=3, size=14).encode(
-        x=alt.X("median:Q", title="signal-to-noise ratio"), tooltip=tips
+        x=alt.X("median:Q", title="signal-to-noise ratio"), tooltip=told
     )
     zero = alt.Chart(alt.InlineData([{"snr": 0}])).mark_rule(color="var(--soft)").encode(x="snr:Q")
     by = {key: key for key in CELL_KEYS}
@@ -117,13 +104,7 @@ def chart_snr_cells(study: Study) -> Chart:
                 legend=alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')"),
             ),
         ),
-        tooltip=[
-            *cell_tips(),
-            alt.Tooltip("snr:Q", title="SNR", format=".3"),
-            alt.Tooltip("low:Q", title="95 % from", format=".3"),
-            alt.Tooltip("high:Q", title="to", format=".3"),
-            alt.Tooltip("status:N"),
-        ],
+        tooltip=[*cell_tips(), *tips("snr:Q|SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; status:N")],
     )
     text = (
         base.transform_calculate(short=_SHORT)

@@ -32,14 +32,22 @@ def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]
     return chart.add_params(zoom), fields
 
 
+def tips(text: str) -> list[alt.Tooltip]:
+    """What the pointer tells: ``field|title|format``, separated by semicolons.
+
+    >>> [one["title"] for one in tips("snr:Q|SNR|.3; robot:N")][0]
+    'SNR'
+    """
+    found = []
+    for one in text.split(";"):
+        field, title, form = [*map(str.strip, one.split("|")), "", ""][:3]
+        found.append(alt.Tooltip(field, title=title or alt.Undefined, format=form or alt.Undefined))
+    return found
+
+
 def cell_tips() -> list[alt.Tooltip]:
     """What the pointer tells of a cell."""
-    return [
-        alt.Tooltip("robot:N"),
-        alt.Tooltip("cycle:N", title="test-cycle"),
-        alt.Tooltip("axis:N"),
-        alt.Tooltip("fda:N", title="detector"),
-    ]
+    return tips("robot:N; cycle:N|test-cycle; axis:N; fda:N|detector")
 
 
 def colour(title: str = "", domain: Sequence[Any] | None = None) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import altair as alt
 
 from wearscope.reporting.charts.base import Chart, Choice, Source
-from wearscope.reporting.charts.encoding import add_zoom, cell_tips, colour, named
+from wearscope.reporting.charts.encoding import add_zoom, cell_tips, colour, named, tips
 from wearscope.reporting.labels import factor_name
 from wearscope.reporting.study import Study
 
@@ -33,7 +33,7 @@ def chart_weights(study: Study) -> Chart:
             scale=SYMLOG,
             axis=symlog_axis((1, 2, 5)),
         ),
-        tooltip=[*cell_tips(), alt.Tooltip("term:N"), alt.Tooltip("weight:Q", format=".3")],
+        tooltip=[*cell_tips(), *tips("term:N; weight:Q||.3")],
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(
         x=alt.X("median(weight):Q", title="coefficient relative to that of wear"),
@@ -68,12 +68,7 @@ def chart_response(study: Study, detector: str = "") -> Chart:
     line = lines.mark_line(color="var(--c0)").encode(
         x=x,
         y="y:Q",
-        tooltip=[
-            alt.Tooltip("natural:Q", title="⟦factor⟧", format=".4"),
-            alt.Tooltip("y:Q", title="surrogate", format=".4"),
-            alt.Tooltip("low:Q", format=".4"),
-            alt.Tooltip("high:Q", format=".4"),
-        ],
+        tooltip=tips("natural:Q|⟦factor⟧|.4; y:Q|surrogate|.4; low:Q||.4; high:Q||.4"),
     )
     held = alt.param(name="held", value="y_held")
     points = (
@@ -88,12 +83,9 @@ def chart_response(study: Study, detector: str = "") -> Chart:
                 title="simulated for",
                 scale=alt.Scale(range=["var(--c1)", "var(--c2)", "var(--c5)", "var(--c3)"]),
             ),
-            tooltip=[
-                alt.Tooltip("set:N", title="run of"),
-                alt.Tooltip("natural:Q", title="⟦factor⟧", format=".4"),
-                alt.Tooltip("y:Q", title="y as simulated", format=".4"),
-                alt.Tooltip("y_held:Q", title="y, others at nominal", format=".4"),
-            ],
+            tooltip=tips(
+                "set:N|run of; natural:Q|⟦factor⟧|.4; y:Q|y as simulated|.4; y_held:Q|y, others at nominal|.4"
+            ),
         )
     )
     layered, fields = add_zoom(alt.layer(band, line, points).add_params(held), "natural", "low")

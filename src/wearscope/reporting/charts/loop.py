@@ -1,14 +1,15 @@
 """Charts of a closed loop: errors, torque and residual over time and over signals, candidates, angles."""
 
-from typing import NamedTuple
+import json
 
 import altair as alt
 
 from wearscope.reporting.charts.base import Chart, Choice, Source
-from wearscope.reporting.charts.encoding import add_zoom, named
+from wearscope.reporting.charts.encoding import add_zoom, named, tips
 from wearscope.reporting.charts.loop_data import error_table, series_table, signal_choices
 from wearscope.reporting.closed_loop import ClosedLoop
 
+_LINES = {"measured": "var(--ink)", "before": "var(--before)", "after": "var(--after)"}
 STAGE_SCALE = alt.Scale(domain=["before", "after"], range=["var(--before)", "var(--after)"])
 _KINDS = {
     "before": "var(--before)",
@@ -17,17 +18,6 @@ _KINDS = {
     "as declared": "var(--soft)",
     "black box on after": "var(--c2)",
 }
-_TIME = alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False))
-_ONE = {"joint": "joint", "run": "run"}
-
-
-class _Labels(NamedTuple):
-    """What a chart is called and says of itself, as `Chart` takes it."""
-
-    name: str
-    title: str
-    description: str
-    caption: str
 
 
 def chart_errors(loop: ClosedLoop) -> Chart:
@@ -39,14 +29,7 @@ def chart_errors(loop: ClosedLoop) -> Chart:
         y=alt.Y("joint:N", title=None, sort=loop.joints),
         yOffset=alt.YOffset("kind:N", scale=alt.Scale(domain=kinds)),
         color=alt.Color("kind:N", title=None, scale=alt.Scale(domain=kinds, range=tints)),
-        tooltip=[
-            alt.Tooltip("joint:N"),
-            alt.Tooltip("kind:N"),
-            alt.Tooltip("value:Q", title="RMS error", format=".4"),
-            alt.Tooltip("low:Q", title="95 % from", format=".4"),
-            alt.Tooltip("high:Q", title="to", format=".4"),
-            alt.Tooltip("unit:N"),
-        ],
+        tooltip=tips("joint:N; kind:N; value:Q|RMS error|.4; low:Q|95 % from|.4; high:Q|to|.4; unit:N"),
     )
     units = sorted({one["unit"] for one in loop.verdict["joints"].values()})
     x = alt.X(
@@ -72,60 +55,28 @@ def chart_torque(loop: ClosedLoop, joint: str, run: str) -> Chart | None:
     """Measured and predicted torque over time; None where only residuals were kept."""
     if "predicted_after" not in series_table(loop):
         return None
-    names = {"measured": "measured", "predicted_before": "before", "predicted_after": "after"}
-    label = " : ".join(f"datum.key == '{key}' ? '{text}'" for key, text in names.items()) + " : ''"
-    spec, fields = add_zoom(
-        named("series")
-        .transform_fold([*names], as_=["key", "torque"])
-        .transform_calculate(model=label)
-        .mark_line(strokeWidth=1.3, clip=True)
-        .encode(
-            x=_TIME,
-            y=alt.Y("torque:Q", title="torque [⟦joint.unit⟧]"),
-            color=alt.Color(
-                "model:N",
-                title=None,
-                scale=alt.Scale(
-                    domain=["measured", "before", "after"],
-                    range=["var(--ink)", "var(--before)", "var(--after)"],
-                ),
-            ),
-            tooltip=[
-                alt.Tooltip("t:Q", title="time [s]", format=".3f"),
-                alt.Tooltip("model:N", title="torque"),
-                alt.Tooltip("torque:Q", title="[⟦joint.unit⟧]", format=".4"),
-            ],
-        ),
-        "t",
+    return _chart_over_time(
+        ("series", {"measured": "measured", "predicted_before": "before", "predicted_after": "after"}),
         "torque",
-    )
-    return Chart(
+        {"joint": joint, "run": run},
         "torque",
         "Measured and predicted torque",
         "Measured torque of a joint over time, and what the models before and after predict.",
-        spec.properties(width="container", height=300),
-        {"series": Source("series", _ONE)},
         "At the common bandwidth, thinned for the page; residual.parquet has every row. Zoom with Ctrl and "
         "the wheel or the buttons, drag to move.",
-        single=["joint", "run"],
-        first={"joint": joint, "run": run},
-        zoom=fields,
     )
 
 
 def chart_residual(loop: ClosedLoop, joint: str, run: str) -> Chart:
     """Residual over time, before and after."""
     return _chart_over_time(
-        "series",
-        ("residual_before", "residual_after"),
+        ("series", {"residual_before": "before", "residual_after": "after"}),
         "residual",
-        _Labels(
-            "residual-chart",
-            "Residual over time",
-            "Residual torque of a joint over time, before and after the correction.",
-            "Measured less predicted, where rows count.",
-        ),
         {"joint": joint, "run": run},
+        "residual-chart",
+        "Residual over time",
+        "Residual torque of a joint over time, before and after the correction.",
+        "Measured less predicted, where rows count.",
     )
 
 
@@ -134,47 +85,49 @@ def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
     if loop.forward_series is None or not len(loop.forward_series):
         return None
     return _chart_over_time(
-        "forward",
-        ("before", "after"),
+        ("forward", {"before": "before", "after": "after"}),
         "error",
-        _Labels(
-            "forward-chart",
-            "Simulated forward less measured",
-            "Torque error of the models before and after, simulated forward, over time.",
-            "In PyBullet, at the common bandwidth, on the test runs.",
-        ),
         {"joint": joint},
+        "forward-chart",
+        "Simulated forward less measured",
+        "Torque error of the models before and after, simulated forward, over time.",
+        "In PyBullet, at the common bandwidth, on the test runs.",
     )
 
 
 def _chart_over_time(
-    source: str, columns: tuple[str, str], quantity: str, labels: _Labels, first: dict[str, str]
+    source: tuple[str, dict[str, str]],
+    quantity: str,
+    first: dict[str, str],
+    name: str,
+    title: str,
+    description: str,
+    caption: str,
 ) -> Chart:
-    """Two columns of a source, before and after, of one joint and run over time."""
+    """Columns of a source, by what they are called, of one joint and run over time."""
+    table, columns = source
+    shown = [*columns.values()]
+    scale = alt.Scale(domain=shown, range=[_LINES[one] for one in shown])
     lines = (
-        named(source)
+        named(table)
         .transform_fold([*columns], as_=["key", "torque"])
-        .transform_calculate(stage="replace(datum.key, 'residual_', '')")
-        .mark_line(strokeWidth=1.2, clip=True)
+        .transform_calculate(line=f"({json.dumps(columns)})[datum.key]")
+        .mark_line(strokeWidth=1.3, clip=True)
         .encode(
-            x=_TIME,
+            x=alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False)),
             y=alt.Y("torque:Q", title=f"{quantity} [⟦joint.unit⟧]"),
-            color=alt.Color("stage:N", title=None, scale=STAGE_SCALE, sort=["before", "after"]),
-            tooltip=[
-                alt.Tooltip("t:Q", title="time [s]", format=".3f"),
-                alt.Tooltip("stage:N", title="model"),
-                alt.Tooltip("torque:Q", title="[⟦joint.unit⟧]", format=".4"),
-            ],
+            color=alt.Color("line:N", title=None, scale=scale, sort=shown),
+            tooltip=tips("t:Q|time [s]|.3f; line:N|which; torque:Q|[⟦joint.unit⟧]|.4"),
         )
     )
     spec, fields = add_zoom(lines, "t", "torque")
     return Chart(
-        labels.name,
-        labels.title,
-        labels.description,
-        spec.properties(width="container", height=240),
-        {source: Source(source, _ONE)},
-        labels.caption,
+        name,
+        title,
+        description,
+        spec.properties(width="container", height=280),
+        {table: Source(table, {"joint": "joint", "run": "run"})},
+        caption,
         single=["joint", "run"],
         first=first,
         zoom=fields,
@@ -194,12 +147,7 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
             x=x,
             y=alt.Y("residual:Q", title="residual [⟦joint.unit⟧]"),
             color=tint,
-            tooltip=[
-                alt.Tooltip("x:Q", title="⟦joint+choice⟧", format=".4"),
-                alt.Tooltip("residual:Q", title="residual [⟦joint.unit⟧]", format=".4"),
-                alt.Tooltip("stage:N"),
-                alt.Tooltip("run:N"),
-            ],
+            tooltip=tips("x:Q|⟦joint+choice⟧|.4; residual:Q|residual [⟦joint.unit⟧]|.4; stage:N; run:N"),
         )
     )
     layers: list[alt.Chart] = [points]
@@ -212,14 +160,10 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
             lines.mark_area(opacity=0.25, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
             lines.mark_line(strokeWidth=2.5, clip=True, point=True).encode(
                 y="median:Q",
-                tooltip=[
-                    alt.Tooltip("x:Q", title="⟦joint+choice⟧", format=".4"),
-                    alt.Tooltip("median:Q", format=".4"),
-                    alt.Tooltip("low:Q", title="quartile", format=".4"),
-                    alt.Tooltip("high:Q", title="quartile", format=".4"),
-                    alt.Tooltip("stage:N"),
-                    alt.Tooltip("n:Q", title="rows"),
-                ],
+                tooltip=tips(
+                    "x:Q|⟦joint+choice⟧|.4; median:Q||.4; low:Q|quartile|.4; high:Q|quartile|.4; "
+                    "stage:N; n:Q|rows"
+                ),
             ),
         ]
         sources["profiles"] = Source("profiles", by)
@@ -257,12 +201,7 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
                 scale=alt.Scale(domain=["taken", "left"], range=["var(--after)", "var(--soft)"]),
             ),
             opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
-            tooltip=[
-                alt.Tooltip("label:N", title="candidate"),
-                alt.Tooltip("gain:Q", title="gain [%]", format=".3"),
-                alt.Tooltip("p_value:Q", title="p", format=".2"),
-                alt.Tooltip("reason:N"),
-            ],
+            tooltip=tips("label:N|candidate; gain:Q|gain [%]|.3; p_value:Q|p|.2; reason:N"),
         )
     )
     return Chart(
@@ -288,11 +227,7 @@ def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
     )
     cells = base.mark_rect().encode(
         color=alt.Color("angle:Q", title="angle [deg]", scale=alt.Scale(domain=[0, 90], scheme="viridis")),
-        tooltip=[
-            alt.Tooltip("effect_a:N", title="effect"),
-            alt.Tooltip("effect_b:N", title="and"),
-            alt.Tooltip("angle:Q", title="angle [deg]", format=".1f"),
-        ],
+        tooltip=tips("effect_a:N|effect; effect_b:N|and; angle:Q|angle [deg]|.1f"),
     )
     return Chart(
         "angles",

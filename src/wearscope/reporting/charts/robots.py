@@ -4,7 +4,7 @@ import altair as alt
 import numpy as np
 
 from wearscope.reporting.charts.base import Chart, Choice, Source
-from wearscope.reporting.charts.encoding import add_zoom, named
+from wearscope.reporting.charts.encoding import add_zoom, named, tips
 from wearscope.reporting.study import Study
 
 
@@ -30,12 +30,7 @@ def chart_friction(study: Study) -> Chart:
                 scale=alt.Scale(range=["var(--c0)", "var(--c5)", "var(--c1)"]),
             ),
             strokeDash=alt.StrokeDash("wear:O", title="wear"),
-            tooltip=[
-                alt.Tooltip("speed:Q", format=".3"),
-                alt.Tooltip("torque:Q", format=".4"),
-                alt.Tooltip("temperature:O", title="temperature [°C]"),
-                alt.Tooltip("wear:O"),
-            ],
+            tooltip=tips("speed:Q||.3; torque:Q||.4; temperature:O|temperature [°C]; wear:O"),
         ),
         "speed",
         "torque",
@@ -82,13 +77,7 @@ def chart_motion(study: Study) -> Chart:
     joints = posture.mark_circle(size=90, color="var(--ink)", opacity=1).encode(
         x=x,
         y=y,
-        tooltip=[
-            alt.Tooltip("name:N", title="joint"),
-            alt.Tooltip("t:Q", title="time [s]", format=".2f"),
-            alt.Tooltip("x:Q", format=".3f"),
-            alt.Tooltip("y:Q", format=".3f"),
-            alt.Tooltip("z:Q", format=".3f"),
-        ],
+        tooltip=tips("name:N|joint; t:Q|time [s]|.2f; x:Q||.3f; y:Q||.3f; z:Q||.3f"),
     )
     spec = alt.layer(path, links, joints).add_params(turn, now).properties(width=360, height=360)
     return Chart(

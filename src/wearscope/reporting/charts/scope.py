@@ -6,7 +6,7 @@ import altair as alt
 import pandas as pd
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source
-from wearscope.reporting.charts.encoding import cell_tips, colour, named
+from wearscope.reporting.charts.encoding import cell_tips, colour, named, tips
 from wearscope.reporting.charts.study import detection_cells
 from wearscope.reporting.labels import factor_name, quantity_text, unit_text
 from wearscope.reporting.study import Study
@@ -163,12 +163,7 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         color=alt.Color("fda:N", **colour("detector", names)),
         detail=["robot:N", "cycle:N", "axis:N"],
     )
-    tips = [
-        *cell_tips(),
-        alt.Tooltip("p_f:Q", title="P_f", format=".2~%"),
-        alt.Tooltip("p_d:Q", title="P_d", format=".2%"),
-        alt.Tooltip("threshold:Q", format=".4"),
-    ]
+    told = [*cell_tips(), *tips("p_f:Q|P_f|.2~%; p_d:Q|P_d|.2%; threshold:Q||.4")]
     upper = f"indexof({json.dumps(study.upper())}, datum.fda) >= 0"
     lines = base.mark_line(opacity=0.18, strokeWidth=1, point=alt.OverlayMarkDef(size=9, opacity=0.3))
     medians = (
@@ -192,7 +187,7 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         "roc",
         "Detection against false alarms",
         "ROC curves: probability of detection over probability of false alarm of every cell.",
-        alt.layer(lines.encode(tooltip=tips), medians, rule)
+        alt.layer(lines.encode(tooltip=told), medians, rule)
         .add_params(own)
         .properties(width="container", height=320),
         {"roc": Source("detection", {"case": "case", "change": "change", **_BY})},
@@ -215,12 +210,7 @@ def chart_power(study: Study) -> Chart:
             y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
             yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
             color=alt.Color("fda:N", **colour("detector", names)),
-            tooltip=[
-                *cell_tips(),
-                alt.Tooltip("p_d:Q", title="P_d", format=".2%"),
-                alt.Tooltip("p_f:Q", title="P_f", format=".2~%"),
-                alt.Tooltip("threshold:Q", format=".4"),
-            ],
+            tooltip=[*cell_tips(), *tips("p_d:Q|P_d|.2%; p_f:Q|P_f|.2~%; threshold:Q||.4")],
         )
     )
     by = {"case": "case", "change": "change", "p_f": "p_f", **_BY}

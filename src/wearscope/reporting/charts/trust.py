@@ -3,7 +3,7 @@
 import altair as alt
 
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
-from wearscope.reporting.charts.encoding import cell_tips, colour, named
+from wearscope.reporting.charts.encoding import cell_tips, colour, named, tips
 from wearscope.reporting.study import Study
 
 _BY = {key: key for key in CELL_KEYS}
@@ -13,19 +13,14 @@ def chart_fits(study: Study) -> Chart:
     """Fit of every cell's surrogate, by detector."""
     names = sorted(study.snr["fda"].unique())
     base = named("fits").encode(y=alt.Y("fda:N", title=None), yOffset="robot:N")
-    tips = [
-        *cell_tips(),
-        alt.Tooltip("fit:Q", title="fit [%]", format=".4"),
-        alt.Tooltip("ceiling:Q", title="ceiling [%]", format=".4"),
-        alt.Tooltip("kind:N"),
-    ]
+    told = [*cell_tips(), *tips("fit:Q|fit [%]|.4; ceiling:Q|ceiling [%]|.4; kind:N")]
     points = base.mark_circle(opacity=0.7).encode(
         x=alt.X("fit:Q", title="fit on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
         color=alt.Color("fda:N", **colour("", names), legend=None),
-        tooltip=tips,
+        tooltip=told,
     )
     ceilings = base.mark_tick(color="var(--soft)", thickness=1.5, size=11).encode(
-        x=alt.X("ceiling:Q"), tooltip=tips
+        x=alt.X("ceiling:Q"), tooltip=told
     )
     return Chart(
         "fits",
@@ -60,11 +55,10 @@ def chart_audit(study: Study) -> Chart:
             color=alt.Color("fda:N", **colour("detector", names)),
             tooltip=[
                 *cell_tips(),
-                alt.Tooltip("point:O"),
-                alt.Tooltip("direct:Q", title="simulated directly", format=".4"),
-                alt.Tooltip("surrogate:Q", format=".4"),
-                alt.Tooltip("error:Q", title="in half-widths", format=".3"),
-                alt.Tooltip("inside:N", title="within the interval"),
+                *tips(
+                    "point:O; direct:Q|simulated directly|.4; surrogate:Q||.4; "
+                    "error:Q|in half-widths|.3; inside:N|within the interval"
+                ),
             ],
         )
     )

@@ -1,4 +1,4 @@
-"""What a part of a study's page is."""
+"""What a part of a study's or a closed loop's page is."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar
@@ -6,8 +6,10 @@ from typing import Any, ClassVar
 from markupsafe import Markup
 
 from wearscope.reporting.charts.base import Chart
+from wearscope.reporting.closed_loop import ClosedLoop
 from wearscope.reporting.findings import Finding
-from wearscope.reporting.page import Section, embed_chart, embed_figure, render_template, unbreak
+from wearscope.reporting.page import Section, embed_chart, embed_figure, render_part, render_template
+from wearscope.reporting.page_strip import unbreak
 from wearscope.reporting.study import Study
 
 
@@ -57,3 +59,47 @@ def embed_charts(charts: Iterable[Chart | None]) -> Markup:
 def say(sentences: Iterable[str]) -> list[str]:
     """Sentences whose numbers stay on the line of their units."""
     return [unbreak(one) for one in sentences]
+
+
+#: Column of the joint, and the filter that it follows.
+JOINT = {"joint": "joint"}
+
+
+class LoopSection:
+    """A part of the page; left out where it has nothing to say.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    """
+
+    title: str
+    anchor: str
+    #: Its template, where it is not the usual one.
+    template = ""
+    #: Table of the loop that it tells of, and what to call it where the loop was closed without.
+    needs: tuple[str, str] = ("", "")
+
+    def __init__(self, loop: ClosedLoop) -> None:
+        self.loop, self.verdict = loop, loop.verdict
+
+    def context(self) -> dict[str, Any]:
+        """What the template needs; nothing where there is nothing to say."""
+        raise NotImplementedError
+
+    def render(self) -> Section | None:
+        """The section, ready for a page."""
+        name, what = self.needs
+        if name and getattr(self.loop, name) is None:
+            context = say_missing(what)
+        else:
+            context = self.context()
+        if not context:
+            return None
+        body = render_template(self.template, **context) if self.template else render_part(**context)
+        return Section(self.title, body, self.anchor)
+
+
+def say_missing(what: str) -> dict[str, Any]:
+    """Context of a part without its table."""
+    return {"notes": [f"{what} was not examined: the loop was closed without it."]}

@@ -1,9 +1,8 @@
-"""Closed loops that a study carries along: what was named, errors before and after."""
+"""Closed loops that a study carries along, each with a page of its own."""
 
 from typing import Any
 
-from wearscope.reporting.loop import draw_loop, joint_table, verdict_sentences
-from wearscope.reporting.page import embed_figure, format_number, render_table
+from wearscope.reporting.loop_words import conclude_loop, tell_planted
 from wearscope.reporting.reevaluation_page import summarise_reevaluation
 from wearscope.reporting.sections.base import StudySection, say
 
@@ -35,28 +34,17 @@ class Loops(StudySection):
         return bool(self.study.loops)
 
     def context(self) -> dict[str, Any]:
-        """Sentences, figure and table of each."""
+        """The conclusion of each; its page has the rest."""
         return {"loops": [self._tell(name) for name in self.study.loops]}
 
     def _tell(self, name: str) -> dict[str, Any]:
         verdict = self.study.loops[name]
         known = self.study.planted if name == DEMONSTRATION else None
-        table = joint_table(verdict)
-        errors = ", ".join(
-            f"{row['joint']} {format_number(row['RMS before'])} to {format_number(row['RMS after'])} "
-            f"{row['unit']}"
-            for _, row in table.iterrows()
-        )
-        alt = f"Error of every joint of {name} on the test runs before and after the correction: {errors}"
-        caption = (
-            "RMS error with 95 % interval on runs that no parameter and no choice came from. Before: the "
-            "declared model, refitted."
-        )
+        sentences = [conclude_loop(verdict)[1]]
         return {
             "title": "Demonstration on a simulated twin with an effect that its description hides"
             if known is not None
             else f"Closed on {name}",
-            "sentences": say(verdict_sentences(verdict, known)),
-            "figure": embed_figure(draw_loop(verdict), alt, caption),
-            "table": render_table(table),
+            "sentences": say(sentences + ([] if known is None else [tell_planted(verdict, known)])),
+            "page": f"{'' if known is not None else '../'}closed_loop/{name}/report.html",
         }

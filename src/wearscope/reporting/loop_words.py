@@ -1,0 +1,235 @@
+"""The outcome of a closed loop in words: the verdict, its effects, the joints, the next measurement."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.closed_loop import gap_closed, number
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words, words
+from wearscope.reporting.page import format_number
+
+Verdict = Mapping[str, Any]
+
+#: Growth of the error on the test runs from which a joint is said to have become worse.
+WORSE = 1.03
+#: Share by which an error must change to be called other than the same.
+SAME = 0.03
+#: Probability from which on an advised measurement is a promise.
+PROMISED = 0.9
+
+
+class Status(NamedTuple):
+    """What the test runs say of an effect: heading of a group, start of a sentence, colour."""
+
+    heading: str
+    sentence: str
+    kind: str
+
+
+#: In the order in which they are told.
+STATUSES = {
+    "refuted": Status("Refuted by the test runs", "The test runs refute it", "bad"),
+    "confirmed": Status("Confirmed by the test runs", "The test runs confirm it", "good"),
+    "not_confirmed": Status("Not confirmed", "The test runs neither confirm nor refute it", "unsure"),
+}
+
+
+def list_shared() -> set[str]:
+    """Effects that the robot has once and every joint feels."""
+    return {effect.name for effect in list_effects() if effect.per_robot}
+
+
+def joints_in(verdict: Verdict, state: str) -> list[str]:
+    """Joints in a state."""
+    return [joint for joint, one in verdict["joints"].items() if one["state"] == state]
+
+
+def is_are(names: Sequence[str], rest: str) -> str:
+    """``a is rest``, ``a and b are rest``."""
+    return f"{join_words(names)} {'is' if len(names) == 1 else 'are'} {rest}"
+
+
+def conclude_loop(verdict: Verdict) -> tuple[str, str]:
+    """The outcome in one plain sentence, and its colour: good, unsure or bad."""
+    entries = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN]
+    held = [one for one in entries if one["status"] != "refuted"]
+    left, unjudged = joints_in(verdict, "unexplained"), joints_in(verdict, "not_judged")
+    said = (
+        [f"{join_words(left)} {'keeps' if len(left) == 1 else 'keep'} something unexplained"] if left else []
+    )
+    said += [is_are(unjudged, "not judged")] if unjudged else []
+    rest = join_words(said)
+    if not held:
+        if not said:
+            return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
+        return "bad" if left else "unsure", f"No effect that the test runs bear out was named, and {rest}."
+    named = [
+        words(join_words([one["effect"], *one["equivalent"]], "or"))
+        + (" of the robot" if one["effect"] in list_shared() else f" at {one['joint']}")
+        + ("" if one["status"] == "confirmed" else " (not confirmed)")
+        for one in held
+    ]
+    text = f"The declared model lacks {'; '.join(named)}. {_tell_gain(verdict)}"
+    grown = _tell_growth(verdict)
+    sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
+    return ("good" if sure and not said else "unsure"), f"{text}{grown}{f'; {rest}' if said else ''}."
+
+
+def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
+    """Error after over before, joint, before, after, unit; of the joints that move on the test runs."""
+    found = []
+    for joint, one in verdict["joints"].items():
+        before, after = number(one.get("rms_before")), number(one.get("rms_after"))
+        if np.isfinite([before, after]).all() and before > 0:
+            found.append((after / before, joint, before, after, one["unit"]))
+    return found
+
+
+def _tell_growth(verdict: Verdict) -> str:
+    """Where the error on the test runs grows; empty where it does not."""
+    worse = [one for one in _changes(verdict) if one[0] > WORSE]
+    if not worse:
+        return ""
+    ratio, joint, *_ = max(worse)
+    others = len(worse) - 1
+    also = f" (and at {count_text(others, 'other joint')} by less)" if others else ""
+    return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
+
+
+def _tell_gain(verdict: Verdict) -> str:
+    """Where the error on the test runs falls most."""
+    found = _changes(verdict)
+    if not found:
+        return "No joint moves on the test runs, so the correction is not judged"
+    ratio, joint, before, after, unit = min(found)
+    if ratio > 0.995:
+        return "On the test runs no joint's error falls by more than half a percent"
+    return (
+        f"With it the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
+        f"{format_number(before)} to {format_number(after)} {unit}"
+    )
+
+
+def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
+    """Simulations that failed, searches that stopped, an empty verdict: alarm or notice, and its text."""
+    said = []
+    for stage in ("before", "after"):
+        outcomes = {one[stage]["outcome"] for one in verdict.get("forward", {}).values()} - {"ok"}
+        said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
+    said += [("notice", f"Stopped. {text}.") for text in verdict["stopped"]]
+    if verdict["verdict"]:
+        return said
+    left, unjudged = joints_in(verdict, "unexplained"), joints_in(verdict, "not_judged")
+    if left:
+        unexplained = is_are(left, "left unexplained")
+        text = f"Nothing was named, and the declared model does not suffice: {unexplained}."
+    elif unjudged:
+        which = "which is" if len(unjudged) == 1 else "which are"
+        text = f"Nothing was named; that says nothing of {join_words(unjudged)}, {which} not judged."
+    else:
+        text = (
+            "None: the declared model suffices. No candidate beat it outside the noise, and no further "
+            "structure was found; the model after is the model before."
+        )
+    return [*said, ("alarm" if left or unjudged else "notice", text)]
+
+
+def say_share(entry: Verdict) -> str:
+    """Share of the residual variance that an effect removes on the test runs, with its 95 % interval."""
+    share = number(entry["error_reduction"])
+    low, high = (number(value) for value in entry["error_reduction_ci95"])
+    if not np.isfinite(share):
+        return "it removes an unknown share of the residual variance"
+    if share < 0.0:
+        return f"it adds {_percent(-share, -high, -low)} to the residual variance"
+    return f"it removes {_percent(share, low, high)} of the residual variance"
+
+
+def _percent(share: float, low: float, high: float) -> str:
+    """``48 % (95 %: 36 to 55)``, with a digit more where the share is small."""
+    digits = 0 if abs(share) >= 0.095 else 1
+    share, low, high = (round(100 * value, digits) + 0.0 for value in (share, low, high))
+    text = f"{share:.{digits}f} % (95 %: {low:.{digits}f} to {high:.{digits}f})"
+    return text.replace("-", "\N{MINUS SIGN}").replace("nan", "n/a")
+
+
+def tell_planted(verdict: Verdict, planted: Verdict) -> str:
+    """Whether the verdict is what was planted in the simulated machine."""
+    entries, wanted = verdict["verdict"], planted.get("planted", [])
+    if not wanted:
+        return "Nothing was planted: " + ("so it should be." if not entries else "a false alarm.")
+    parts, right = [], []
+    for one in wanted:
+        accepted = set(one.get("accepted") or [one["effect"]])
+        hits = [
+            entry
+            for entry in entries
+            if entry["joint"] == one["joint"] and accepted & {entry["effect"], *entry.get("equivalent", [])}
+        ]
+        right += hits
+        found = "found" if hits else "did not find"
+        parts.append(f"{words(one['effect'])} at {one['joint']}, which the loop {found}")
+    wrong = [f"{words(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
+    tail = f" It named what was not planted: {join_words(wrong)}." if wrong else ""
+    return f"Planted was {join_words(parts)}.{tail}"
+
+
+def tell_change(one: Verdict) -> str:
+    """What became of a joint's error: ``smaller``, ``same``, ``larger``; empty where it is not known."""
+    if one.get("error"):
+        return str(one["error"])
+    before, after = number(one.get("rms_before")), number(one.get("rms_after"))
+    if not np.isfinite([before, after]).all():
+        return ""
+    return "same" if abs(after - before) <= SAME * before else "smaller" if after < before else "larger"
+
+
+def tell_sizes(one: Verdict) -> str:
+    """A joint's error before and after."""
+    before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
+    if not np.isfinite([before, after]).all():
+        return "the joint does not move on the test runs"
+    told = f"{format_number(before)} → {format_number(after)}"
+    if abs(after - before) <= 1e-6 * before:
+        told = format_number(before)
+    gap = gap_closed(one)[1]
+    if gap.endswith("%"):
+        return f"{told} {one['unit']} RMS, {gap} of the gap to the noise floor closed"
+    return f"{told} {one['unit']} RMS" + (f", noise floor {format_number(floor)}" if floor == floor else "")
+
+
+def tell_left(one: Verdict) -> str:
+    """How much is left at a joint, on what it depends, how it was seen."""
+    share = number(one.get("left_percent"))
+    told = f"{share:.2g} % of the torque" if np.isfinite(share) else ""
+    if one["state"] == "unexplained":
+        on = one["depends_on"]
+        depends = f"depending on {join_words(on)}" if on else "on what it depends is not known"
+        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS, {depends}"
+        told = f"{size}; in all {told}" if told else size
+    if one["state"] in ("unexplained", "not_judged") and one["reason"]:
+        told = f"{told} ({one['reason']})" if told else str(one["reason"])
+    return told
+
+
+def tell_measurement(entry: Verdict) -> str:
+    """Advice on what to record next in a sentence or two."""
+    first, *others = entry["names"]
+    rivals, power = join_words(others, "or"), format_number(entry["power"], 2)
+    before, after = (format_number(entry[f"angle_{stage}_deg"], 2) for stage in ("before", "after"))
+    runs = count_text(entry["runs"], "run")
+    if entry["power"] < PROMISED:
+        return (
+            f"No motion of the {entry['plans_compared']} that were compared tells {first} from {rivals} for "
+            f"sure: the best one does with probability {power}, after {runs} (angle {before} to {after}°)."
+        )
+    payload, warm = entry["payload"], entry["start_temperature"]
+    carried = "without a payload" if payload is None else f"with {format_number(payload['mass'])} kg"
+    start = "" if warm is None else f", started at {format_number(warm)} °C"
+    where = entry.get("cycle_file") or f"test-cycle {entry['cycle']}"
+    return (
+        f"Record {where} ({format_number(entry['seconds'])} s, {carried}{start}), {runs}: it tells {first} "
+        f"from {rivals} with probability {power}; the angle between them grows from {before} to {after}°."
+    )

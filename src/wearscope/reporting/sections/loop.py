@@ -1,0 +1,303 @@
+"""The parts of a closed loop's page after its outcome, one class each: charts, tables and what they mean."""
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.charts.loop import (
+    chart_against,
+    chart_angles,
+    chart_candidates,
+    chart_errors,
+    chart_forward,
+    chart_residual,
+    chart_torque,
+)
+from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded, gap_closed, number
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words
+from wearscope.reporting.page import badge, format_number, render_part, render_table
+from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts, say_missing
+
+#: Longest list that is shown unfolded.
+MOST_SHOWN = 12
+#: As `wearscope.closed_loop.diagnostics.isolability.CLOSE`, which this room does not know.
+CLOSE = 7.0
+
+
+class Errors(LoopSection):
+    """Errors on the test runs."""
+
+    title, anchor = "Errors on the test runs", "errors"
+
+    def context(self) -> dict[str, Any]:
+        """Chart and tables."""
+        records, relative = [], []
+        for joint, one in self.verdict["joints"].items():
+            record = {"joint": joint, "unit": one["unit"], "as declared": number(one.get("rms_as_declared"))}
+            for stage in STAGES:
+                value = number(one.get(f"rms_{stage}"))
+                record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"), format_number)
+            records.append(
+                record | {"noise floor": number(one.get("noise_floor")), "gap closed": gap_closed(one)[1]}
+            )
+            for run, values in one.get("relative_error_percent", {}).items():
+                before, after = map(number, values)
+                row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after}
+                relative.append(row | {"error": _compare(before, after)})
+        note = "100 |residual| / |torque| over the rows that count."
+        rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
+        return {
+            "parts": [embed_charts([chart_errors(self.loop)]), render_table(records, filter_by=JOINT)],
+            "folded": [("Relative error of every test run", len(relative) <= MOST_SHOWN, rest)],
+        }
+
+
+def _compare(before: float, after: float) -> Markup:
+    if not np.isfinite([before, after]).all() or abs(after - before) < 1e-9 * max(before, 1.0):
+        return badge("same")
+    return badge("smaller", "good") if after < before else badge("larger", "bad")
+
+
+class Residual(LoopSection):
+    """Torque and residual over time and signals; dependence and diagnostics."""
+
+    title, anchor = "Residual", "residual"
+
+    def context(self) -> dict[str, Any]:
+        """Charts and tables."""
+        loop, joint = self.loop, self.loop.foremost()
+        runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
+        run = str(runs.iloc[0]) if len(runs) else ""
+        charts = [
+            chart_torque(loop, joint, run),
+            chart_residual(loop, joint, run),
+            chart_against(loop, joint),
+        ]
+        parts, notes, folded = [embed_charts(charts)], [], []
+        if loop.dependence is None:
+            notes += say_missing("Which signals the residuals depend on")["notes"]
+        else:
+            parts += [Markup("<h3>Dependence, whatever its form</h3>"), _tabulate_dependence(loop)]
+        if loop.diagnostics is None:
+            notes += say_missing("The residuals' spectrum and whiteness")["notes"]
+        else:
+            names = {
+                "relative_error": "relative error [%]", "peak": "largest at [Hz]",
+                "bandwidth": "90 % below [Hz]", "lag_correlation": "correlation",
+                "ljung_box_p": "Ljung-Box p",
+            }  # fmt: skip
+            text = (
+                "Correlation: of neighbouring samples, thinned so that white noise would show almost none; a "
+                "small Ljung-Box p says that the residual is not white."
+            )
+            by = JOINT | {"run": "run"}
+            table = render_table(loop.diagnostics.rename(columns=names), text, filter_by=by)
+            folded.append(("Size, spectrum and whiteness of every residual", False, table))
+        return {"parts": parts, "notes": notes, "folded": folded}
+
+
+def _tabulate_dependence(loop: ClosedLoop) -> Markup:
+    assert loop.dependence is not None
+    records: dict[str, dict[str, str]] = {joint: {"joint": joint} for joint in loop.joints}
+    for (joint, stage), rows in loop.dependence.groupby(["joint", "stage"], sort=False):
+        sure = rows[(rows["p_adjusted"] <= 0.05) & (rows["share_held_out"] > 0.0)]
+        best = sure.sort_values(["share_held_out", "signal"], ascending=[False, True]).head(4)
+        said = [f"{row.signal} ({100 * row.share_held_out:.0f} %)" for row in best.itertuples()]
+        records[str(joint)][str(stage)] = "; ".join(said) or "none"
+    table = [{"joint": None, "before": None, "after": None} | one for one in records.values() if len(one) > 1]
+    text = (
+        "Signals on which a spline explains held-out residual of the training runs (share of the joint's "
+        "variance; above 100 % where other joints gain too by inertial parameters that it frees), adjusted p "
+        "at most 0.05 by random signs of blocks; at most four."
+    )
+    return render_table(table, text, filter_by=JOINT)
+
+
+class Candidates(LoopSection):
+    """Ranking of the candidates at every step, and what was made of each."""
+
+    title, anchor = "Candidates", "candidates"
+
+    def context(self) -> dict[str, Any]:
+        """Chart and steps."""
+        chart = chart_candidates(self.loop)
+        if chart is None:
+            return {"notes": ["There was no candidate to try."]}
+        standard = {effect.name for effect in list_effects() if effect.standard}
+        steps = []
+        for step, rows in self.loop.candidates.groupby("step", sort=True):
+            taken = rows[rows["taken"]]
+            labels = list(dict.fromkeys(taken["joint"] + ": " + taken["effect"]))
+            what = f"took {join_words(labels)}" if labels else "took nothing"
+            # Of the stage of the standard terms only what was kept is recorded.
+            first = bool(rows["taken"].all()) and set(rows["effect"]) <= standard
+            generic = set(rows["effect"]) == {UNKNOWN}
+            kind = " (standard terms)" if first else " (generic term)" if generic else ""
+            steps.append(f"Step {int(step) + 1}{kind}: {what}")
+        text = (
+            "Every candidate is fitted together with all parameters of the model and scored on held-out "
+            "training runs. One is taken only if it gains enough, is significant with all of them counted, "
+            "and the runs agree. What was taken may be dropped or replaced when later terms are added, get "
+            "the name of a simpler term that does as well, or be left out because its parameters are not "
+            "told from zero. Too little gained is too little of the joint's held-out loss, of what the "
+            "standard model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
+            "candidates.parquet has them all."
+        )
+        return {"notes": [text], "parts": [embed_charts([chart])], "listed": steps}
+
+
+class Isolability(LoopSection):
+    """Which candidates the runs tell apart."""
+
+    title, anchor = "Which effects the runs separate", "isolability"
+    needs = "isolability", title
+
+    def context(self) -> dict[str, Any]:
+        """Chart, and the pairs that are close."""
+        assert self.loop.isolability is not None
+        text = (
+            "Angles between the candidates' torques along the training runs once the declared model is "
+            "projected out, before anything is fitted: 0 where one reproduces the other, 90 where they have "
+            "nothing in common. On the diagonal the angle to the declared model, which absorbs what lies "
+            "near 0. Effects with free shapes are compared at the shapes where they are most alike."
+        )
+        rows = []
+        for joint, own in self.loop.isolability.groupby("joint", sort=False):
+            close = own[own["largest_angle_deg"] < CLOSE]
+            said = [f"{row.effect_a} and {row.effect_b}" for row in close.itertuples()]
+            rows.append({"joint": joint, f"not separated (less than {CLOSE:g}°)": "; ".join(said) or "none"})
+        chart = embed_charts([chart_angles(self.loop, self.loop.foremost())])
+        return {"notes": [text], "parts": [chart, render_table(rows, filter_by=JOINT)]}
+
+
+class Forward(LoopSection):
+    """Both models simulated forward, and the measurement."""
+
+    title, anchor = "Simulated forward", "forward"
+    needs = "forward", "Forward simulation"
+
+    def context(self) -> dict[str, Any]:
+        """Failed simulations, errors, chart."""
+        table = self.loop.forward
+        assert table is not None
+        failed = table[(table["run"] != "all") & (table["outcome"] != "ok")]
+        told = failed[["run", "stage", "outcome"]].drop_duplicates().itertuples(index=False)
+        rows = table[table["run"] == "all"].set_index(["joint", "stage"])
+        records = []
+        for joint in self.loop.joints:
+            unit = self.verdict["joints"][joint]["unit"]
+            record = {"joint": joint, "unit": unit}
+            for kind, scale in (("torque", 1.0), ("motion", 1e3)):
+                for stage in STAGES:
+                    low, value, high = (
+                        scale * rows.loc[(joint, stage), f"{kind}_rms{end}"] for end in ("_low", "", "_high")
+                    )
+                    record[f"{kind} {stage}"] = bounded(value, [low, high], format_number)
+            records.append(record | {"motion in": "mm" if unit == "N" else "mrad"})
+        text = (
+            "Both models follow the measured motion of the test runs in PyBullet under the same controller. "
+            "Torque: the controller feeds forward what the model before needs, so the measured torque has no "
+            "part in it. Motion: it feeds forward the torque that was measured, and a model that is right "
+            "stays on the measured motion."
+        )
+        note = "RMS error against the measurement on the test runs (95 %)."
+        chart = embed_charts([chart_forward(self.loop, self.loop.foremost())])
+        return {
+            "told": [("alarm", f"{run}, model {stage}: {outcome}") for run, stage, outcome in told],
+            "notes": [text],
+            "parts": [render_table(records, note, filter_by=JOINT), chart],
+        }
+
+
+class Unnamed(LoopSection):
+    """What a black box still finds."""
+
+    title, anchor = "What is left unnamed", "unnamed"
+    needs = "black_box", "What a black box explains"
+
+    def context(self) -> dict[str, Any]:
+        """Errors of the black box."""
+        assert self.loop.black_box is not None
+        rows, records = self.loop.black_box.set_index(["joint", "stage"]), []
+        for joint in self.loop.joints:
+            record: dict[str, Any] = {"joint": joint, "unit": self.verdict["joints"][joint]["unit"]}
+            for stage in STAGES:
+                row = rows.loc[(joint, stage)]
+                ends = [row["rms_black_box_low"], row["rms_black_box_high"]]
+                record[f"residual {stage}"] = format_number(row["rms"])
+                record[f"black box on {stage}"] = bounded(row["rms_black_box"], ends, format_number)
+            share = rows.loc[(joint, "after"), "share_removed"]
+            records.append(record | {"variance it still finds [%]": 100 * share})
+        text = (
+            "Gradient-boosted trees on position, speed, direction, acceleration, load, temperature and time "
+            "of all joints, grown on the residuals of the training runs and asked for those of the test "
+            "runs. What they still find in the residual after is structure that was left unnamed; a "
+            "negative share says that what they learnt does not carry over."
+        )
+        return {
+            "notes": [text],
+            "parts": [render_table(records, "RMS on the test runs (95 %).", filter_by=JOINT)],
+        }
+
+
+class Undetermined(LoopSection):
+    """What the runs could not tell, and motions that would."""
+
+    title, anchor = "Not determined, and which motion would help", "undetermined"
+
+    def context(self) -> dict[str, Any]:
+        """Two tables."""
+        undetermined, advice = self.verdict.get("undetermined"), self.verdict.get("advice")
+        if undetermined is None or advice is None:
+            return say_missing("What was not determined")
+        grouped: dict[tuple[str, str, str], list[str]] = {}
+        for one in undetermined:
+            grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
+        rows = [
+            {"joints": join_words(joints), "effect": effect, "why not": reason, "what would help": motion}
+            for (effect, reason, motion), joints in grouped.items()
+        ]
+        motions = [{"motion": one["motion"], "separates": _shorten(one["separates"])} for one in advice]
+        told = (
+            (rows, "What could not be asked of these runs."),
+            (motions, "Motions that would separate what these runs do not."),
+        )
+        parts = [render_table(table, text) for table, text in told if table]
+        nothing = "Nothing: every candidate was separable from every other."
+        return {"parts": parts, "notes": [] if parts else [nothing]}
+
+
+def _shorten(pairs: list[str]) -> str:
+    """Pairs without the joints they are at, how often each occurs."""
+    counts: dict[str, list[str]] = {}
+    for pair in pairs:
+        joint, _, names = pair.partition(": ")
+        counts.setdefault(names, []).append(joint)
+    said = [f"{names} ({join_words(joints)})" for names, joints in counts.items()]
+    more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
+    return "; ".join([*said[:MOST_SHOWN], *more])
+
+
+class Notes(LoopSection):
+    """What a reader should know of the data."""
+
+    title, anchor = "Notes", "notes"
+
+    def context(self) -> dict[str, Any]:
+        """Notes of the verdict, rows that do not count."""
+        counted = self.loop.residual.groupby(["run", "joint"], sort=False)["counts"].mean()
+        left_out = [
+            f"{run}: {100 * (1 - share):.0f} % of the rows of {joint} do not count (at rest, at the torque "
+            "limit, or no measurement)."
+            for (run, joint), share in counted.items()
+            if share < 0.8
+        ]
+        notes = self.verdict.get("notes", [])
+        folded = []
+        if left_out:
+            how_many = count_text(len(left_out), "run and joint", "runs and joints")
+            summary = f"Rows that do not count: {how_many} with more than a fifth"
+            folded = [(summary, False, render_part(listed=left_out))]
+        return {"listed": notes, "notes": [] if notes else ["None."], "folded": folded}
