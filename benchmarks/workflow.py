@@ -5,7 +5,7 @@
     .venv/bin/python benchmarks/workflow.py --configfile config/quick.yaml
 
 In a copy of the tree, what studies run is compiled as the set-up does; then the study is run from nothing,
-and once more with nothing to do. Processor seconds are
+and once more with nothing to do, next to which Snakemake's own start is stated. Processor seconds are
 those of all processes, so that others' work on the machine counts little; what no job states is Snakemake's
 main process, the shells that it starts and the ends of the jobs' processes. The overhead is cores x elapsed
 time less the jobs' own time: starting processes, Snakemake itself, and cores that wait.
@@ -93,7 +93,8 @@ def main() -> None:
         load = os.getloadavg()[0]
         elapsed, processor, own = run_timed(command, folder)
         loads = f"load {load:.1f} before, {os.getloadavg()[0]:.1f} after"
-        idle, *_ = run_timed(command, folder)
+        idle, planning, _ = run_timed(command, folder)
+        _, starting, _ = run_timed([*command[:3], "--version"], folder)
         jobs = read_jobs(folder / "results")
         simulated = len(list((folder / "results").glob("*/traces/*/*/*/*/recording.parquet")))
     total, used = sum(job[1] for job in jobs), sum(job[2] for job in jobs)
@@ -112,7 +113,8 @@ def main() -> None:
     print(f"processor of no job   {processor - used:9.1f} s, {own:.1f} s of it Snakemake's main process")
     overhead = given.cores * elapsed - total
     print(f"overhead              {overhead:9.1f} core s, {100 * overhead / total:.1f} % of the jobs")
-    print(f"idle run              {idle:9.1f} s")
+    print(f"idle run              {idle:9.1f} s, {planning:.1f} s of processor")
+    print(f"Snakemake's own start {starting:9.1f} s of processor")
 
 
 if __name__ == "__main__":
