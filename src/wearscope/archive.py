@@ -249,11 +249,10 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     list of str
         Lines of the configuration that were refused.
     """
-    settings = drop_retired(manifest.config)
-    if CONFIG in manifest.files:
-        settings = read_settings(place / CONFIG)
+    stated = read_settings(place / CONFIG) if CONFIG in manifest.files else None
+    settings = drop_retired(manifest.config if stated is None else stated)
     kept, refused = (settings, []) if allow_code else refuse_code(settings)
-    if refused or CONFIG not in manifest.files:
+    if kept != stated:
         write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
     # Logs and timings are no job's output: they are written over without a word.
     left = ("logs/", "benchmarks/")

@@ -124,20 +124,25 @@ def test_failed_unpacking_leaves_nothing(tmp_path):
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a", "a.tar", "out"]
 
 
-RELEASE = Path(__file__).parent / "archives" / "release-0.1.0.tar"
-
-
-def test_archive_of_release_0_1_0_opens(tmp_path, capsys):
-    manifest = archive.verify_archive(RELEASE)
-    assert manifest.format == 1 and manifest.code.wearscope == "0.1.0"
-    assert manifest.code.commit == "6f32e8f82465ee6a98a6e0cd31b9a868d5367946"
-    assert archive.main(["restore", str(RELEASE), str(tmp_path), "--allow-code"]) == 0
+@pytest.mark.parametrize(
+    ("version", "form", "commit"),
+    [
+        ("0.1.0", 1, "6f32e8f82465ee6a98a6e0cd31b9a868d5367946"),
+        ("0.2.0", 2, "6db6038fd2bd335d422bd6a743743dde8ed71c0f"),
+    ],
+)
+def test_archive_of_a_release_opens(tmp_path, capsys, version, form, commit):
+    """Made by the release itself of the smallest study, without its page, figures and most recordings."""
+    release = Path(__file__).parent / "archives" / f"release-{version}.tar"
+    manifest = archive.verify_archive(release)
+    assert (manifest.format, manifest.code.wearscope, manifest.code.commit) == (form, version, commit)
+    assert archive.main(["restore", str(release), str(tmp_path), "--allow-code"]) == 0
     said = capsys.readouterr().out
-    assert "every checksum holds" in said and "commit 6f32e8f" in said and "-R compute_snr" in said
+    assert "every checksum holds" in said and f"commit {commit[:7]}" in said and "-R compute_snr" in said
     folder = tmp_path / "results" / "tiny"
     snr = tables.read_table(folder / "snr.parquet")
     assert len(snr) == 2 and snr["snr_exact"].notna().all()
-    assert "no conclusion differs" in run_compare(RELEASE, folder, capsys)
+    assert "no conclusion differs" in run_compare(release, folder, capsys)
     # Nothing is older than what it was made of, and the configuration is one that is accepted.
     assert len({file.stat().st_mtime_ns for file in folder.rglob("*")}) == 1
     config = yaml.safe_load((folder / "config.yaml").read_text())

@@ -12,13 +12,21 @@ from wearscope.config.base import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 
-#: Sections of earlier releases that are no more.
-RETIRED = ("attribution_board",)
+#: Settings of earlier releases that are no more.
+RETIRED = (
+    "attribution_board",
+    "closed_loop.policy.standard_share",
+    "closed_loop.policy.unknown_share",
+)
 
 
-def drop_retired(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """An archived configuration without the sections of earlier releases that are no more."""
-    return {name: value for name, value in mapping.items() if name not in RETIRED}
+def drop_retired(mapping: Mapping[str, Any], section: str = "") -> dict[str, Any]:
+    """An archived configuration without the settings of earlier releases that are no more."""
+    return {
+        name: drop_retired(value, f"{section}{name}.") if isinstance(value, Mapping) else value
+        for name, value in mapping.items()
+        if f"{section}{name}" not in RETIRED
+    }
 
 
 def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
