@@ -205,6 +205,7 @@ def remember() -> Iterator[Memory]:
         return take(key, lambda: _scale_of(problem, chosen, sigma))
 
     scale, reverse_over, remake = Search.scale, Problem.reverse_over, Problem.remake
+    take_out = Problem.take_out
 
     def scale_once(own: Search, found: Any) -> Any:
         key = ("scale", own.problem, tell_chosen(f.chosen for f in found))
@@ -213,6 +214,9 @@ def remember() -> Iterator[Memory]:
     def reverse_over_once(problem: Problem, reversals: Any) -> Problem:
         key = ("over", problem, reversals.width.tobytes(), reversals.form.tobytes())
         return take(key, lambda: reverse_over(problem, reversals))
+
+    def take_out_once(problem: Problem, hum: Any) -> Problem:
+        return take(("without", problem, hum.torque.tobytes()), lambda: take_out(problem, hum))
 
     def remake_once(problem: Problem, chosen: Chosen) -> Chosen:
         return take(("remake", problem, *tell_chosen([chosen])), lambda: remake(problem, chosen))
@@ -226,7 +230,8 @@ def remember() -> Iterator[Memory]:
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
         (generic, "try_generic", generic_once),
         (standard, "_scale_of", scale_standard_once), (Search, "scale", scale_once),
-        (Problem, "reverse_over", reverse_over_once), (Problem, "remake", remake_once),
+        (Problem, "reverse_over", reverse_over_once), (Problem, "take_out", take_out_once),
+        (Problem, "remake", remake_once),
     ]  # fmt: skip
     with ExitStack() as stack:
         for place, name, new in instead:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.delays import fit_below, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.closed_loop.selection.naming import name_terms
@@ -52,13 +53,13 @@ def test_what_lags_at_reversals_only_is_no_delay(record, pose):
     e = max(search.weigh_all(assembly, [offered]), key=lambda e: e.gain)
     assert e.share > Policy().material_share
     assert not search.is_delay(assembly, e)
-    assert "time_delay" not in {f.effect.name for f in search.run()}
+    assert "time_delay" not in {f.effect.name for f in find_named(search)}
 
 
 def test_what_lags_at_reversals_only_is_not_called_a_delay_for_being_simpler(record, pose):
     """What else explains it has a parameter more, and held-out runs do not tell the two apart."""
     search = Search(pose(record(extra_torque=lag(everywhere=False), seed=1)), Policy())
-    found = search.run()
+    found = find_named(search)
     named, others = name_terms(search, found)
     assert named[0].effect.name == "presliding_hysteresis"
     assert "time_delay" not in {name for names in others for name in names} | {f.effect.name for f in named}
@@ -79,7 +80,7 @@ def test_what_a_position_loop_answers_is_no_delay(record, pose):
         assert not search.is_delay(assembly, e, settled=True)
         assert not search.is_delay(assembly, e)
     search = Search(problem, Policy())
-    assert "time_delay" not in {f.effect.name for f in search.run()}
+    assert "time_delay" not in {f.effect.name for f in find_named(search)}
 
 
 def test_a_true_delay_is_one_in_a_position_loop_too(record, pose):
@@ -92,4 +93,4 @@ def test_a_true_delay_is_one_in_a_position_loop_too(record, pose):
     assert abs(beta - DELAY) < 3.0 * error
     assert error < 0.2 * DELAY
     assert search.is_delay(assembly, e, settled=True)
-    assert ("time_delay", 0) in {(f.effect.name, f.joint) for f in search.run()}
+    assert ("time_delay", 0) in {(f.effect.name, f.joint) for f in find_named(search)}

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.selection import fifths
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.fifths import weigh_by_fifths
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.stepwise import take
 
 #: Speed of the second joint over the first's in the training runs and the test run.
 TOGETHER = (1.0, -1.0, 0.3)
@@ -41,11 +43,11 @@ def test_what_no_run_predicts_of_another_is_found_by_fifths(search, seed, by_fif
     # Each run alone holds the ratio of the two speeds, and little besides.
     (best,) = weighed
     assert best.refusal in (Refusal.IMMATERIAL, Refusal.DISAGREES)
-    assert not made.take(assembly, weighed)
+    assert not take(made, assembly, weighed)
     own = max(weigh_by_fifths(made, assembly, weighed), key=lambda e: e.gain)
     assert own.by_fifths and own.agreement == 1.0 and own.informing > 2
     assert min(own.share, own.fitted) >= Policy().beyond_doubt
-    (found,) = made.run()
+    (found,) = find_named(made)
     assert (found.effect.name, found.joint) == ("cross_coupling", 0)
     # Both frictions of the coupling together may be what each of these few runs tells of the others.
     assert (found.evidence.by_fifths, found.chosen.subset) == (by_fifths, subset)
@@ -54,7 +56,7 @@ def test_what_no_run_predicts_of_another_is_found_by_fifths(search, seed, by_fif
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_nothing_is_found_by_fifths_where_nothing_is(search, seed):
-    assert search(seed, None).run() == []
+    assert find_named(search(seed, None)) == []
 
 
 @pytest.mark.parametrize(("runs", "times"), [(2, 0), (3, 1)])

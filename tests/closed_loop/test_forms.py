@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.forms import list_signals
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
@@ -13,7 +14,7 @@ STRIBECK = (0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})
 
 def find(folder, pose):
     search = Search(pose(folder), Policy())
-    return {(f.effect.name, f.joint) for f in search.run()}
+    return {(f.effect.name, f.joint) for f in find_named(search)}
 
 
 @pytest.mark.parametrize("size", [10.0, 300.0])

@@ -11,6 +11,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.reversal import is_wide
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.standard import find_standard
+from wearscope.closed_loop.selection.stepwise import extend
 from wearscope.effects.base import load_effect
 from wearscope.effects.vocabulary import list_effects
 
@@ -93,7 +94,7 @@ def list_laws(found):
 
 def test_a_law_that_is_there_stays_with_its_reversal(record, pose):
     search = Search(pose(record([], seed=6, extra_torque=smooth(0.05, stribeck=8.0))), Policy())
-    found = suit_laws(search, search.settle_reversals(search.extend(find_standard(search))))
+    found = suit_laws(search, search.settle_reversals(extend(search, find_standard(search))))
     assert list_laws(found) == [("stribeck", 0)]
     before = search.problem.prepared.reversals
     assert suit_laws(search, found) is found
@@ -130,7 +131,7 @@ def test_shape_and_width_are_recovered_together(record, pose):
 
 def test_a_law_that_fits_far_worse_wherever_it_starts_is_not_fitted(record, pose):
     search = Search(pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7)), Policy())
-    found = search.extend(find_standard(search))
+    found = extend(search, find_standard(search))
     (stribeck,) = [f for f in found if is_law(f.effect)]
     law = load_effect("coulomb_asymmetry")
     shapes = law.shapes(search.problem.joined, 0)

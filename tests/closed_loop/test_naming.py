@@ -9,6 +9,7 @@ from scipy import stats
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
@@ -124,7 +125,7 @@ def two_effects(record_at, tmp_path_factory):
 def test_names_are_compared_on_one_scale(two_effects, pose):
     """What a term gained before the others were found says nothing of what a rival gains now."""
     search = Search(pose(two_effects), Policy(flips=199))
-    found = search.run()
+    found = find_named(search)
     named, _ = name_terms(search, found)
     assert {f.effect.name for f in named} == {"stribeck", "torque_ripple"}
     (base,) = (f.evidence.gain + f.evidence.left for f in named if f.effect.name == "stribeck")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 
@@ -15,7 +16,7 @@ def test_two_effects_that_hide_each_other_are_found_at_any_size(record, pose, sl
         (0, "gravity_counterbalance", {"sine1": weight, "cosine1": 0.6 * weight}),
     ]
     search = Search(pose(record(planted, seed=1, runs=3)), Policy())
-    found = {(f.effect.name, f.joint) for f in search.run()}
+    found = {(f.effect.name, f.joint) for f in find_named(search)}
     assert found == {("viscous_asymmetry", 0), ("gravity_counterbalance", 0)}
 
 
@@ -28,4 +29,4 @@ def test_a_drift_is_no_pair_of_effects(record, pose, seed):
         return 12.0 * np.cumsum(steps, axis=0)
 
     search = Search(pose(record(seed=seed, runs=3, extra_torque=walk)), Policy())
-    assert search.run() == []
+    assert find_named(search) == []

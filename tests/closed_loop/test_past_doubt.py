@@ -30,7 +30,7 @@ def test_what_follows_the_last_turn_is_given_no_name(record, monkeypatch, runs, 
     assert verdict["verdict"] == []
     assert verdict["joints"]["a"]["state"] == "unexplained"
     assert "q_a" in verdict["joints"]["a"]["depends_on"]
-    monkeypatch.setattr(generic, "doubt_for_past", lambda search, found: found)
+    monkeypatch.setattr(generic, "doubt_for_past", lambda search, found: (found, {}))
     assert {e["joint"] for e in diagnose(folder).verdict["verdict"]} == {"a"}
 
 
@@ -65,6 +65,7 @@ def test_names_of_the_position_alone_are_asked_beside_a_fine_past(record, pose, 
     candidate = next(c for c in offered if c.effect is load_effect(name))
     own = weigh(beside, candidate, subset, search.policy)
     assert own.share < 0.1
-    assert doubt_for_past(search, [Found(own.chosen, own)]) == []
-    assert (search.past[0].share > 0.8) == fine
-    assert (search.past[0].share < 0.5) == (not fine)
+    kept, depends = doubt_for_past(search, [Found(own.chosen, own)])
+    assert kept == []
+    assert (depends[0].share > 0.8) == fine
+    assert (depends[0].share < 0.5) == (not fine)

@@ -7,6 +7,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate, estimate_jointly
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
@@ -48,7 +49,7 @@ def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, wron
 
 def test_the_width_is_recovered_once_what_was_missing_is_named(curved):
     search = Search(curved, Policy())
-    found = search.run()
+    found = find_named(search)
     assert [(f.effect.name, f.joint) for f in found] == [("quadratic_viscous", 0)]
     assert search.problem.prepared.reversals.width == pytest.approx(WIDTHS, rel=0.03)
 
@@ -64,7 +65,7 @@ def test_a_reversal_at_once_stays_one(record, pose):
 def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, pose, form):
     folder = record(noise=0.05, extra_torque=soften(form), seed=5, declared=("rigid_body", "rotor_inertia"))
     search = Search(pose(folder), Policy())
-    search.run()
+    find_named(search)
     assert search.problem.prepared.reversals.form.tolist() == [list(FORMS).index(form)] * 2
     stated = {(e["joint"], e["effect"]): e["parameters"] for e in diagnose(folder).verdict["verdict"]}
     for joint, level in (("a", 6.0), ("b", 3.0)):

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection import generic, revision
-from wearscope.closed_loop.selection import search as search_module
+from wearscope.closed_loop.selection import generic, revision, stepwise
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, is_much, is_refined, revise
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.stepwise import extend, settle
 from wearscope.effects.base import load_effect
 
 
@@ -116,9 +117,9 @@ def test_what_is_dropped_and_taken_again_is_not_needed(
     def answer(found, first, then):
         return make(first) if found == make("ab") else make(then)
 
-    monkeypatch.setattr(search_module, "revise", lambda _, found: answer(found, asked_again, settled))
-    monkeypatch.setattr(search, "extend", lambda found: answer(found, grown, grown))
-    assert search.settle(make("ab")) == make(settled)
+    monkeypatch.setattr(stepwise, "revise", lambda _, found: answer(found, asked_again, settled))
+    monkeypatch.setattr(stepwise, "extend", lambda _, found: answer(found, grown, grown))
+    assert settle(search, make("ab")) == make(settled)
 
 
 def test_names_beside_one_that_gave_way_are_asked_again(beside_balancer, monkeypatch):
@@ -154,7 +155,7 @@ def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(reco
     told: list[str] = []
     search = Search(pose(folder), Policy(), told.append)
     search.standard_losses = np.tile(search.scale(()) ** 2 * len(search.problem.target), (2, 1))
-    found = search.extend([])
+    found = extend(search, [])
     own = [f.effect.name for f in found if f.joint == 0]
     assert own == ["torque_ripple", "viscous"]
     assert "viscous@0: needed beside what was found" in told
@@ -167,7 +168,10 @@ def test_an_offset_that_a_large_ripple_hid_is_found_beside_it(record, pose):
         (0, "torque_offset", {"offset": 4.0}),
     ]
     search = Search(pose(record(planted, seed=5)), Policy())
-    assert {(f.effect.name, f.joint) for f in search.run()} == {("torque_ripple", 0), ("torque_offset", 0)}
+    assert {(f.effect.name, f.joint) for f in find_named(search)} == {
+        ("torque_ripple", 0),
+        ("torque_offset", 0),
+    }
 
 
 def test_an_offset_gives_way_to_what_is_more_than_one(record, pose):
@@ -178,7 +182,7 @@ def test_an_offset_gives_way_to_what_is_more_than_one(record, pose):
     ]
     folder = record(planted, seed=5)
     told: list[str] = []
-    found = Search(pose(folder), Policy(), told.append).run()
+    found = find_named(Search(pose(folder), Policy(), told.append))
     assert "torque_offset@0: needed beside what was found" in told
     names = {f.effect.name for f in found if f.joint == 0}
     assert "torque_offset" not in names
@@ -190,13 +194,13 @@ def test_an_offset_beside_a_large_coupling_stays(record, pose):
         (0, "cross_coupling", {"coulomb": 250.0, "other": 1}),
         (0, "torque_offset", {"offset": 40.0}),
     ]
-    found = Search(pose(record(planted, seed=5)), Policy()).run()
+    found = find_named(Search(pose(record(planted, seed=5)), Policy()))
     assert {f.effect.name for f in found} == {"cross_coupling", "torque_offset"}
 
 
 def test_both_frictions_of_one_coupling_are_one_name(record, pose):
     planted = [(0, "cross_coupling", {"coulomb": 60.0, "viscous": 40.0, "other": 1})]
-    (found,) = Search(pose(record(planted, seed=6)), Policy()).run()
+    (found,) = find_named(Search(pose(record(planted, seed=6)), Policy()))
     assert found.effect.name == "cross_coupling"
     assert [found.effect.coefficients[k].name for k in found.chosen.subset] == ["viscous", "coulomb"]
 
@@ -207,7 +211,7 @@ def test_what_is_small_beside_a_wrong_mass_is_no_part_of_it(record, pose):
         (0, "payload_error", {"mass": 16.0, "moment_x": 8.0}),
         (1, "stribeck", {"level": 1.5, "speed": 0.3, "exponent": 2.0}),
     ]
-    load, curve = Search(pose(record(planted, seed=5)), Policy()).run()
+    load, curve = find_named(Search(pose(record(planted, seed=5)), Policy()))
     assert (load.effect.name, curve.effect.name, curve.joint) == ("payload_error", "stribeck", 1)
     assert curve.evidence.whole == pytest.approx(curve.evidence.share, rel=1e-9)
 
@@ -216,7 +220,7 @@ def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, 
     """A weight, which an offset has most of, is of the standard model's loss, not of what is beside it."""
     planted = [(0, "payload_error", {"mass": 16.0, "moment_x": 8.0})]
     search = Search(pose(record(planted, seed=5)), Policy())
-    found = search.run()
+    found = find_named(search)
     beside = search.assemble(found, standard=True)
     offset, spring = (find(search, name, 1).chosen for name in ("torque_offset", "joint_spring"))
     own = [weigh(beside, c.candidate, c.subset, search.policy) for c in (offset, spring)]

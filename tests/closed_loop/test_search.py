@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.assembly import Chosen
 from wearscope.closed_loop.selection.drifting import count_kinds
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
@@ -66,7 +67,7 @@ def test_all_candidates_twice_and_in_reverse_give_the_same_bits(arm):
 def test_a_search_that_has_been_used_gives_the_same_bits(problem):
     fresh = weigh_everything(Search(problem, POLICY))
     used = Search(problem, POLICY)
-    found = used.run()
+    found = find_named(used)
     assert [(f.effect.name, f.joint) for f in found] == [("stribeck", 0)]
     assert_same_bits(fresh, weigh_everything(used))
     # Nor has it changed what another one is asked.
@@ -76,11 +77,11 @@ def test_a_search_that_has_been_used_gives_the_same_bits(problem):
 def test_evidence_kept_is_evidence_weighed_anew(problem):
     """What is not weighed again beside a changed model is what weighing would give."""
     search = Search(problem, POLICY)
-    search.run()
+    find_named(search)
     kept = dict(search._weighed)
     assert len(kept) > 60
     again = Search(problem, POLICY)
-    again.run()
+    find_named(again)
     assert {k[3] for k in kept} == {k[3] for k in again._weighed}
     search._weighed.clear()
     fresh = weigh_everything(search)
@@ -145,7 +146,7 @@ def test_of_a_single_run_only_the_plainest_forms_are_asked_for():
 
 def test_every_candidate_of_every_step_is_recorded(problem):
     search = Search(problem, POLICY)
-    search.run()
+    find_named(search)
     rows = [row for row in search.rows if row["step"] == 1]
     assert {row["joint"] for row in rows} == {"a", "b"}
     taken = [row for row in rows if row["taken"]]

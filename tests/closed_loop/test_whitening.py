@@ -9,6 +9,7 @@ from scipy import signal
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import weigh
 from wearscope.closed_loop.selection.policy import Policy
@@ -197,12 +198,12 @@ def test_the_level_of_a_drift_in_a_single_run_is_no_offset(record, search_of):
         offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
         own = weigh(search.assemble((), standard=True), offset.candidate, offset.subset, search.policy)
         assert rule.is_beyond_chance(own, search.policy, by_run=False)
-        assert search.run() == []
+        assert find_named(search) == []
 
 
 def test_an_offset_of_a_single_run_is_named(record, search_of):
     folder = record([(0, "torque_offset", {"offset": 2.0})], seed=1, runs=2, duration=10.0)
-    assert [f.effect.name for f in search_of(folder).run()] == ["torque_offset"]
+    assert [f.effect.name for f in find_named(search_of(folder))] == ["torque_offset"]
 
 
 def test_what_imitates_a_drift_is_asked_for_one_though_it_leaves_none(record, search_of):

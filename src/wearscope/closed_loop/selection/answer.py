@@ -6,9 +6,13 @@ from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.hum import find_hum
+from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.single_joints import prefer_single_joints
+from wearscope.closed_loop.selection.standard import find_standard
+from wearscope.closed_loop.selection.stepwise import extend, settle
 from wearscope.closed_loop.selection.unbelievable import find_unbelievable
 
 
@@ -42,23 +46,34 @@ def find_terms(search: Search) -> Answer:
 
     The search starts again without the hum that its first terms leave.
     """
-    found, left = _find_all(search)
+    found, left, depends = _find_all(search)
     hum = find_hum(search.problem, search.assemble(found), search.policy)
     if hum is not None:
         search.progress("a hum is left: the search starts again without it")
         search.start_over(search.problem.take_out(hum))
-        found, left = _find_all(search)
+        found, left, depends = _find_all(search)
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)
     prepared = search.problem.prepared
     asked = [j for j in range(prepared.n) if prepared.moving[j] and j not in left]
     left = left | find_unbelievable(search, found, asked)
-    dependence = find_dependence(search, found, asked) | search.past
+    dependence = find_dependence(search, found, asked) | depends
     hum = search.problem.hum
     notes = [] if hum is None else hum.describe(prepared.dataset.joints)
     return Answer(found, equivalent, left, dependence, notes)
 
 
-def _find_all(search: Search) -> tuple[list[Found], dict[int, Evidence]]:
+def find_named(search: Search) -> list[Found]:
+    """Terms with a name that the declared model lacks: the standard ones of each joint, then all others."""
+    found = search.settle_reversals(find_standard(search), forms=False)
+    search.keep_standard(found)
+    found = settle(search, search.settle_reversals(extend(search, found)))
+    found = prefer_single_joints(search, found)
+    suited = suit_laws(search, found)
+    return found if suited is found else settle(search, search.settle_reversals(suited))
+
+
+def _find_all(search: Search) -> tuple[list[Found], dict[int, Evidence], dict[int, Dependence]]:
     """Terms that the declared model lacks, generic ones among them, and structure that cannot be added."""
-    return explain_rest(search, GenericTerms(search.problem.prepared, search.problem.joined), search.run())
+    terms = GenericTerms(search.problem.prepared, search.problem.joined)
+    return explain_rest(search, terms, find_named(search))

@@ -8,17 +8,14 @@ fitted is therefore asked again with fifths of every run held out, where nothing
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.search import Search
 
 
-def weigh_by_fifths(search: "Search", assembly: Assembly, weighed: Sequence[Evidence]) -> list[Evidence]:
+def weigh_by_fifths(search: Search, assembly: Assembly, weighed: Sequence[Evidence]) -> list[Evidence]:
     """Evidence, by fifths, on those terms that held-out runs refuse and that may be accepted so.
 
     Parameters

@@ -16,6 +16,7 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Sums
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.motion_dependence import Dependence
 from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, restore_standard
@@ -181,7 +182,7 @@ def choose_plainest(able: list[Evidence], policy: Policy) -> Evidence:
 
 def explain_rest(
     search: Search, terms: GenericTerms, found: list[Found]
-) -> tuple[list[Found], dict[int, Evidence]]:
+) -> tuple[list[Found], dict[int, Evidence], dict[int, Dependence]]:
     """Add generic terms where no name explains what is left; drop names that they make superfluous.
 
     Returns
@@ -189,8 +190,10 @@ def explain_rest(
     found : list of Found
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
+    depends : dict of int to Dependence
+        By joint, what was named and depends on what the motion has been.
     """
-    found = doubt_for_past(search, doubt(search, terms, found))
+    found, depends = doubt_for_past(search, doubt(search, terms, found))
     joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
     left: dict[int, Evidence] = {}
     while joints:
@@ -228,7 +231,7 @@ def explain_rest(
             found = drop_superfluous(search, found, there, new)
             found = restore_standard(search, found, there)
             found = share_with_friction(search, found, there)
-    return found, left
+    return found, left, depends
 
 
 def share_with_friction(search: Search, found: list[Found], joints: Iterable[int]) -> list[Found]:

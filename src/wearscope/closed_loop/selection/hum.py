@@ -6,17 +6,14 @@ worth stays in every error that is told, and its joint `unexplained` (`diagnosti
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.lines import FEWEST_ROWS, find_common_line, find_line, make_waves
 from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.problem import Hum, Problem
 from wearscope.closed_loop.selection.whitening import bridge_uncounted
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.assembly import Assembly
-    from wearscope.closed_loop.selection.problem import Problem
 
 #: Most lines of a joint, such as a hum's harmonics.
 _MOST = 6
@@ -29,30 +26,6 @@ _STEPS = 20
 
 
 @dataclass(frozen=True)
-class Hum:
-    """Sines in time that a model leaves.
-
-    Attributes
-    ----------
-    torque : ndarray (M, n)
-        At the rows of the training runs, a phase and an amplitude to each run and joint.
-    frequencies : dict of int to list of float
-        Of each joint that has some [Hz].
-    """
-
-    torque: np.ndarray
-    frequencies: dict[int, list[float]]
-
-    def describe(self, joints: Sequence[str]) -> list[str]:
-        """A note for each joint."""
-        return [
-            f"{joints[j]}: a torque of {', '.join(f'{f:.3g}' for f in sorted(own))} Hz in time, whatever the "
-            "motion, is left out of what the search compares; it stays in every error."
-            for j, own in sorted(self.frequencies.items())
-        ]
-
-
-@dataclass(frozen=True)
 class _Rows:
     """A joint's rows that count in one run: times (M,) [s], what is left there (M,), the motion (M, 4 n)."""
 
@@ -61,7 +34,7 @@ class _Rows:
     motion: np.ndarray
 
 
-def find_hum(problem: "Problem", model: "Assembly", policy: Policy) -> Hum | None:
+def find_hum(problem: Problem, model: Assembly, policy: Policy) -> Hum | None:
     """The hum that a model leaves, or None.
 
     Of each joint, line by line: one that stands out of the residual's spectrum, of one frequency in all runs,
@@ -128,7 +101,7 @@ def _group(lines: Sequence[tuple[float, int]], resolved: float) -> list[list[tup
 
 
 def _find_frequency(
-    problem: "Problem", left: Sequence[np.ndarray], keep: Sequence[np.ndarray], level: float, share: float
+    problem: Problem, left: Sequence[np.ndarray], keep: Sequence[np.ndarray], level: float, share: float
 ) -> float | None:
     """Frequency [Hz] of the line that stands out in most runs, or that they have in common."""
     bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(left, keep, strict=True) if k.any()]

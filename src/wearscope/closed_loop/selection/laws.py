@@ -7,7 +7,6 @@ others once more, each with the width that fits best beside it.
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,16 +17,14 @@ from wearscope.closed_loop.selection.evidence import Refusal
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.law_fit import fit_law
 from wearscope.closed_loop.selection.reversal import is_wide
+from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
 
 #: Signals of a law.
 _OWN_SPEED = {"qd_{joint}", "sign_qd_{joint}"}
 
 
-def suit_laws(search: "Search", found: list[Found]) -> list[Found]:
+def suit_laws(search: Search, found: list[Found]) -> list[Found]:
     """The terms found, each law replaced where another one, with a reversal of its own, leaves less.
 
     Or where it leaves as little, and the law that was named needs a reversal that is too wide for one. Where
@@ -56,7 +53,7 @@ def is_law(effect: Effect) -> bool:
     return not effect.standard and not effect.empirical and set(effect.depends_on) <= _OWN_SPEED
 
 
-def _asks_for_law(search: "Search", model: Assembly, joint: int) -> bool:
+def _asks_for_law(search: Search, model: Assembly, joint: int) -> bool:
     """Whether a joint's reversal is too wide for one, or a law would remove much of what is left."""
     candidates = [search.problem.candidate(e, joint) for e in search.problem.effects if is_law(e)]
     gains = [float(model.add(model.sum_products(c)).gain.max()) for c in candidates if c is not None]
@@ -64,7 +61,7 @@ def _asks_for_law(search: "Search", model: Assembly, joint: int) -> bool:
     return is_wide(search.problem.prepared, joint) or max(gains, default=0.0) >= much
 
 
-def _suit(search: "Search", found: list[Found], joint: int, f: Found | None) -> list[Found]:
+def _suit(search: Search, found: list[Found], joint: int, f: Found | None) -> list[Found]:
     problem = search.problem
     others = [k for k in found if k is not f]
     model = search.assemble(found)
@@ -101,7 +98,7 @@ def _suit(search: "Search", found: list[Found], joint: int, f: Found | None) -> 
 class _Suited:
     """A search along some reversals, what it found, and the model with that."""
 
-    search: "Search"
+    search: Search
     found: list[Found]
     model: Assembly
 

@@ -2,17 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.revision import NEAR
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.search import NEAR, Search
 
 #: What may be said of a term that another one hides: of a size that matters, but that looks like chance, of
 #: which runs disagree, or (with nothing said yet) that looks like a drift.
@@ -21,7 +17,7 @@ _HIDDEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 _EXCHANGES = 3
 
 
-def find_pair(search: "Search", found: Sequence[Found], weighed: Sequence[Evidence]) -> list[Evidence]:
+def find_pair(search: Search, found: Sequence[Found], weighed: Sequence[Evidence]) -> list[Evidence]:
     """Two terms at a joint that pass the rule beside each other, where neither does alone.
 
     What one of two large effects leaves is the other one, beside which it looks like chance, like what runs
@@ -52,7 +48,7 @@ def find_pair(search: "Search", found: Sequence[Found], weighed: Sequence[Eviden
     return []
 
 
-def _is_hidden(search: "Search", e: Evidence) -> bool:
+def _is_hidden(search: Search, e: Evidence) -> bool:
     """Whether another term may hide one: where the joint's larger terms are left out of what it must gain."""
     return search.judge(replace(e, whole=np.inf, refusal=Refusal.NONE)) in _HIDDEN
 
@@ -67,7 +63,7 @@ def _list_firsts(able: Sequence[Evidence]) -> list[Evidence]:
 
 
 def _complete(
-    search: "Search", found: Sequence[Found], assembly: Assembly, first: Evidence, tried: int
+    search: Search, found: Sequence[Found], assembly: Assembly, first: Evidence, tried: int
 ) -> list[Evidence]:
     """A term and another one, each the best beside the other, reached from a first one; or nothing."""
     first = search.refine(assembly, first)
@@ -83,7 +79,7 @@ def _complete(
 
 
 def _find_beside(
-    search: "Search", found: Sequence[Found], assembly: Assembly, e: Evidence, tried: int
+    search: Search, found: Sequence[Found], assembly: Assembly, e: Evidence, tried: int
 ) -> Evidence | None:
     """The best other term at a term's joints that passes the rule beside it."""
     beside = _add(assembly, [e])

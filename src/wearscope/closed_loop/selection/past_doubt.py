@@ -18,13 +18,14 @@ _LEVELS = (2, LEVELS[0])
 _FINE_LEVELS = (*_LEVELS, *LEVELS[1:3])
 
 
-def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
-    """The terms found without names that a spline of the past leaves nothing to do.
+def doubt_for_past(search: Search, found: list[Found]) -> tuple[list[Found], dict[int, Dependence]]:
+    """The terms found without names that a spline of the past leaves nothing to do; what their joints have.
 
     The position has much of that at which its joint last turned round. A name goes where such a spline
     explains more, held out and fitted, clearly or so that much of the rest depends on it, and beside it the
-    name would not be taken. The search keeps what its joint depends on instead.
+    name would not be taken: what its joint depends on stands in its place.
     """
+    depends: dict[int, Dependence] = {}
     for f in list(found):
         if f.effect.standard or f.effect.empirical:
             continue
@@ -45,9 +46,9 @@ def doubt_for_past(search: Search, found: list[Found]) -> list[Found]:
         if search.judge(again) is Refusal.NONE:
             continue
         search.progress(f"{own.term.label} is dropped: what the motion has been explains more")
-        search.past[own.joint] = Dependence(min(past.share, 1.0), depends_on, past=True)
+        depends[own.joint] = Dependence(min(past.share, 1.0), depends_on, past=True)
         found = others
-    return found
+    return found, depends
 
 
 def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence] | None:

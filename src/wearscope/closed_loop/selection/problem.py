@@ -1,9 +1,8 @@
 """What is asked of a prepared data set: the torque to explain, the declared terms, and all candidates."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft, interpolate
@@ -23,9 +22,6 @@ from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import Effect, MeasurementEffect, load_effect
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.hum import Hum
-
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
 #: are sought. Below it a link answers the other way round within the band.
 _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
@@ -33,6 +29,30 @@ _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
 _LAGS = (0.0, 0.08, 0.2, 0.4)
 #: Ripples that a joint's residual is searched for, and rows that it is searched on.
 _PEAKS, _MOST_ROWS = 8, 4000
+
+
+@dataclass(frozen=True)
+class Hum:
+    """Sines in time that a model leaves.
+
+    Attributes
+    ----------
+    torque : ndarray (M, n)
+        At the rows of the training runs, a phase and an amplitude to each run and joint.
+    frequencies : dict of int to list of float
+        Of each joint that has some [Hz].
+    """
+
+    torque: np.ndarray
+    frequencies: dict[int, list[float]]
+
+    def describe(self, joints: Sequence[str]) -> list[str]:
+        """A note for each joint."""
+        return [
+            f"{joints[j]}: a torque of {', '.join(f'{f:.3g}' for f in sorted(own))} Hz in time, whatever the "
+            "motion, is left out of what the search compares; it stays in every error."
+            for j, own in sorted(self.frequencies.items())
+        ]
 
 
 class Problem:
@@ -53,7 +73,7 @@ class Problem:
         prepared: Prepared,
         declared: Sequence[Effect],
         own: Sequence[Effect] = (),
-        hum: "Hum | None" = None,
+        hum: Hum | None = None,
     ) -> None:
         self.prepared = prepared
         self.layout = Layout.of(prepared)
@@ -114,7 +134,7 @@ class Problem:
                 other._made[key] = made
         return other
 
-    def take_out(self, hum: "Hum") -> "Problem":
+    def take_out(self, hum: Hum) -> "Problem":
         """The same problem without a torque that is not to be explained."""
         return Problem(self.prepared, self.declared, self.own, hum)
 

@@ -1,25 +1,19 @@
 """The revision: each term of a model asked again beside all others, and what follows when one goes."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.search import HOPELESS, NEAR, Search
 
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
-
-#: Share of the best term's gain from which another one's shape is refined before they are compared; share of
-#: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
-NEAR, HOPELESS = 0.5, 0.4
 #: What is said of a term that stays unless another one is better.
 _KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 
 
-def revise(search: "Search", found: list[Found]) -> list[Found]:
+def revise(search: Search, found: list[Found]) -> list[Found]:
     """Ask of each term again, with all others in the model, whether it is needed and the best.
 
     Where a term at its joint was dropped or replaced, it must pass as new: it may have stood for that one's
@@ -67,7 +61,7 @@ def _stands_for_weight(f: Found, found: Sequence[Found]) -> bool:
     return optional and any(k.effect.per_robot for k in found)
 
 
-def is_much(search: "Search", chosen: Chosen, others: Sequence[Found]) -> bool:
+def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
     """Whether plain friction explains much beside the others, with the form of its reversal held.
 
     Errors of that form have most of what weak viscous friction adds to Coulomb friction. They are of no
@@ -80,7 +74,7 @@ def is_much(search: "Search", chosen: Chosen, others: Sequence[Found]) -> bool:
     return rule.is_plain(own, search.policy) and search.is_needed(beside, own)
 
 
-def find_better(search: "Search", others: list[Found], f: Found) -> Found | None:
+def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
     """A name that gains more in the place of a standard term that not every drive has, which was not asked.
 
     Standard terms come first, and an offset has most of what a weight does where a joint moves little.
@@ -89,14 +83,14 @@ def find_better(search: "Search", others: list[Found], f: Found) -> Found | None
     return None if again is None or again.effect is f.effect else again
 
 
-def is_accepted(search: "Search", f: Found, others: Sequence[Found]) -> bool:
+def is_accepted(search: Search, f: Found, others: Sequence[Found]) -> bool:
     """Whether a standard term would be taken again beside the others, as any name is."""
     beside = search.assemble(others)
     own = search.weigh_again(beside, f)
     return search.judge(own) is Refusal.NONE and not search.drifts(beside, own)
 
 
-def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
+def is_refined(search: Search, f: Found, others: Sequence[Found]) -> bool:
     """Whether a term at the same joint refines this one, and nothing else there that stays.
 
     Plain friction, which every joint has, stays beside whatever refines it.
@@ -108,7 +102,7 @@ def is_refined(search: "Search", f: Found, others: Sequence[Found]) -> bool:
     return any(not k.has_parent(present) for k in here)
 
 
-def absorb(search: "Search", f: Found, others: list[Found]) -> list[Found]:
+def absorb(search: Search, f: Found, others: list[Found]) -> list[Found]:
     """The other terms, with one that contains a standard term in the form in which it has its part too.
 
     A spring's or balancer's torque at rest is no offset of the torque beside it.
@@ -124,7 +118,7 @@ def absorb(search: "Search", f: Found, others: list[Found]) -> list[Found]:
 
 
 def ask_again(
-    search: "Search", beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
+    search: Search, beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
 ) -> Found | None:
     """A term again beside all others: itself, what is better, or None.
 
@@ -162,7 +156,7 @@ def ask_again(
     return None if best is None else Found(best.chosen, best)
 
 
-def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
+def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
     """Drop terms at joints that are not needed beside new ones; some are kept (identities).
 
     A name is needed on the rows that are fitted too: what it gains on held-out ones alone is the penalty of a
@@ -186,7 +180,7 @@ def drop_superfluous(search: "Search", found: list[Found], joints: set[int], kep
     return found
 
 
-def restore_standard(search: "Search", found: list[Found], joints: Collection[int]) -> list[Found]:
+def restore_standard(search: Search, found: list[Found], joints: Collection[int]) -> list[Found]:
     """The terms found, with standard ones of joints that were dropped while what hid them had no term yet.
 
     They are asked as they were at first, and come before what is built on them or stands for them.

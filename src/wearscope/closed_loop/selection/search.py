@@ -1,16 +1,7 @@
-"""The search: standard terms of each joint first, then what else is missing, then each term asked again.
-
-1. Standard stage: rotor inertia, Coulomb, viscous and offset of every joint, as a group; what held-out runs
-   do not need is dropped.
-2. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
-   accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two
-   of a joint beside each other.
-3. Revision: each term again beside all others: kept, replaced or dropped; until nothing changes.
-"""
+"""The state of a search: its problem, the scale of what is left, and what can be asked of a model."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +10,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
-from wearscope.closed_loop.selection.drifting import does_drift_explain, is_drift
+from wearscope.closed_loop.selection.drifting import does_drift_explain
 from wearscope.closed_loop.selection.evidence import (
     Evidence,
     Refusal,
@@ -27,33 +18,25 @@ from wearscope.closed_loop.selection.evidence import (
     on_same_folds,
     weigh,
 )
-from wearscope.closed_loop.selection.fifths import weigh_by_fifths
 from wearscope.closed_loop.selection.forms import Forms
 from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
-from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import REVERSAL, refine_reversals
-from wearscope.closed_loop.selection.revision import HOPELESS, NEAR, restore_standard, revise
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
-from wearscope.closed_loop.selection.single_joints import count_parameters, prefer_single_joints
-from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.effects.base import Effect
 
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.motion_dependence import Dependence
-
-#: Most passes of the revision.
-_PASSES = 3
+#: Share of the best term's gain from which another one's shape is refined before they are compared; share of
+#: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
+NEAR, HOPELESS = 0.5, 0.4
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
 
 
 class Search:
-    """Searches for the terms that a problem's declared model lacks.
+    """A search for the terms that a problem's declared model lacks.
 
     Parameters
     ----------
@@ -79,7 +62,6 @@ class Search:
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
         self.left_out: frozenset[str] = frozenset()
-        self.past: dict[int, Dependence] = {}
         self._step = 0
         self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
@@ -234,31 +216,12 @@ class Search:
             self.problem.layout.folds.by_run, any_form=self.problem.resembles_any(term),
         )  # fmt: skip
 
-    def run(self) -> list[Found]:
-        """Terms that the declared model lacks."""
-        found = self.settle_reversals(find_standard(self), forms=False)
+    def keep_standard(self, found: Sequence[Found]) -> None:
+        """Keep the loss of the standard model, with which a name's gain is compared."""
         self.sigma = self.scale(found)
         standard = self.assemble(found)
         losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
         self.standard_losses = np.array(losses) * self.sigma**2
-        found = self.settle(self.settle_reversals(self.extend(found)))
-        found = prefer_single_joints(self, found)
-        suited = suit_laws(self, found)
-        return found if suited is found else self.settle(self.settle_reversals(suited))
-
-    def settle(self, found: list[Found]) -> list[Found]:
-        """Ask of each term again, and for more, until nothing changes.
-
-        What is taken only in the weights of a model without it, and not beside all others in those of the
-        whole model, is not needed.
-        """
-        for _ in range(_PASSES):
-            asked_again = revise(self, found)
-            grown = self.extend(asked_again)
-            if _names(grown) == _names(found):
-                return asked_again if _names(asked_again) < _names(found) else grown
-            found = grown
-        return found
 
     def settle_reversals(self, found: list[Found], forms: bool = True) -> list[Found]:
         """Fit how the frictions reverse beside the terms found, and make all anew along them."""
@@ -278,7 +241,7 @@ class Search:
         """Go on with another search's problem, and with what it has asked."""
         self.problem, self.forms = other.problem, other.forms
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
-        self.left_out, self.past = other.left_out, other.past
+        self.left_out = other.left_out
         self._weighed, self._apart, self._beside_bodies = {}, {}, {}
 
     def is_believable(self, e: Evidence) -> bool:
@@ -300,31 +263,6 @@ class Search:
             and (rule.is_plain(e, self.policy) or not self.drifts(beside, e))
         )
 
-    def extend(self, found: list[Found], most: float = np.inf) -> list[Found]:
-        """Add terms until none is accepted: at each step the best of every joint, where they do not touch.
-
-        Or until all together have as many parameters as `most`.
-        """
-        while count_parameters(found) < most:
-            self.sigma = self.scale(found)
-            assembly = self.assemble(found)
-            offered = self.candidates(assembly, found, range(self.problem.prepared.n))
-            # All are weighed once, for the table; later only what may be accepted.
-            first = self._step <= 1
-            weighed = self.weigh_all(assembly, offered, *([] if first else [self.find_least(assembly)]))
-            taken = self.take(assembly, weighed) or find_pair(self, found, weighed)
-            taken = taken or self.take(assembly, weigh_by_fifths(self, assembly, weighed))
-            self.record(weighed, taken)
-            if not taken:
-                return found
-            for e in taken:
-                self.progress(f"{e.term.label}: {100 * e.share:.0f} % of the joint's held-out loss")
-            found = [*found, *(Found(e.chosen, e) for e in taken)]
-            # What was missing yet may have hidden what a plain joint has, which comes before what refines it.
-            touched = {j for e in taken for j in e.chosen.candidate.joints}
-            found = restore_standard(self, found, touched)
-        return found
-
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
         losses, policy = assembly.sample_losses, self.policy
@@ -334,24 +272,6 @@ class Search:
             return HOPELESS * share * float(losses[list(candidate.joints)].min())
 
         return least
-
-    def take(self, assembly: Assembly, weighed: list[Evidence]) -> list[Evidence]:
-        """Terms to add at one step, no two of which are felt at a joint that the model couples."""
-        able = [e for e in weighed if e.refusal is Refusal.NONE]
-        taken: list[Evidence] = []
-        coupled = any(len(c.candidate.joints) > 1 for c in assembly.chosen)
-        while able:
-            best = self.choose(assembly, able)
-            if best is None:
-                break
-            taken.append(best)
-            if coupled:
-                break
-            apart = [e for e in able if not rule.touches(e, best)]
-            # What is felt at several joints may explain what is next better than what is felt at one.
-            wide = max((e.gain for e in able if len(e.chosen.candidate.joints) > 1), default=0.0)
-            able = [e for e in apart if e.gain > wide]
-        return taken
 
     def choose(self, assembly: Assembly, able: list[Evidence], tried: int = 1) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice.
@@ -366,7 +286,7 @@ class Search:
         """
         assembly, able = on_same_folds(assembly, able, self.policy)
         able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
-        while able and is_drift(self, assembly, able[0], every, tried):
+        while able and self._is_drift(assembly, able[0], every, tried):
             able = able[1:]
         if not able:
             return None
@@ -384,7 +304,13 @@ class Search:
 
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
-        return does_drift_explain(self, assembly, e, tried)
+        return does_drift_explain(self.problem, self.policy, self.flips, assembly, e, tried)
+
+    def _is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int) -> bool:
+        """Whether a drift explains a term, or one among others that it contains and is not told from."""
+        inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
+        tied = [o for o in inside if not rule.separates(e, o, self.policy)]
+        return any(self.drifts(assembly, one, tried) for one in (*tied, e))
 
     def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
         """Whether a term that delays its joint's torque is one; True of other terms.
@@ -448,7 +374,3 @@ class Search:
 def is_exact(effect: Effect) -> bool:
     """Whether an effect is of the standard model, or of a body of the whole robot."""
     return effect.standard or effect is REVERSAL or effect.per_robot
-
-
-def _names(found: Iterable[Found]) -> set[tuple[str, int, tuple[int, ...]]]:
-    return {(f.effect.name, f.joint, f.chosen.subset) for f in found}

@@ -7,18 +7,16 @@ payload) and names of single joints, then these alone.
 """
 
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.found import Found, count_parameters
+from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.stepwise import extend, settle
 
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
 
-
-def prefer_single_joints(search: "Search", found: list[Found]) -> list[Found]:
+def prefer_single_joints(search: Search, found: list[Found]) -> list[Found]:
     """The terms found, or ones with fewer parameters, less of them of the whole robot, that predict as well.
 
     Parameters
@@ -39,14 +37,14 @@ def prefer_single_joints(search: "Search", found: list[Found]) -> list[Found]:
     return found
 
 
-def _prefer_without(search: "Search", found: list[Found], left_out: frozenset[str]) -> list[Found]:
+def _prefer_without(search: Search, found: list[Found], left_out: frozenset[str]) -> list[Found]:
     tried = copy(search)
     tried.rows, tried.full, tried.no_delay = list(search.rows), set(search.full), set(search.no_delay)
     tried.left_out = left_out
     most = count_parameters(found)
-    fewer = tried.extend([f for f in found if f.effect.name not in left_out], most)
+    fewer = extend(tried, [f for f in found if f.effect.name not in left_out], most)
     if count_parameters(fewer) < most:
-        fewer = tried.settle(fewer)
+        fewer = settle(tried, fewer)
     if count_parameters(fewer) >= most or not predicts_as_well(search, found, tried, fewer):
         return found
     search.progress(f"without {', '.join(sorted(left_out))}, fewer parameters predict as well")
@@ -54,12 +52,7 @@ def _prefer_without(search: "Search", found: list[Found], left_out: frozenset[st
     return fewer
 
 
-def count_parameters(found: list[Found]) -> int:
-    """Parameters of terms together."""
-    return sum(f.evidence.complexity for f in found)
-
-
-def predicts_as_well(search: "Search", found: list[Found], tried: "Search", fewer: list[Found]) -> bool:
+def predicts_as_well(search: Search, found: list[Found], tried: Search, fewer: list[Found]) -> bool:
     """Whether every joint is predicted alike, but for what would not matter of a name or is within noise.
 
     Held out: of the rows that are fitted many parameters always explain a little more than few.

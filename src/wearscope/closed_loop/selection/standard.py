@@ -1,7 +1,6 @@
 """The standard stage: what a plain joint may be expected to have, asked of each joint as a group."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,12 +8,10 @@ from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reac
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.problem import Problem
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.search import Search
 
 
-def find_standard(search: "Search") -> list[Found]:
+def find_standard(search: Search) -> list[Found]:
     """Standard terms that held-out runs need, of each joint as a group.
 
     What is missing yet can hide friction that is there, or pose as its opposite: it stays until the

@@ -1,17 +1,14 @@
 """What is left and a name would explain, were its parameters those of such a machine."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Evidence
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.selection.found import Found
-    from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.search import Search
 
 
-def find_unbelievable(search: "Search", found: "list[Found]", joints: Iterable[int]) -> dict[int, Evidence]:
+def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int]) -> dict[int, Evidence]:
     """By joint, the name that explains most of what is left, and is refused for its parameters alone.
 
     What has its form is there, whatever it is: it makes the joint `unexplained`.
