@@ -146,10 +146,10 @@ class LateAssembly(Assembly):
         """As of any, made when it is asked for."""
         return LateSums(self, candidate)
 
-    def add(self, sums: Any, fold: int | None = None) -> Added:
+    def add(self, sums: Any) -> Added:
         """As of any."""
-        if fold is not None or not isinstance(sums, LateSums):
-            return Assembly.add(self, sums, fold)
+        if not isinstance(sums, LateSums):
+            return Assembly.add(self, sums)
         known = self._added.setdefault(sums.candidate, {})
         if sums.subset not in known:
             known[sums.subset] = Assembly.add(self, sums.make())

@@ -163,7 +163,7 @@ class Assembly:
 
     def _solve(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse (P, P) of the normal matrix on units (U,), and the parameters (P,)."""
-        a = np.tensordot(units, self.gram, 1) + self.prior
+        a = total(units, self.gram) + self.prior
         scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
         inverse = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale) if self.p else a
         return inverse, inverse @ (units @ self.score)
@@ -296,54 +296,61 @@ class Assembly:
         penalty = np.zeros((m, m)) if candidate.penalty is None else candidate.penalty
         return Sums(columns, cross, gram, score, penalty, rows)
 
-    def add(self, sums: Sums, fold: int | None = None) -> Added:
-        """Fit each shape beside the model on a fold's training rows, or all (Frisch-Waugh-Lovell)."""
-        if fold is None:
-            (inverse, theta), units = self.whole, np.ones(len(self.gram))
-        else:
-            (inverse, theta), units = self.by_fold[fold], self.layout.units.train[fold]
+    def add(self, sums: Sums) -> Added:
+        """Fit each shape beside the model on all rows (Frisch-Waugh-Lovell)."""
+        inverse, theta = self.whole
+        every = self._fit(sums, np.ones((1, len(self.gram))), inverse[None], theta[None])
+        return Added(every.beta[0], every.gain[0], every.inner[0])
+
+    def add_by_fold(self, sums: Sums) -> Added:
+        """The same on each fold's training rows: (F, S, m), (F, S), (F, S, m, m)."""
+        inverse, theta = (np.array(each) for each in zip(*self.by_fold, strict=True))
+        return self._fit(sums, self.layout.units.train, inverse, theta)
+
+    def _fit(self, sums: Sums, units: np.ndarray, inverse: np.ndarray, theta: np.ndarray) -> Added:
+        """Fit each shape on sets of units (F, U), beside what the model's parameters are on each of them."""
         k = sums.columns
-        cross = np.tensordot(units, sums.cross, 1)
-        own = np.tensordot(units, sums.gram, 1) + sums.penalty
-        onto = cross @ inverse[np.ix_(k, k)]
-        inner = own - onto @ cross.transpose(0, 2, 1)
-        inner = 0.5 * (inner + inner.transpose(0, 2, 1))
+        cross, score = total(units, sums.cross), total(units, sums.score)
+        own = total(units, sums.gram) + sums.penalty
+        onto = cross @ inverse[:, None, k[:, None], k]
+        inner = own - onto @ cross.swapaxes(-1, -2)
+        inner = 0.5 * (inner + inner.swapaxes(-1, -2))
         # What the model absorbs to rounding must not come back with a huge coefficient.
-        diagonal = np.einsum("smm->sm", own)
-        np.einsum("smm->sm", inner)[...] += 1e-9 * diagonal + 1e-300
-        reduced = np.tensordot(units, sums.score, 1) - cross @ theta[k]
+        np.einsum("fsmm->fsm", inner)[...] += 1e-9 * np.einsum("fsmm->fsm", own) + 1e-300
+        reduced = score - (cross @ theta[:, None, k, None])[..., 0]
         beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
-        return Added(beta, np.einsum("sm,sm->s", reduced, beta), inner)
+        return Added(beta, (reduced * beta).sum(axis=-1), inner)
 
     def hold_out(self, sums: Sums) -> np.ndarray:
         """Held-out loss by block and joint (B, n) less the model's, the shape chosen in each fold."""
-        added = np.full_like(self.target, np.nan)
-        for f, rows in enumerate(self.layout.units.test_rows):
-            fitted = self.add(sums, f)
-            s = int(np.argmax(fitted.gain))
-            inverse = self.by_fold[f][0]
-            added[rows] = self._torque(sums.at(s), fitted.beta[s], inverse, self.layout.units.train[f], rows)
-        return self._change(self.held_out, added)
+        moved = np.full_like(self.target, np.nan)
+        added = self.add_by_fold(sums)
+        for f, (rows, s) in enumerate(
+            zip(self.layout.units.test_rows, added.gain.argmax(axis=1), strict=True)
+        ):
+            units, inverse = self.layout.units.train[f], self.by_fold[f][0]
+            moved[rows] = self._torque(sums, int(s), added.beta[f, s], inverse, units, rows)
+        return self._change(self.held_out, moved)
 
     def fit_change(self, sums: Sums, beta: np.ndarray) -> np.ndarray:
         """Loss by joint (n,) less that of the model, with one shape's columns fitted beside it; (m,) in."""
-        every = np.ones(len(self.gram))
-        added = self._torque(sums, beta, self.whole[0], every, slice(None))
-        return np.asarray(self._change(self.residual, added).sum(axis=0))
+        moved = self._torque(sums, 0, beta, self.whole[0], np.ones(len(self.gram)), slice(None))
+        return np.asarray(self._change(self.residual, moved).sum(axis=0))
 
     def _torque(
-        self, sums: Sums, beta: np.ndarray, inverse: np.ndarray, units: np.ndarray, rows: np.ndarray | slice
-    ) -> np.ndarray:
+        self, sums: Sums, shape: int, beta: np.ndarray, inverse: np.ndarray, units: np.ndarray,
+        rows: np.ndarray | slice,
+    ) -> np.ndarray:  # fmt: skip
         """Change of the torque (K, n) at some rows by one shape's columns, the model fitted beside them."""
         k = sums.columns
-        shift = -inverse[:, k] @ (np.tensordot(units, sums.cross[:, 0], 1).T @ beta)
+        shift = -inverse[:, k] @ (total(units, sums.cross[:, shape]).T @ beta)
         out = np.zeros_like(self.target[rows])
         for j in self.asked:
             moved = shift[self.at[j]]
             if moved.any():
                 out[:, j] = self.columns[j][rows] @ moved
         for j, x in sums.rows.items():
-            out[:, j] += x[rows, 0] @ beta
+            out[:, j] += x[rows, shape] @ beta
         return out
 
     def _change(self, left: np.ndarray, added: np.ndarray) -> np.ndarray:
@@ -363,6 +370,12 @@ class Assembly:
         """Power (B,) of one shape's torque, in residual variances."""
         each = (self.weight[j] * (x[:, 0] @ beta) ** 2 for j, x in sums.rows.items())
         return self.layout.sum_blocks(sum(each))
+
+
+def total(units: np.ndarray, by_unit: np.ndarray) -> np.ndarray:
+    """Sums (..., *) over units (..., U) of what there is by unit (U, *)."""
+    flat = units @ by_unit.reshape(len(by_unit), -1)
+    return flat.reshape(*units.shape[:-1], *by_unit.shape[1:])
 
 
 def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
