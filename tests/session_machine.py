@@ -45,6 +45,7 @@ def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Columns of one run: a day has `temperature`, `wear` (share of friction), `mass`, `gain`, `worn`.
 
     The last is what wear adds at the first joint: height and width of a bump at low speed, and a slope.
+    `push` is the moment [s] and size [N m] of a short push on the first joint.
     """
     t = np.arange(int(DURATION * RATE)) / RATE
     q, v, a = draw_motion(rng, t)
@@ -63,6 +64,9 @@ def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:
         friction[:, 0] += slope * v[:, 0]
     tau = rigid + INERTIA * a + friction
     tau[:, 0] *= 1.0 + day.get("gain", 0.0)
+    if day.get("push"):
+        at, size = day["push"]
+        tau[:, 0] += size * np.exp(-(((t - at) / 0.2) ** 4))
     tau += NOISE * rng.standard_normal(q.shape)
     columns = {"t": t}
     for j, joint in enumerate(JOINTS):

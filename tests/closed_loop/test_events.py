@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from wearscope.closed_loop.diagnostics.events import find_events, suggest_thresholds
+from wearscope.cli.main import wearscope
+from wearscope.closed_loop.diagnosis import diagnose, find_prismatic
+from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.events import find_events, suggest_thresholds
 from wearscope.closed_loop.model.prediction import predict_runs
+from wearscope.detection.events import bridge_events
 
 
 def push(at, size, width):
@@ -25,8 +31,10 @@ def look(record, pose):
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
         )
         predicted = predict_runs(problem.prepared, model, model)
-        events = find_events(problem.prepared, predicted)
-        return events, suggest_thresholds(problem.prepared, predicted, events)
+        runs, left = [p.run for p in predicted], [p.run.measured - p.after for p in predicted]
+        p, joints = problem.prepared, problem.prepared.dataset.joints
+        events = find_events(runs, left, joints, p.moving, p.top_speed)
+        return events, suggest_thresholds(runs, left, events, joints)
 
     return found
 
@@ -47,3 +55,53 @@ def test_noise_and_friction_are_no_events(look):
     assert events == []
     assert 0.0 < thresholds["b"]["threshold"] < 3.0
     assert thresholds["b"]["false_alarms_per_hour_at_most"] > 3.0
+
+
+def test_pushes_leave_the_answer_as_it_is(tmp_path):
+    """From CSV to the verdict: friction as planted, no name, and the pushes listed."""
+    rng = np.random.default_rng(8)
+    files, planted = [], []
+    for k in range(4):
+        t = np.arange(0, 8, 0.005)
+        q, v, a = np.zeros((3, len(t)))
+        for f, size in ((0.2, 1.2), (0.5, 0.5), (0.9, 0.2)):
+            w, phase = 2 * np.pi * f, rng.uniform(0, 6.28)
+            q += size * np.sin(w * t + phase)
+            v += size * w * np.cos(w * t + phase)
+            a -= size * w**2 * np.sin(w * t + phase)
+        tau = 0.06 * a + 2.0 * np.sin(q) + 0.22 * np.tanh(v / 0.02) + 0.05 * v
+        tau += rng.normal(0, 0.03, len(t))
+        if k in (1, 3):
+            at = t[np.argmax(np.where((t > 1) & (t < 7), np.abs(v), 0.0))]
+            planted.append((f"runs/run{k}.parquet", at))
+            tau += 0.9 * np.exp(-(((t - at) / 0.15) ** 4))
+        files.append(str(tmp_path / f"run{k}.csv"))
+        np.savetxt(files[-1], np.c_[t, q, tau], "%.6g", ",", header="time,q_j,tau_j", comments="")
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="p"><link name="b"/><link name="a"><inertial><origin xyz="0 0 -0.2548"/><mass '
+        'value="0.8"/><inertia ixx="0.008" ixy="0" ixz="0" iyy="0.008" iyz="0" izz="0.001"/></inertial>'
+        "</link>"
+        '<joint name="j" type="revolute"><parent link="b"/><child link="a"/><axis xyz="0 1 0"/>'
+        '<limit lower="-3.2" upper="3.2" effort="9" velocity="20"/></joint></robot>'
+    )
+    options = ["--urdf", str(tmp_path / "arm.urdf"), "--name", "d", "--in", str(tmp_path)]
+    done = CliRunner().invoke(wearscope, ["new", "dataset", *files, *options])
+    assert done.exit_code == 0, done.output
+    found = diagnose(tmp_path / "d")
+    verdict = found.verdict
+    assert verdict["verdict"] == [] and verdict["joints"]["j"]["state"] == "explained"
+    assert [e["run"] for e in verdict["events"]] == [run for run, _ in planted]
+    for e, (_, at) in zip(verdict["events"], planted, strict=True):
+        assert e["t"] < at < e["t"] + e["seconds"] < at + 0.5
+        assert e["size"] == pytest.approx(0.9, rel=0.15)
+    for name, truth in (("coulomb", 0.22), ("viscous", 0.05)):
+        (one,) = [e for e in found.estimates["after"] if e.entry.effect.name == name]
+        ((low, high),) = one.intervals.values()
+        assert low < truth < high
+    # Detectors see the recordings without them.
+    prepared = prepare(read_dataset(tmp_path / "d", find_prismatic))
+    calm, events = bridge_events(prepared)
+    assert {e["run"] for e in events} == {run for run, _ in planted}
+    for e in events:
+        before, after = (next(r for r in p.runs if r.file == e["run"]) for p in (prepared, calm))
+        assert np.ptp(before.tau - after.tau) == pytest.approx(0.9, rel=0.25)

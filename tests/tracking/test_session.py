@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from session_machine import HEALTHY
 
 from wearscope.errors import InputError
 from wearscope.tracking.reference import identify_reference
@@ -50,6 +51,24 @@ def test_replaced_drive_is_a_gain(said):
     assert (entry["joint"], entry["effect"], entry["parameter"]) == ("a", "torque_constant_error", "gain")
     assert entry["ci95"][0] < -0.08 < entry["ci95"][1]
     assert entry["change"] == pytest.approx(-0.08, abs=0.02)
+
+
+def test_pushes_are_events_and_no_change(write, reference):
+    """Two runs with a push of more than the Coulomb friction: no gain, load, offset or wear."""
+    folder = write([*HEALTHY, {"temperature": 40.0, "push": (3.7, 8.0)}], len(HEALTHY), seed=3)
+    assessment = assess_session(read_sessions(folder), "s4", reference)
+    assert assessment.named == [] and assessment.cannot_tell == []
+    assert [(e["run"], e["joint"]) for e in assessment.events] == [
+        ("runs/d4r0.parquet", "a"),
+        ("runs/d4r1.parquet", "a"),
+    ]
+    for e in assessment.events:
+        assert e["t"] < 3.7 < e["t"] + e["seconds"] and e["size"] == pytest.approx(8.0, rel=0.2)
+
+
+def test_a_change_of_the_machine_is_no_event(sessions, reference):
+    for session in sessions.later:
+        assert assess_session(sessions, session, reference).events == []
 
 
 def test_far_warmer_session_cannot_be_told(said):

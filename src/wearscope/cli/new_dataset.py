@@ -118,6 +118,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         patterns={kind: one for kind, one in patterns.items() if one},
         declared=_split(declare),
         turned=_split(turned),
+        accept=[code for one in stated.pop("accept") for code in _split(one)],
         sessions=_by_file("session", stated.pop("sessions"), recordings),
         payloads={
             file: Numbers().convert(one, None, None)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from wearscope.closed_loop.model.correction import make_corrected_model, write_m
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
 from wearscope.closed_loop.model.estimation import Estimate, estimate
+from wearscope.closed_loop.model.events import Event, find_events, leave_out
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
@@ -92,6 +93,8 @@ class Diagnosis:
     notes : list of str
         On a hum that was left out.
     problem : Problem
+    events : list of dict
+        Short events, as ``verdict.json`` has them, whose rows are left out.
     """
 
     prepared: Prepared
@@ -106,6 +109,7 @@ class Diagnosis:
     full: list[str]
     notes: list[str]
     problem: Problem = field(repr=False)
+    events: list[Event] = field(default_factory=list)
 
     @cached_property
     def predicted(self) -> list[Predicted]:
@@ -216,10 +220,27 @@ def diagnose(
     InputError
         Where the data set breaks the format or cannot be what it says.
     """
-    search = Search(
-        pose_problem(dataset, progress, effects, allow_code, budget), policy or Policy(), progress
-    )
-    return conclude(search, find_terms(search))
+    problem = pose_problem(dataset, progress, effects, allow_code, budget)
+    search = Search(problem, policy or Policy(), progress)
+    found = conclude(search, find_terms(search))
+    events = list_events(found)
+    if events:
+        progress(f"{len(events)} short events are left: the search starts again without their rows")
+        prepared = problem.prepared
+        calm = leave_out(prepared.runs, events, prepared.dataset.joints)
+        search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own))
+        found = conclude(search, find_terms(search))
+        # What a model with the events' rows hid, one without them may show.
+        found = replace(found, events=events + list_events(found))
+    return found
+
+
+def list_events(diagnosis: Diagnosis) -> list[Event]:
+    """Short events in what the corrected model leaves of the rows that count."""
+    prepared = diagnosis.prepared
+    runs = [p.run for p in diagnosis.predicted]
+    left = [p.run.measured - p.after for p in diagnosis.predicted]
+    return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed)
 
 
 def pose_problem(

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wearscope.closed_loop.diagnostics.events import find_events, suggest_thresholds
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.events import suggest_thresholds
 from wearscope.closed_loop.model.inertials import name_unbelievable_links
 from wearscope.closed_loop.model.prediction import (
     Predicted,
@@ -64,14 +64,15 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
                 "in_model": named.kept,
             }
         )
-    events = find_events(prepared, diagnosis.predicted)
+    runs = [p.run for p in diagnosis.predicted]
+    left = [p.run.measured - p.after for p in diagnosis.predicted]
     entries.sort(key=lambda entry: entry["status"] != "refuted")
     return {
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
         "verdict": entries,
-        "events": events,
-        "collision_thresholds": suggest_thresholds(prepared, diagnosis.predicted, events),
+        "events": diagnosis.events,
+        "collision_thresholds": suggest_thresholds(runs, left, diagnosis.events, joints),
         "torque": prepared.torque_readings,
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",

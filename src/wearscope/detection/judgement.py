@@ -260,6 +260,7 @@ def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dic
             "run": run,
             "session": rows["session"].iloc[0] or None,
             "motion": rows["motion"].iloc[0],
+            "events": [event for event in tested.events if event["run"] == run],
             "alarms": [
                 {
                     "joint": row.joint,

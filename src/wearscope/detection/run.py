@@ -12,7 +12,9 @@ from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.model.events import Event
 from wearscope.designs.factors import PAPER_FACTORS, Factor
+from wearscope.detection.events import bridge_events
 from wearscope.detection.panel import Cell, fit_panel, read_units
 from wearscope.detection.recordings import MotionGroup, Refused, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
@@ -106,6 +108,8 @@ class Tested:
         Tested: those that move.
     model : str
         Its name.
+    events : list of dict
+        Short events, as ``verdict.json`` has them, whose torque is taken out of the recordings.
     """
 
     prepared: Prepared
@@ -117,6 +121,7 @@ class Tested:
     noise_from: str
     joints: list[str]
     model: str
+    events: list[Event]
 
 
 def ask_recordings(
@@ -160,6 +165,7 @@ def ask_recordings(
         dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
     prepared = prepare(dataset)
     check_plausibility(prepared)
+    prepared, events = bridge_events(prepared)
     groups, refused = sort_recordings(prepared)
     if not isinstance(model, RobotModel):
         model = load_model(model, strict=False, allow_code=allow_code)
@@ -185,7 +191,7 @@ def ask_recordings(
         raise InputError(f"{at} {error}; correct it, leave it out, or raise time_limit.") from None
     return Tested(
         prepared, groups, refused, found, results["units"], results["idle"], results["noise"], list(joints),
-        model.name,
+        model.name, events,
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
             for entry in list_entries([one], structure, scatter)
         ],
         "cannot_tell": assessment.cannot_tell,
+        "events": assessment.events,
         "next_measurement": [plan.to_mapping(structure.joints) for plan in assessment.plans],
         "notes": assessment.notes,
         "wear": record_worn(assessment.worn, reference),

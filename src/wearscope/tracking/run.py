@@ -130,6 +130,8 @@ def track(
 def tell_changes(record: dict[str, Any]) -> str:
     """What a session shows, in a few words."""
     said = [f"{c['effect']} of {c['joint']} {c['change']:+.3g} {c['unit']}" for c in record["changes"]]
+    if record["events"]:
+        said.append(f"{len(record['events'])} short events")
     return "; ".join(said) or ("cannot tell" if record["cannot_tell"] else "no change")
 
 
@@ -159,6 +161,7 @@ def write_tracking(
                 "session": record["session"],
                 "changes": [tell_entry(entry, k, own["sessions"], later) for entry in record["changes"]],
                 "cannot_tell": record["cannot_tell"],
+                "events": record["events"],
                 "next_measurement": [
                     {key: value for key, value in one.items() if key != "motion"}
                     for one in record["next_measurement"]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
+from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state, tell_events
 from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
@@ -45,6 +46,8 @@ class Assessment:
         Wear of each joint whose friction grew.
     plans : list of NextSession
         What to record next for joints of which something cannot be told.
+    events : list of dict
+        Short events, as ``verdict.json`` has them; their rows are left out.
     """
 
     session: str
@@ -54,6 +57,7 @@ class Assessment:
     notes: list[str]
     worn: list[Worn]
     plans: list[NextSession] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
 
     @property
     def cannot_tell(self) -> list[str]:
@@ -102,6 +106,8 @@ def assess_runs(
     notes : sequence of str
     """
     structure, changes, measured = reference.structure, reference.changes, reference.measured
+    events = find_session_events(reference, runs)
+    runs = leave_out(runs, events, structure.joints)
     made = [make_rows(structure, run) for run in runs]
     rows = stack_rows(structure, measured, made)
     sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
@@ -115,7 +121,19 @@ def assess_runs(
     hidden = explain_hidden(reference, runs, sample, known, named, level)
     known_alone = {key: e for key, e in alone.items() if e is not None}
     worn = identify_wear(reference, made, named)
-    return Assessment(session, named, known_alone, hidden, list(notes), worn)
+    told = [*notes, *tell_events(events, dict(zip(structure.joints, structure.torque_unit, strict=True)))]
+    return Assessment(session, named, known_alone, hidden, told, worn, events=events)
+
+
+def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> list[Event]:
+    """Short events in what the healthy machine and changes that go with the joints' states leave."""
+    structure = reference.structure
+    left = []
+    for run in runs:
+        rows = make_rows(structure, run)
+        left.append(rows.target - rows.columns @ reference.belief.mean)
+    frame = structure.frame
+    return find_events(runs, take_out_state(runs, left), structure.joints, frame.moving, frame.top_speed)
 
 
 def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:

@@ -197,6 +197,14 @@ def _ask(prepared: Prepared, own: Rows) -> Asked:
             parts.append(spline(np.clip(t, run.t[0], run.t[-1])))
         return np.concatenate(parts)
 
+    times = [prepared.runs[k].t for k in runs]
+    room = np.concatenate(
+        [
+            np.minimum(t - t[0], t[-1] - t)[_pick(prepared.runs[k], count)]
+            for k, t in zip(runs, times, strict=True)
+        ]
+    )
+
     def swapped(j: int) -> Rows:
         columns = {name: getattr(own, name).copy() for name in ("q", "v", "a", "sign", "tau")}
         for k in runs:
@@ -211,7 +219,7 @@ def _ask(prepared: Prepared, own: Rows) -> Asked:
         return replace(own, **columns)
 
     slides = [unit == "m" for unit in dataset.position_unit]
-    return Asked(own, slides, dataset.joints, torque_at, swapped, dataset.fields.robot.gear_ratio)
+    return Asked(own, slides, dataset.joints, torque_at, room, swapped, dataset.fields.robot.gear_ratio)
 
 
 def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:

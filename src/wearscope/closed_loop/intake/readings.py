@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import optimize
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
@@ -30,8 +31,8 @@ _BODY = 0.5
 #: Rows of a first look; least span of a position in degrees, or in mm, that is a motion.
 _FIRST_LOOK, _LEAST_DEGREES, _LEAST_MM = 900, 1.0, 5.0
 #: Longest delay that is sought, its step, and the least that is the recorder's [s];
-#: runs that must show it, at most.
-_LONGEST, _STEP, _LAG, _MOST_RUNS = 0.3, 0.02, 0.025, 8
+#: runs that must show it, at most; delays of two runs that differ by less are alike.
+_LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 
@@ -47,6 +48,8 @@ class Asked:
     joints : list of str
     torque_at : callable
         ``torque_at(delay)`` gives the torques (N, n) so many seconds later.
+    room : ndarray (N,)
+        Time to the nearer end of a row's recording [s].
     swapped : callable
         ``swapped(j)`` gives the rows with position and torque of a joint exchanged.
     gear_ratio : list of float or None
@@ -56,6 +59,7 @@ class Asked:
     slides: list[bool]
     joints: list[str]
     torque_at: Callable[[float], np.ndarray]
+    room: np.ndarray
     swapped: Callable[[int], Rows]
     gear_ratio: list[float] | None
 
@@ -266,35 +270,42 @@ def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, fit: 
 def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     """A delay between the torque and the position channels of the whole recorder, the same in most runs."""
     rows = asked.rows
-    if not heard:
+    # Beyond the ends of a recording there is no torque.
+    inside = np.flatnonzero(asked.room > _LONGEST)
+    if not heard or rows.counts[inside].sum(axis=0).max(initial=0) < LEAST_ROWS:
         return
-    thin = np.arange(0, len(rows.q), max(1, len(rows.q) // _FIRST_LOOK))
-    coarse = np.arange(-_LONGEST, _LONGEST + 0.5 * _STEP, _STEP)
-    fine = np.linspace(-_STEP, _STEP, 21)
-    delay = _find_delay(asked, thin, _find_delay(asked, thin, coarse) + fine)
+    delay = _find_delay(asked, inside[:: max(1, len(inside) // _FIRST_LOOK)])
     if abs(delay) < _LAG:
         return
     single = []
-    for run in np.unique(rows.run).tolist()[:_MOST_RUNS]:
-        at = np.flatnonzero(rows.run == run)
+    for run in np.unique(rows.run[inside]).tolist()[:_MOST_RUNS]:
+        at = inside[rows.run[inside] == run]
         if rows.counts[at].sum(axis=0).max() >= LEAST_ROWS:
-            single.append(_find_delay(asked, at, _find_delay(asked, at, coarse) + fine))
-    if np.mean(np.abs(np.array(single) - delay) < 0.011) < 0.75:
+            single.append(_find_delay(asked, at))
+    if np.mean(np.abs(np.array(single) - delay) < _ALIKE_DELAY) < 0.75:
         return
     late = "late" if delay > 0 else "early"
     told = (
         f"the torque channels come {1000 * abs(delay):.0f} ms {late} against the positions; align the "
         "channels, or declare time_delay."
     )
-    fit = rows.with_torques(asked.torque_at(delay)).products.fit()
-    yield Reading(told, ("late tau",), heard, fit, True)
+    read = rows.pick(inside).with_torques(asked.torque_at(delay)[inside])
+    yield Reading(told, ("late tau",), heard, read.products.fit(), True)
 
 
-def _find_delay(asked: Asked, at: np.ndarray, delays: np.ndarray) -> float:
-    """Delay, of several, at which some rows leave least."""
+def _find_delay(asked: Asked, at: np.ndarray) -> float:
+    """Delay at which some rows leave least."""
     rows = asked.rows.pick(at)
-    torques = (asked.torque_at(delay)[at] for delay in delays.tolist())
-    return float(delays[np.argmin([rows.with_torques(tau).products.fit().total for tau in torques])])
+
+    def miss(delay: float) -> float:
+        return rows.with_torques(asked.torque_at(delay)[at]).products.fit().total
+
+    coarse = np.arange(-_LONGEST, _LONGEST + 0.5 * _STEP, _STEP).tolist()
+    best = min(coarse, key=miss)
+    fine = optimize.minimize_scalar(
+        miss, bounds=(best - _STEP, best + _STEP), method="bounded", options={"xatol": 5e-4}
+    )
+    return float(np.clip(fine.x, -_LONGEST, _LONGEST))
 
 
 def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
@@ -358,11 +369,7 @@ def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
                 continue
             order = np.arange(rows.n)
             order[[i, j]] = [j, i]
-            for columns, kinds in (
-                (("tau",), ("tau",)),
-                (_MOTION, ("q",)),
-                ((*_MOTION, "tau"), ("q", "tau")),
-            ):
+            for columns, kinds in _EXCHANGED:
                 moved = (*columns, "counts") if "tau" in columns else columns
                 read = replace(rows, **{name: getattr(rows, name)[:, order] for name in moved})
                 pairs = [f"'{k}_{asked.joints[i]}' with '{k}_{asked.joints[j]}'" for k in kinds]

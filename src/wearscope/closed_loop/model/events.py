@@ -1,0 +1,195 @@
+"""Short events in what a model leaves of the torques: pushes and collisions, and a threshold for them.
+
+What a model leaves is noise, with a tail of its own, and structure. An event stands out from that tail: taken
+for an exponential through the upper quartile and the upper tenth of the sizes, it gives the size that none of
+so many rows reaches by chance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from wearscope.closed_loop.intake.filtering import rows
+from wearscope.closed_loop.intake.prepared import PreparedRun
+
+Event = dict[str, Any]
+
+#: Shares of the rows by which the tail is known; events of a joint by chance, in all runs.
+_UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
+#: Robust standard deviations at an event's ends; longest event and longest gap within one [s]; share of the
+#: rows from which it is no event but structure.
+_END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
+#: Share of a joint's largest speed below which what is left may be a reversal's form.
+_SLOW = 0.05
+#: Passes of a robust fit.
+_PASSES = 5
+#: Speeds over which friction falls, over the largest one.
+_FALLS = (0.05, 0.3)
+#: Events within a time without any are fewer than this, with 95 % confidence (Hanley and Lippman-Hand 1983).
+_RULE_OF_THREE = 3.0
+
+
+def find_events(
+    runs: Sequence[PreparedRun],
+    left: Sequence[np.ndarray],
+    joints: Sequence[str],
+    moving: np.ndarray,
+    top_speed: np.ndarray,
+) -> list[Event]:
+    """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
+
+    Parameters
+    ----------
+    runs : sequence of PreparedRun
+    left : sequence of ndarray (M, n)
+        Torque of each run that the model does not have.
+    joints : sequence of str
+    moving : ndarray (n,) of bool
+    top_speed : ndarray (n,)
+
+    Returns
+    -------
+    list of dict
+        `run`, `joint`, `t` where it starts [s], `seconds` that it lasts, and `size`: its largest torque that
+        the model does not have, with its sign.
+    """
+    events: list[Event] = []
+    for j in np.flatnonzero(moving).tolist():
+        kept = [run.keep[:, j] for run in runs]
+        every = np.abs(np.concatenate([x[k, j] for x, k in zip(left, kept, strict=True)]))
+        scale = 1.4826 * float(np.median(every)) if len(every) else 0.0
+        if not scale > 0.0:
+            continue
+        sizes = [np.where(k, np.abs(x[:, j]), 0.0) / scale for x, k in zip(left, kept, strict=True)]
+        parts = [_find_stretches(run, size, j, top_speed[j]) for run, size in zip(runs, sizes, strict=True)]
+        calm, limit = every / scale, np.inf
+        for _ in range(_PASSES):
+            # Events stand in the tail that they are judged by, so that the next pass is without them.
+            limit = min(limit, _find_limit(calm))
+            found = [
+                [p for p in own if size[p].max() > limit] for size, own in zip(sizes, parts, strict=True)
+            ]
+            outside = [k.copy() for k in kept]
+            for k, own in zip(outside, found, strict=True):
+                for part in own:
+                    k[part] = False
+            calm = np.concatenate([size[k] for size, k in zip(sizes, outside, strict=True)])
+        if len(calm) < (1.0 - _MOST) * len(every):
+            continue
+        for run, x, own in zip(runs, left, found, strict=True):
+            for part in own:
+                t, torque = run.t[part], x[part, j] * run.keep[part, j]
+                peak = float(torque[np.argmax(np.abs(torque))])
+                where = {"run": run.file, "joint": joints[j], "t": float(t[0])}
+                events.append(where | {"seconds": float(t[-1] - t[0]), "size": peak})
+    return events
+
+
+def _find_limit(size: np.ndarray) -> float:
+    """Size that no row reaches by chance, by the tail of all."""
+    upper, top = np.quantile(size, [1.0 - _UPPER, 1.0 - _TOP])
+    mean = (top - upper) / np.log(_UPPER / _TOP)
+    return float(top + mean * np.log(max(_TOP * len(size), 1.0) / _CHANCE))
+
+
+def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) -> list[slice]:
+    """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event."""
+    speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
+    at = np.flatnonzero(size > _END)
+    parts = np.split(at, np.flatnonzero(np.diff(run.t[at]) > _GAP) + 1)
+    whole = [slice(int(part[0]), int(part[-1]) + 1) for part in parts if len(part)]
+    return [
+        part
+        for part in whole
+        if run.t[part.stop - 1] - run.t[part.start] <= _LONGEST and np.mean(speed[part] > _SLOW * top) > 0.5
+    ]
+
+
+def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint: str) -> np.ndarray:
+    """Whether the torque at times `t` is of an event, as far as the common filter carries it."""
+    reach = 0.5 / run.band.torque
+    marked = np.zeros(len(t), dtype=bool)
+    for e in events:
+        if e["joint"] == joint and e["run"] == run.file:
+            marked |= (t > e["t"] - reach) & (t < e["t"] + e["seconds"] + reach)
+    return marked
+
+
+def leave_out(
+    runs: Sequence[PreparedRun], events: Sequence[Event], joints: Sequence[str]
+) -> list[PreparedRun]:
+    """The runs, in which rows of events do not count."""
+    made = []
+    for run in runs:
+        marked = np.column_stack([mark_events(run, run.t, events, joint) for joint in joints])
+        made.append(replace(run, keep=run.keep & ~marked) if marked.any() else run)
+    return made
+
+
+def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """What is left (M, n) of each run without what goes with each joint's own state in all of them.
+
+    A change of a machine goes with its state (friction, a load, a gain), a push does not.
+    """
+    out = [x.copy() for x in left]
+    for j in range(left[0].shape[1] if left else 0):
+        columns = []
+        for run in runs:
+            s = run.signals
+            v, sign, load = s.v[:, j], s.sign[:, j], s.load[:, j]
+            top = max(float(np.abs(v).max()), 1e-300)
+            falls = [sign * np.exp(-np.abs(v) / (share * top)) for share in _FALLS]
+            x = np.column_stack([sign, v, *falls, s.a[:, j], load, sign * np.abs(load)])
+            columns.append(np.column_stack([np.ones(len(run.t)), run.reduce(x)]))
+        counts = np.concatenate([run.keep[:, j] for run in runs])
+        x, y = np.concatenate(columns), np.concatenate([one[:, j] for one in left])
+        x = x / np.maximum(np.abs(x).max(axis=0), 1e-300)
+        if counts.sum() <= 2 * x.shape[1]:
+            continue
+        weight = counts.astype(float)
+        theta = np.zeros(x.shape[1])
+        for _ in range(_PASSES):
+            theta = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=1e-8)[0]
+            miss = np.abs(y - x @ theta)
+            scale = max(1.4826 * float(np.median(miss[counts])), 1e-300)
+            # A push weighs no more than a row of noise does (Huber 1964).
+            weight = counts * np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-300)))
+        ends = np.cumsum([len(one) for one in left])[:-1]
+        for one, rest in zip(out, np.split(y - x @ theta, ends), strict=True):
+            one[:, j] = rest
+    return out
+
+
+def tell_events(events: Sequence[Event], units: dict[str, str]) -> list[str]:
+    """A sentence on each event."""
+    return [
+        f"{e['run']}: {e['joint']}: torque that the model does not have at t = {e['t']:.2f} s for "
+        f"{e['seconds']:.2f} s, up to {e['size']:.3g} {units[e['joint']]}; an event, its rows are left out."
+        for e in events
+    ]
+
+
+def suggest_thresholds(
+    runs: Sequence[PreparedRun], left: Sequence[np.ndarray], events: Sequence[Event], joints: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """By joint, the threshold of a collision detector on this model, and its rate of false alarms.
+
+    The threshold is the largest torque that the model misses on the test runs outside of events, at the
+    common bandwidth. No row exceeds it: its false alarms are fewer than three in the time that was tested.
+    """
+    found = {}
+    for j, joint in enumerate(joints):
+        most, seconds = 0.0, 0.0
+        for run, x in zip(runs, left, strict=True):
+            if run.use == "test":
+                counts = run.keep[:, j] & ~mark_events(run, run.t, events, joint)
+                most = max(most, float(np.max(np.abs(x[counts, j]), initial=0.0)))
+                seconds += float(counts.sum()) * run.band.stride / run.band.rate
+        if seconds > 0.0:
+            found[joint] = {
+                "threshold": most,
+                "false_alarms_per_hour_at_most": _RULE_OF_THREE * 3600.0 / seconds,
+            }
+    return found
