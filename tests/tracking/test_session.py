@@ -58,12 +58,12 @@ def test_pushes_are_events_and_no_change(write, reference):
     folder = write([*HEALTHY, {"temperature": 40.0, "push": (3.7, 8.0)}], len(HEALTHY), seed=3)
     assessment = assess_session(read_sessions(folder), "s4", reference)
     assert assessment.named == [] and assessment.cannot_tell == []
-    assert [(e["run"], e["joint"]) for e in assessment.events] == [
-        ("runs/d4r0.parquet", "a"),
-        ("runs/d4r1.parquet", "a"),
-    ]
-    for e in assessment.events:
-        assert e["t"] < 3.7 < e["t"] + e["seconds"] and e["size"] == pytest.approx(8.0, rel=0.2)
+    # A push during which the joint reverses is seen in two parts.
+    for run in ("runs/d4r0.parquet", "runs/d4r1.parquet"):
+        own = [e for e in assessment.events if e["run"] == run]
+        assert own and {e["joint"] for e in own} == {"a"}
+        assert all(3.2 < e["t"] and e["t"] + e["seconds"] < 4.2 for e in own)
+        assert max(e["size"] for e in own) == pytest.approx(8.0, rel=0.2)
 
 
 def test_a_change_of_the_machine_is_no_event(sessions, reference):

@@ -126,14 +126,18 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
     factors = np.full((len(prepared.runs), prepared.n), np.nan)
     for k in range(len(prepared.runs)):
         own = whole.pick(whole.run == k)
-        for j in own.products.heard:
+        # A light wrist's drive may have a thousand times its body's inertia, yet needs less than the arm's.
+        heard = own.products.heard
+        most = max((float(own.known[own.counts[:, j], j].std()) for j in heard), default=0.0)
+        for j in heard:
             at = own.counts[:, j]
             known, plain = own.known[at, j], [np.ones(at.sum()), own.sign[at, j], own.v[at, j]]
             if _leave(known, [*plain, own.a[at, j]]).std() > _OWN * known.std():
                 continue
             tau, body = _leave(own.tau[at, j], plain), _leave(known, plain)
             if (body @ tau) ** 2 > 0.5 * (body @ body) * (tau @ tau):
-                factors[k, j] = body @ tau / (body @ body)
+                factor = body @ tau / (body @ body)
+                factors[k, j] = factor if abs(factor) < 1.0 or tau.std() > most else np.nan
     with np.errstate(invalid="ignore"):
         off = (np.abs(factors) < SMALL) | (np.abs(factors) > _LARGEST)
     runs = np.flatnonzero(off.any(axis=1))
