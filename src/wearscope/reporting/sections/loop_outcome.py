@@ -209,7 +209,7 @@ class Events(LoopSection):
             for joint, one in (thresholds or {}).items()
         ]
         note = (
-            "A push or a collision that the corrected model does not predict."
+            "Pushes or collisions that the corrected model does not predict. Their rows count in no fit."
             if found
             else "No push and no collision was seen."
         )
