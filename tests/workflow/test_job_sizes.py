@@ -23,11 +23,11 @@ def clone(tmp_path_factory):
 
 
 def test_test_quantities_are_cut_as_simulations_are(clone):
-    """15, 15, 19, 7 and 20 points: identification, validation, filling, checking, direct Monte Carlo."""
+    """15, 15, 19, 7, 20 and 20 points: four sets, direct Monte Carlo, and that with a mismatch."""
     uncut, cut = (clones.count_jobs(clone, f"{name}.yaml", "direct") for name in ("uncut", "cut"))
     assert "compute_quantity_chunk" not in uncut
-    assert cut["compute_quantity_chunk"] == 2 + 2 + 3 + 1 + 3
-    assert cut["simulate_points"] == 2 + 2 + 2 + 1 + 2 + 1  # and the nominal run
+    assert cut["compute_quantity_chunk"] == 2 + 2 + 3 + 1 + 3 + 3
+    assert cut["simulate_points"] == 2 + 2 + 2 + 1 + 2 + 1 + 2 + 1  # and the nominal runs
     assert cut["compute_test_quantities"] == uncut["compute_test_quantities"] == 1
 
 

@@ -127,7 +127,7 @@ AFTER_SURROGATES = (
     AFTER_SNR
     | AFTER_SCOPE
     | {"fit_surrogates", "validate_surrogates", "compute_sensitivity"}
-    | {"choose_surrogates", "join_chosen", "compare_direct"}
+    | {"choose_surrogates", "join_chosen", "compare_direct", "compare_mismatch"}
 )
 AFTER_TEST_QUANTITIES = AFTER_SURROGATES | {"compute_test_quantities", "join_test_quantities"}
 
