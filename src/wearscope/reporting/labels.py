@@ -13,6 +13,13 @@ if TYPE_CHECKING:
 UNKNOWN = "unknown"
 CELL = ("robot", "cycle", "axis", "fda")
 MODEL_NAMES = {"main": "main effects", "simplified": "simplified", "full": "full quadratic"}
+#: Columns of tables as people read them.
+COLUMNS = {
+    "fda": "detector", "cycle": "test-cycle", "n": "cells", "n_nan": "cells n/a", "median": "median SNR",
+    "median_low": "95 % from", "median_high": "to", "tied_with": "not told apart from",
+    "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
+    "first_reason": "first reason",
+}  # fmt: skip
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
 

@@ -14,6 +14,7 @@ from wearscope.reporting.charts.base import Choice
 from wearscope.reporting.charts.study import FILTER_LABELS, words
 from wearscope.reporting.conclusion import qualify
 from wearscope.reporting.labels import (
+    COLUMNS,
     count_text,
     factor_name,
     finite,
@@ -26,13 +27,6 @@ from wearscope.reporting.sections.background import Provenance
 from wearscope.reporting.sections.base import say
 from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study import Study
-
-#: Columns of a table of groups, as people read them.
-_COLUMNS = {
-    "fda": "detector", "cycle": "test-cycle", "n": "cells", "n_nan": "cells n/a", "median": "median SNR",
-    "median_low": "95 % from", "median_high": "to", "tied_with": "not told apart from",
-    "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
-}  # fmt: skip
 
 
 def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) -> str:
@@ -146,7 +140,7 @@ def _tabulate(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) ->
 
 
 def _rank(study: Study) -> Markup:
-    shown = study.ranking.rename(columns=_COLUMNS)
+    shown = study.ranking.rename(columns=COLUMNS)
     note = "Over the cells of all robots."
     return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
 
@@ -165,7 +159,7 @@ def _weigh(study: Study) -> Markup:
         median=table["median_absolute"],
     )
     names = {"share": "outweighs wear in [%]", "low": "95 % from", "high": "to"}
-    shown = shown.rename(columns=_COLUMNS | names | {"median": "median size over that of wear"})
+    shown = shown.rename(columns=COLUMNS | names | {"median": "median size over that of wear"})
     note = "Coefficients of the surrogates over that of wear, in the cells of all robots."
     return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
 

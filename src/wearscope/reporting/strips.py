@@ -42,9 +42,6 @@ def _study_caveat(study: Study, one: Conclusion) -> str:
         return doubts[0]
     if contradicted := trust.contradicted(study, one.detector):
         return contradicted
-    if one.tied_with:
-        others = join_words([study.detector_name(name) for name in one.tied_with], "or")
-        return f"Its signal-to-noise ratio is not told apart from that of {others}."
     if assumed:
         moved = trust.tell_moved(study, one.detector)
         if len(assumed) == len(study.sources):

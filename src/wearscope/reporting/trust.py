@@ -126,8 +126,9 @@ def tell_mismatch(study: Study) -> str:
     for path, value in study.config["direct"]["mismatch"].items():
         parts = path.removesuffix(" %").split(".")
         name = FRICTION.get(parts[-1], words(f"{parts[-1]} of {parts[1]}"))
-        told.append(f"{name} {f'changed by {value:+g} %' if path.endswith(' %') else f'of {value:g}'}")
-    return join_words(told).replace("-", "\N{MINUS SIGN}")
+        size = f"changed by {value:+g} %" if path.endswith(" %") else f"of {value:g}"
+        told.append(f"{name} {size.replace('-', chr(0x2212))}")
+    return join_words(told)
 
 
 def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:

@@ -2,10 +2,15 @@
 
 import base64
 import gzip
+import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -164,7 +169,20 @@ def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]
 
 @cache
 def chart_library() -> str:
-    """JavaScript of Vega, Vega-Lite and Vega-Embed in one piece, as the locked package brings it."""
+    """JavaScript of Vega, Vega-Lite and Vega-Embed in one piece, as the locked package brings it.
+
+    Putting it together takes seconds, so that it is kept next to the compiled modules.
+    """
     import vl_convert
 
-    return str(vl_convert.javascript_bundle())  # type: ignore[call-arg]
+    kept = Path(__file__).parent / "__pycache__" / f"vega-{version('vl-convert-python')}.js"
+    with suppress(OSError, UnicodeDecodeError):
+        text, _, digest = kept.read_text(encoding="utf-8").rpartition("\n//")
+        if hashlib.sha256(text.encode()).hexdigest() == digest:
+            return text
+    text = str(vl_convert.javascript_bundle())  # type: ignore[call-arg]
+    with suppress(OSError):
+        own = kept.with_suffix(f".{os.getpid()}")
+        own.write_text(f"{text}\n//{hashlib.sha256(text.encode()).hexdigest()}", encoding="utf-8")
+        own.replace(kept)
+    return text

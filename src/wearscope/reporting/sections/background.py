@@ -9,7 +9,7 @@ from wearscope.reporting import trust
 from wearscope.reporting.assumptions import list_assumptions
 from wearscope.reporting.charts.robots import chart_friction, chart_motion
 from wearscope.reporting.charts.trust import chart_audit, chart_fits
-from wearscope.reporting.labels import join_words
+from wearscope.reporting.labels import COLUMNS, join_words
 from wearscope.reporting.page import badge, render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
 from wearscope.reporting.study_tables import render_chosen, render_speed
@@ -17,10 +17,6 @@ from wearscope.reporting.study_tables import render_chosen, render_speed
 VERDICT_KINDS = {
     "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
 }  # fmt: skip
-
-
-#: Columns of tables as people read them.
-COLUMNS = {"cycle": "test-cycle", "fda": "detector", "first_reason": "first reason"}
 
 
 def name_columns(table: pd.DataFrame) -> pd.DataFrame:

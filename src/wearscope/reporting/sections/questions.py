@@ -10,7 +10,7 @@ from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
 from wearscope.reporting.charts.factors import chart_response, chart_weights
 from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
 from wearscope.reporting.conclusion import thresholds_of
-from wearscope.reporting.labels import MODEL_NAMES, count_text, unit_text, words
+from wearscope.reporting.labels import COLUMNS, MODEL_NAMES, count_text, unit_text, words
 from wearscope.reporting.page import render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
 
@@ -46,13 +46,7 @@ class Detectors(StudySection):
         """Sentences, setting, ranking, charts."""
         study = self.study
         setting = study.config["snr"]
-        shown = study.ranking.rename(
-            columns={
-                "fda": "detector", "n": "cells", "n_nan": "cells n/a", "tied_with": "not told apart from",
-                "median": "median SNR", "median_low": "95 % from", "median_high": "to",
-                "rank_low": "rank from", "rank_high": "rank to", "interval_from": "interval from",
-            }
-        )  # fmt: skip
+        shown = study.ranking.rename(columns=COLUMNS)
         fault = study.factor("f")
         ends = (setting["f0"], setting["f0"] + setting["delta"])
         low, high = (float(fault.to_natural(one)) for one in ends)
