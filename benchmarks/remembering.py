@@ -19,7 +19,8 @@ from typing import Any
 from unittest.mock import patch
 
 from wearscope.closed_loop.selection import drifting, evidence, fifths, generic, revision, search, standard
-from wearscope.closed_loop.selection.assembly import Added, Assembly, Chosen, Sums
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms, try_generic
 from wearscope.closed_loop.selection.offers import list_candidates
@@ -29,6 +30,7 @@ from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.standard import _scale_of
+from wearscope.closed_loop.selection.sums import Added, Sums
 from wearscope.closed_loop.selection.whitening import drift_p_value
 
 #: Assemblies whose arrays are kept; bytes of the process from which all is forgotten.

@@ -11,7 +11,8 @@ from wearscope.closed_loop.model.blocks import Block, hold_out_fifths, make_fold
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import assembly as assembly_module
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import on_same_folds, shows_alone, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search

@@ -10,7 +10,8 @@ from scipy import stats
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.answer import find_named
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.naming import _is_same, _may_name, find_confidence_set, name_terms

@@ -8,7 +8,7 @@ import pytest
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection import generic, revision, stepwise
 from wearscope.closed_loop.selection.answer import find_named
-from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy

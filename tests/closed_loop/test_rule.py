@@ -7,7 +7,7 @@ import pytest
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, sum_by_part
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_critical

@@ -7,7 +7,7 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection.answer import find_named
-from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.drifting import count_kinds
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
 from wearscope.closed_loop.selection.naming import opposes_gravity
@@ -209,6 +209,6 @@ def test_what_every_drive_has_is_asked_among_its_own(record, pose):
     """Of all names, one in so many passes by chance; of rotor inertia, Coulomb and viscous, one in three."""
     search = Search(pose(record(declared=["rigid_body"])), POLICY)
     for name in ("rotor_inertia", "coulomb", "viscous"):
-        assert count_kinds(search, load_effect(name), 0) == 3, name
+        assert count_kinds(search.problem, load_effect(name), 0) == 3, name
     for name in ("torque_offset", "stribeck"):
-        assert count_kinds(search, load_effect(name), 0) == len(search.problem.effects) > 20, name
+        assert count_kinds(search.problem, load_effect(name), 0) == len(search.problem.effects) > 20, name

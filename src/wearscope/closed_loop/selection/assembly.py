@@ -3,92 +3,19 @@
 Nothing here changes once it is made: evaluating a candidate twice, or in another order, gives the same bits.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
 from functools import cached_property
 
 import numpy as np
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.layout import Layout
+from wearscope.closed_loop.selection.sums import Added, Sums, total
 
 #: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
 _TINY = 1e-10
-
-
-@dataclass(frozen=True, eq=False)
-class Chosen:
-    """One shape of a candidate, with a subset of its coefficients, in a model.
-
-    Attributes
-    ----------
-    candidate : Candidate
-        With one shape.
-    subset : tuple of int
-    """
-
-    candidate: Candidate
-    subset: tuple[int, ...]
-
-    @property
-    def rows(self) -> list[np.ndarray]:
-        """Columns (M, m) by joint of the candidate's."""
-        whole = self.subset == tuple(range(self.candidate.count))
-        return [x if whole else x[:, list(self.subset)] for x in self.candidate.rows]
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Sums of products of one candidate's columns (S shapes of m columns) by unit of the folds.
-
-    Attributes
-    ----------
-    columns : ndarray (Q,)
-        Parameters of the model that act at the candidate's joints.
-    cross : ndarray (U, S, m, Q)
-    gram : ndarray (U, S, m, m)
-    score : ndarray (U, S, m)
-    penalty : ndarray (m, m)
-    rows : dict of int to ndarray (M, S, m)
-        Its columns by joint, zero where a row does not count.
-    """
-
-    columns: np.ndarray
-    cross: np.ndarray
-    gram: np.ndarray
-    score: np.ndarray
-    penalty: np.ndarray
-    rows: dict[int, np.ndarray]
-
-    def select(self, subset: tuple[int, ...]) -> "Sums":
-        """The same with a subset of the columns."""
-        k = list(subset)
-        if k == list(range(len(self.penalty))):
-            return self
-        return Sums(
-            self.columns,
-            self.cross[:, :, k],
-            self.gram[:, :, k][..., k],
-            self.score[:, :, k],
-            self.penalty[np.ix_(k, k)],
-            {j: x[..., k] for j, x in self.rows.items()},
-        )
-
-    def at(self, shape: int) -> "Sums":
-        """The same with one of the shapes."""
-        k = slice(shape, shape + 1)
-        rows = {j: x[:, k] for j, x in self.rows.items()}
-        return Sums(self.columns, self.cross[:, k], self.gram[:, k], self.score[:, k], self.penalty, rows)
-
-
-@dataclass(frozen=True)
-class Added:
-    """What each shape of a candidate adds to the model on some units: (S, m), (S,), (S, m, m)."""
-
-    beta: np.ndarray
-    gain: np.ndarray
-    inner: np.ndarray
 
 
 class Assembly:
@@ -370,20 +297,3 @@ class Assembly:
         """Power (B,) of one shape's torque, in residual variances."""
         each = (self.weight[j] * (x[:, 0] @ beta) ** 2 for j, x in sums.rows.items())
         return self.layout.sum_blocks(sum(each))
-
-
-def total(units: np.ndarray, by_unit: np.ndarray) -> np.ndarray:
-    """Sums (..., *) over units (..., U) of what there is by unit (U, *)."""
-    flat = units @ by_unit.reshape(len(by_unit), -1)
-    return flat.reshape(*units.shape[:-1], *by_unit.shape[1:])
-
-
-def find_reach(terms: Sequence[Chosen], candidate: Candidate) -> set[int]:
-    """Joints that a model couples to those where a candidate is felt, these included."""
-    reach = set(candidate.joints)
-    grown = True
-    while grown:
-        more = {j for t in terms if reach & set(t.candidate.joints) for j in t.candidate.joints}
-        grown = not more <= reach
-        reach |= more
-    return reach

@@ -9,7 +9,9 @@ import numpy as np
 from wearscope.closed_loop.model.blocks import Folds
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen, Sums, find_reach
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen, find_reach
+from wearscope.closed_loop.selection.displaced import overturns_friction, relieve_prior
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import (
     adjust,
@@ -18,6 +20,7 @@ from wearscope.closed_loop.selection.significance import (
     make_flips,
     score_chance,
 )
+from wearscope.closed_loop.selection.sums import Sums
 
 
 class Refusal(Enum):
@@ -260,74 +263,6 @@ def sum_by_part(values: np.ndarray, parts: np.ndarray, policy: Policy) -> tuple[
     free = np.maximum(count - 1.0, 1.0)
     spread = np.maximum(np.bincount(which, own**2, size) - total**2 / np.maximum(count, 1), 0.0) / free
     return total, find_critical(policy.told_apart, count) * np.sqrt(count * spread)
-
-
-def overturns_friction(
-    assembly: Assembly, chosen: Chosen, sums: Sums, beta: np.ndarray, inner: np.ndarray, fitted: float,
-    policy: Policy,
-) -> bool:  # fmt: skip
-    """Whether plain friction that a model has at a term's joints would be negative beside the term.
-
-    Outside its standard errors, and by `large_share` of what it is without: a term that takes the place of
-    friction that a joint must have, in a form that fits another one. What is negative already is not its
-    doing.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        The model.
-    chosen : Chosen
-        The term.
-    sums : Sums
-        Of its columns, one shape.
-    beta : ndarray (m,)
-    inner : ndarray (m, m)
-        Information on it beside the model.
-    fitted : float
-        Share of the loss that it removes.
-    policy : Policy
-    """
-    inverse, theta = assembly.whole
-    onto = project_columns(assembly, sums)
-    for term, span in zip(assembly.chosen, assembly.spans, strict=True):
-        other = term.candidate
-        if not other.effect.is_plain_friction or other.joint not in chosen.candidate.joints:
-            continue
-        k = span.start
-        beside = theta[k] - onto[k] @ beta
-        variance = inverse[k, k] + onto[k] @ np.linalg.solve(inner, onto[k])
-        error = np.sqrt(max(variance * (1.0 - fitted), 0.0))
-        if theta[k] > 0.0 and beside < -max(policy.unexpected * error, policy.large_share * theta[k]):
-            return True
-    return False
-
-
-def project_columns(assembly: Assembly, sums: Sums) -> np.ndarray:
-    """By how much a model's parameters fall for each unit of a term's coefficients, (P, m)."""
-    inverse, _ = assembly.whole
-    return inverse[:, sums.columns] @ sums.cross[:, 0].sum(axis=0).T
-
-
-def relieve_prior(assembly: Assembly, sums: Sums, beta: np.ndarray) -> float:
-    """What a model's parameters come nearer to where they are expected, beside a term.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        The model.
-    sums : Sums
-        Of the term's columns, one shape.
-    beta : ndarray (m,)
-        Its coefficients.
-
-    Returns
-    -------
-    float
-        Difference of the squared distances, in standard deviations a priori.
-    """
-    _, theta = assembly.whole
-    beside = theta - project_columns(assembly, sums) @ beta
-    return float(theta @ assembly.prior @ theta - beside @ assembly.prior @ beside)
 
 
 def shows_alone(candidate: Candidate, information: np.ndarray, folds: Folds, policy: Policy) -> bool:

@@ -7,7 +7,8 @@ import numpy as np
 
 from wearscope.closed_loop.model.candidates import make_candidate
 from wearscope.closed_loop.model.regression import regularise
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, adjust_p_values, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from wearscope.closed_loop.selection.assembly import Chosen
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.effects.base import Effect
 

@@ -13,7 +13,7 @@ from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import penalise, regularise
 from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly, Sums
+from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.motion_dependence import Dependence
@@ -21,6 +21,7 @@ from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, restore_standard
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.sums import Sums
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, coarsen
 from wearscope.effects.vocabulary import empirical_effect

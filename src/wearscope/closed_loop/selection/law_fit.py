@@ -10,7 +10,8 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.rough_model import fit_bounded
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.reversal import (
     DIFFERENCE,
     LEAST,

@@ -4,33 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
-from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.selection.chosen import Chosen
 
 #: Models whose products at a joint are kept.
 _MOST_KEPT = 4
-
-
-class Term(Protocol):
-    """A term of a model: `assembly.Chosen`."""
-
-    @property
-    def candidate(self) -> Candidate:
-        """Of one shape."""
-
-    @property
-    def subset(self) -> tuple[int, ...]:
-        """Of its coefficients."""
-
-    @property
-    def rows(self) -> list[np.ndarray]:
-        """Columns by joint of the candidate's."""
 
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
@@ -173,7 +156,7 @@ class Layout:
         """Products that were made last, by joint."""
         return {}
 
-    def multiply(self, joint: int, target: np.ndarray, terms: Sequence[Term]) -> Products:
+    def multiply(self, joint: int, target: np.ndarray, terms: Sequence[Chosen]) -> Products:
         """Products of a model's columns at a joint; those of the same terms are made once.
 
         Parameters

@@ -16,7 +16,8 @@ from wearscope.closed_loop.model.declared import declared_terms
 from wearscope.closed_loop.model.inertials import inertial_penalty
 from wearscope.closed_loop.model.joint_flexibility import PASSES, take_out_swing
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import Effect, MeasurementEffect, load_effect

@@ -17,7 +17,8 @@ from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
 
 #: Step of the logarithm of a width for its derivative; steps taken; largest one; smallest one worth taking.
@@ -269,3 +270,8 @@ def _solve(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
     scale = np.sqrt(np.maximum((x**2).sum(axis=0), 1e-300))
     theta = np.linalg.lstsq(x / scale, y, rcond=1e-10)[0] / scale
     return theta, float(((y - x @ theta) ** 2).sum())
+
+
+def is_exact(effect: Effect) -> bool:
+    """Whether an effect is of the standard model, or of a body of the whole robot."""
+    return effect.standard or effect is REVERSAL or effect.per_robot

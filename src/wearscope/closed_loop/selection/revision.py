@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.search import HOPELESS, NEAR, Search

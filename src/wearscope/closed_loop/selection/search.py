@@ -8,7 +8,9 @@ import numpy as np
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.candidate_rows import tell_candidates
+from wearscope.closed_loop.selection.chosen import Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.selection.drifting import does_drift_explain
 from wearscope.closed_loop.selection.evidence import (
@@ -23,10 +25,9 @@ from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.reversal import REVERSAL, refine_reversals
+from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
-from wearscope.effects.base import Effect
 
 #: Share of the best term's gain from which another one's shape is refined before they are compared; share of
 #: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
@@ -54,32 +55,32 @@ class Search:
 
     def start_over(self, problem: Problem) -> None:
         """Forget all that was asked, and go on with a problem from the start."""
-        policy = self.policy
         self.problem = problem
-        self.flips = make_flips(policy.flips, len(problem.layout.blocks), policy.seed)
+        self.flips = make_flips(self.policy.flips, len(problem.layout.blocks), self.policy.seed)
         self.sigma = self.scale(())
         self.rows: list[dict] = []
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
         self.left_out: frozenset[str] = frozenset()
         self._step = 0
-        self._weighed: dict[tuple, Evidence] = {}
         self.standard_losses = np.zeros((2, problem.prepared.n))
+        self._forget_evidence()
+
+    def _forget_evidence(self) -> None:
+        self._weighed: dict[tuple, Evidence] = {}
         self._apart: dict[tuple, bool] = {}
         self._beside_bodies: dict[tuple, np.ndarray] = {}
-        self.forms = Forms(problem, policy)
+        self.forms = Forms(self.problem, self.policy)
 
     def forget(self) -> None:
         """Let go of evidence and columns that are kept to save time."""
-        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
         self.problem.forget()
-        self.forms = Forms(self.problem, self.policy)
+        self._forget_evidence()
 
     def scale(self, found: Sequence[Found]) -> np.ndarray:
         """Residual scale (n,) of the model with the terms found."""
-        problem = self.problem
-        sigma = np.maximum(np.sqrt(np.mean(problem.target**2, axis=0)), 1e-9)
-        return Assembly(problem.layout, problem.target, self._chosen(found), sigma).settle_scale()
+        sigma = np.maximum(np.sqrt(np.mean(self.problem.target**2, axis=0)), 1e-9)
+        return Assembly(self.problem.layout, self.problem.target, self._chosen(found), sigma).settle_scale()
 
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))
@@ -233,16 +234,15 @@ class Search:
     def reverse_over(self, reversals: Reversals, found: list[Found]) -> list[Found]:
         """Make all anew along frictions that reverse in another way, and the terms found."""
         self.problem = self.problem.reverse_over(reversals)
-        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
-        self.forms = Forms(self.problem, self.policy)
+        self._forget_evidence()
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def adopt(self, other: "Search") -> None:
         """Go on with another search's problem, and with what it has asked."""
-        self.problem, self.forms = other.problem, other.forms
+        self.problem = other.problem
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
         self.left_out = other.left_out
-        self._weighed, self._apart, self._beside_bodies = {}, {}, {}
+        self._forget_evidence()
 
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
@@ -266,12 +266,8 @@ class Search:
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
         """Reduction of the loss below which a candidate cannot be material beside a model."""
         losses, policy = assembly.sample_losses, self.policy
-
-        def least(candidate: Candidate) -> float:
-            share = policy.material_whole if candidate.effect.standard else policy.material_share
-            return HOPELESS * share * float(losses[list(candidate.joints)].min())
-
-        return least
+        standard, named = HOPELESS * policy.material_whole, HOPELESS * policy.material_share
+        return lambda c: (standard if c.effect.standard else named) * float(losses[list(c.joints)].min())
 
     def choose(self, assembly: Assembly, able: list[Evidence], tried: int = 1) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice.
@@ -348,29 +344,5 @@ class Search:
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
-        joints = self.problem.prepared.dataset.joints
-        names = {(e.term.effect.name, e.term.joint) for e in taken}
-        for e in weighed:
-            term = e.term
-            is_taken = (term.effect.name, term.joint) in names and e.refusal is Refusal.NONE
-            self.rows.append(
-                {
-                    "step": self._step,
-                    "joint": joints[term.joint],
-                    "effect": term.effect.name,
-                    "coefficients": " ".join(term.effect.coefficients[k].name for k in term.subset),
-                    "shape": " ".join(f"{v:.6g}" for v in term.shape),
-                    "cv_gain": e.share,
-                    "p_value": e.p_value,
-                    "agreement": e.agreement,
-                    "isolability": e.sine,
-                    "taken": is_taken,
-                    "reason": "taken" if is_taken else (e.refusal.value or "another candidate gained more"),
-                }
-            )
+        self.rows += tell_candidates(self._step, self.problem.prepared.dataset.joints, weighed, taken)
         self._step += 1
-
-
-def is_exact(effect: Effect) -> bool:
-    """Whether an effect is of the standard model, or of a body of the whole robot."""
-    return effect.standard or effect is REVERSAL or effect.per_robot

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen, find_reach
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.problem import Problem

@@ -11,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import linalg, signal, stats
 
-from wearscope.closed_loop.selection.assembly import Assembly, Chosen
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.significance import find_memory, flip_scores, score_chance
 
 #: Length of the filter, of the shortest run, and at most so many rows.
