@@ -18,8 +18,8 @@ from wearscope.files import DamagedFile, clear_stale
 from wearscope.home import find_home
 from wearscope.processes import end_process
 from wearscope.simulation.failures import read_markers
+from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_fingerprint
-from wearscope.simulation.traces import point_path
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:

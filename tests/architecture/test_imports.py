@@ -4,7 +4,9 @@ import ast
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "wearscope"
@@ -37,15 +39,15 @@ def room_of(parts):
     return ""
 
 
-def imports_of(text):
-    """Dotted names that a module imports, within functions too; not those for type checking only."""
+def imports_of(text, types=False):
+    """Dotted names that a module imports, within functions too; those for type checking if `types`."""
     tree = ast.parse(text)
     guards = [
         node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
     ]
     types_only = {inner for guard in guards for part in guard.body for inner in ast.walk(part)}
     for node in ast.walk(tree):
-        if node in types_only:
+        if node in types_only and not types:
             continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -66,6 +68,52 @@ def breaches(room, text):
         if other and other not in allowed and above not in allowed and not own_floor:
             found.add(other)
     return found
+
+
+#: Modules that still import each other in a circle; nothing is added here.
+CIRCLES = {
+    f"wearscope.closed_loop.selection.{name}"
+    for name in (
+        "drifting", "fifths", "hum", "laws", "motion_dependence", "pairs", "problem", "revision", "search",
+        "single_joints", "standard",
+    )
+}  # fmt: skip
+
+
+def circles(imports):
+    """Modules that reach themselves by imports, of a mapping from module to what it imports."""
+    names = list(imports)
+    place = {name: k for k, name in enumerate(names)}
+    graph = np.zeros((len(names), len(names)))
+    for name, found in imports.items():
+        for one in found:
+            # A name within a module, or the module itself.
+            target = next((x for x in (one, one.rpartition(".")[0]) if x in place), name)
+            graph[place[name], place[target]] = target != name
+    _, label = connected_components(graph, connection="strong")
+    return {name for name, size in zip(names, np.bincount(label)[label], strict=True) if size > 1}
+
+
+def read_imports():
+    """Dotted names that every module of the source imports, for type checking too."""
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        parts = path.relative_to(SOURCE.parent).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = set(imports_of(path.read_text(), types=True))
+    return found
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    imports = read_imports()
+    assert circles(imports) <= CIRCLES
+    assert set(imports) >= CIRCLES
+
+
+def test_a_circle_would_be_found():
+    assert circles({"a": {"b.f"}, "b": {"c"}, "c": {"a"}, "d": {"a", "os"}}) == {"a", "b", "c"}
+    text = "if TYPE_CHECKING:\n    from wearscope.files import write_whole"
+    assert list(imports_of(text, types=True)) == ["wearscope.files.write_whole"]
 
 
 @pytest.mark.parametrize("room", sorted(RULES))

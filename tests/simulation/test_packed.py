@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from wearscope.files import DamagedFile
-from wearscope.simulation.packed import PackedRecordings, pack_recordings, remove_recordings
+from wearscope.simulation.packed import PackedRecordings, pack_recordings, point_path, remove_recordings
 from wearscope.simulation.recording import Recording, read_recording, write_recording
-from wearscope.simulation.traces import point_path
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import yaml
 
 import wearscope
 from wearscope import tables
+from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_recording
-from wearscope.simulation.traces import point_path
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "workflow" / "tiny"

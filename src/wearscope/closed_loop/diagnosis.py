@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,123 +12,39 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
-from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
-from wearscope.closed_loop.diagnostics.worth import Worth, measure_worth, withhold_judgement
+from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
+from wearscope.closed_loop.diagnostics.structure import judge_joints
+from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
-from wearscope.closed_loop.model.correction import make_corrected_model, write_models
+from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
-from wearscope.closed_loop.model.estimation import Estimate, estimate
-from wearscope.closed_loop.model.events import Event, find_events, leave_out
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.model.events import find_events, leave_out
 from wearscope.closed_loop.model.possible import keep_possible
-from wearscope.closed_loop.model.prediction import Predicted, predict_runs, refit, residual_table
+from wearscope.closed_loop.model.prediction import predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
-from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
-from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.status import Marked, mark_terms
+from wearscope.closed_loop.selection.status import mark_terms
 from wearscope.closed_loop.verdict import make_verdict
 from wearscope.effects.base import Effect, load_effect
 from wearscope.errors import InputError
-from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import parse_urdf
 
 RESIDUAL_UNITS = {"t": "s"}
 
 
 @dataclass(frozen=True)
-class Attribution:
-    """A named term with what is known of it.
-
-    Attributes
-    ----------
-    term : ModelTerm
-    evidence : Evidence
-        On training runs held out in turn, beside all other terms.
-    equivalent : list of str
-        Other names in its confidence set.
-    marked : Marked
-        What the test runs say.
-    kept : bool
-        Whether the corrected model has it.
-    """
-
-    term: ModelTerm
-    evidence: Evidence
-    equivalent: list[str]
-    marked: Marked
-    kept: bool
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """Outcome of closing the loop on a data set.
-
-    Attributes
-    ----------
-    prepared : Prepared
-    policy : Policy
-        Numbers of the rule.
-    attributions : list of Attribution
-    before, proposed, after : Regression
-        The declared model refitted; the same with all named terms, which come last; the same with those that
-        make no joint's error on the test runs larger (`withdraw_worse`).
-    states : list of JointState
-        What is left at each joint.
-    worth : list of Worth
-        What became of each joint's error.
-    candidates : DataFrame
-        Every candidate of every step.
-    full : list of str
-        Joints that reached the most terms asked for.
-    notes : list of str
-        On a hum that was left out.
-    problem : Problem
-    events : list of dict
-        Short events, as ``verdict.json`` has them, whose rows are left out.
-    """
-
-    prepared: Prepared
-    policy: Policy
-    attributions: list[Attribution]
-    before: Regression
-    proposed: Regression
-    after: Regression
-    states: list[JointState]
-    worth: list[Worth]
-    candidates: pd.DataFrame
-    full: list[str]
-    notes: list[str]
-    problem: Problem = field(repr=False)
-    events: list[Event] = field(default_factory=list)
-
-    @cached_property
-    def predicted(self) -> list[Predicted]:
-        """Torque of both models along every run."""
-        return predict_runs(self.prepared, self.before, self.after)
-
-    @cached_property
-    def estimates(self) -> dict[str, list[Estimate]]:
-        """Parameters with intervals of the models ``before``, ``proposed`` and ``after``."""
-        return {stage: estimate(getattr(self, stage)) for stage in ("before", "proposed", "after")}
-
-    @cached_property
-    def models(self) -> dict[str, RobotModel]:
-        """Models ``before`` and ``after`` as the simulator loads them."""
-        regressions = {"before": self.before, "after": self.after}
-        return {
-            stage: make_corrected_model(self.prepared, model, self.estimates[stage], stage)
-            for stage, model in regressions.items()
-        }
+class Diagnosis(Outcome):
+    """Outcome of closing the loop on a data set, as it is told and written."""
 
     @cached_property
     def verdict(self) -> dict[str, Any]:
@@ -289,7 +205,8 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
         Attribution(term, f.evidence, names, mark, kept)
         for term, f, names, mark, kept in zip(terms, found, equivalent, marked, stays, strict=True)
     ]
-    here, gone = [a for a in named if a.kept], [a for a in named if not a.kept]
+    here = [a.term for a in named if a.kept]
+    gone = [(a.term, a.evidence.share) for a in named if not a.kept]
     states = judge_joints(
         prepared, after, here, answer.left, answer.dependence, search.policy, before if here else None, gone
     )

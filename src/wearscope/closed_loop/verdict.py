@@ -1,10 +1,11 @@
 """The machine-readable outcome, and the tables beside it."""
 
 import importlib.metadata
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.prepared import Prepared
@@ -21,9 +22,6 @@ from wearscope.closed_loop.model.prediction import (
 from wearscope.closed_loop.speed_torque import list_speed_torques
 from wearscope.provenance import read_commit
 
-if TYPE_CHECKING:
-    from wearscope.closed_loop.diagnosis import Diagnosis
-
 _SEED = 7
 
 
@@ -31,7 +29,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
+def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
     """The content of ``verdict.json``: refuted terms first, then in the order of what they remove."""
     prepared = diagnosis.prepared
     joints = prepared.dataset.joints
@@ -88,7 +86,7 @@ def make_verdict(diagnosis: "Diagnosis") -> dict[str, Any]:
     }
 
 
-def list_unbelievable_links(diagnosis: "Diagnosis") -> list[str]:
+def list_unbelievable_links(diagnosis: Outcome) -> list[str]:
     """What the refit made of the links, where nobody would believe it; nothing where they are trusted."""
     after = diagnosis.after
     if not after.inertial:

@@ -13,10 +13,10 @@ from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.numbers import set_numbers
 from wearscope.simulation.errors import SelfTestError, SimulationError
+from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import KEPT, Numbers, make_conditions, simulate_points
-from wearscope.simulation.traces import point_path
 from wearscope.supervision import ProcessLost, run_supervised
 
 #: Delay before each next move where no factor is about it [s], the middle of the paper's range.

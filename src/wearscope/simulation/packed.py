@@ -1,4 +1,4 @@
-"""The recordings of a chunk as one file, which a storage carries, and which spares a disk a file a point."""
+"""Where recordings lie: a folder a set, a partition a point; a chunk as one file, which a storage carries."""
 
 import re
 import shutil
@@ -7,10 +7,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from wearscope.files import DamagedFile, write_whole
-from wearscope.simulation.traces import point_path
 
 #: A recording as its member is called.
 MEMBER = re.compile(r"point=(\d+)/recording\.parquet")
+
+
+def point_path(folder: str | Path, set_name: str, point: int) -> Path:
+    """File of a design point's recording: one partition a point."""
+    return Path(folder) / set_name / f"point={point}" / "recording.parquet"
 
 
 def pack_recordings(file: str | Path, points: Iterable[int]) -> None:
@@ -21,7 +25,7 @@ def pack_recordings(file: str | Path, points: Iterable[int]) -> None:
     Parameters
     ----------
     file : path-like
-        In the folder of the set, see `wearscope.simulation.traces.point_path`.
+        In the folder of the set, see `point_path`.
     points : iterable of int
         Those that have a recording.
 

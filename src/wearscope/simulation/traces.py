@@ -1,19 +1,11 @@
-"""Where the recordings of a robot and test-cycle lie: a folder a set, a partition a design point."""
+"""Recordings of a robot and test-cycle, read point by point."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from wearscope.robots.model import RobotModel
+from wearscope.simulation.packed import PackedRecordings, point_path
 from wearscope.simulation.recording import Recording, read_recording
-
-if TYPE_CHECKING:
-    from wearscope.simulation.packed import PackedRecordings
-
-
-def point_path(folder: str | Path, set_name: str, point: int) -> Path:
-    """File of a design point's recording: one partition a point."""
-    return Path(folder) / set_name / f"point={point}" / "recording.parquet"
 
 
 def read_points(
@@ -22,7 +14,7 @@ def read_points(
     points: Sequence[int],
     model: RobotModel,
     fingerprints: Mapping[tuple[str, int], str] | None = None,
-    packed: "PackedRecordings | None" = None,
+    packed: PackedRecordings | None = None,
 ) -> Iterator[tuple[int, Recording]]:
     """Recordings of some points of a set, one at a time.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,14 +20,12 @@ from wearscope.closed_loop.diagnostics.dependence import (
 )
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
+from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import residual_table
 from wearscope.closed_loop.selection.significance import make_flips
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.diagnosis import Diagnosis
 
 _FLIPS, _SEED = 499, 17
 
@@ -69,7 +67,7 @@ def _write(out: Path, name: str, table: pd.DataFrame, prepared: Prepared, units:
 
 
 def examine(
-    out: Path, diagnosis: "Diagnosis", progress: Callable[[str], None] = lambda _: None
+    out: Path, diagnosis: Outcome, progress: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
     """Examine a diagnosed data set and write the tables of the report.
 
@@ -79,7 +77,7 @@ def examine(
         Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``,
         ``dependence.parquet``, ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are
         written.
-    diagnosis : Diagnosis
+    diagnosis : Outcome
     progress : callable
 
     Returns
@@ -126,7 +124,7 @@ def examine(
     }
 
 
-def _list_estimates(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
+def _list_estimates(diagnosis: Outcome) -> list[dict[str, Any]]:
     """Every parameter of the model after, with its 95 % interval where it was estimated."""
     joints = diagnosis.prepared.dataset.joints
     return [

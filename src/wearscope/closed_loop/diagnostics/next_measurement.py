@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from wearscope import tables
+from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.plan import (
     DWELL,
     LEAST_RUNS,
@@ -29,9 +30,6 @@ from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.diagnosis import Diagnosis
 
 #: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
 #: limits, and this many times as fast as the recorded ones.
@@ -153,7 +151,7 @@ def hold_still(reference: Reference, moving: np.ndarray, model: RobotModel) -> R
 
 
 def plan_measurements(
-    diagnosis: "Diagnosis",
+    diagnosis: Outcome,
     progress: Callable[[str], None] = lambda _: None,
     cycles: Sequence[str] | None = None,
 ) -> list[NextMeasurement]:
@@ -166,7 +164,7 @@ def plan_measurements(
 
     Parameters
     ----------
-    diagnosis : Diagnosis
+    diagnosis : Outcome
     progress : callable
     cycles : sequence of str, optional
         As of `list_plans`.

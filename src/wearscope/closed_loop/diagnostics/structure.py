@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from scipy import stats
@@ -20,13 +20,11 @@ from wearscope.closed_loop.diagnostics.run_differences import (
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import predict_full, predict_reduced
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.closed_loop.selection.motion_dependence import Dependence
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
-
-if TYPE_CHECKING:
-    from wearscope.closed_loop.diagnosis import Attribution
-    from wearscope.closed_loop.selection.evidence import Evidence
-    from wearscope.closed_loop.selection.motion_dependence import Dependence
 
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
 #: Rows that trees are grown on, folds, trees.
@@ -59,12 +57,12 @@ class JointState:
 def judge_joints(
     prepared: Prepared,
     after: Regression,
-    named: "Sequence[Attribution]",
-    left: "Mapping[int, Evidence]",
-    dependence: "Mapping[int, Dependence]",
+    named: Sequence[ModelTerm],
+    left: Mapping[int, Evidence],
+    dependence: Mapping[int, Dependence],
     policy: Policy,
     before: Regression | None = None,
-    withdrawn: "Sequence[Attribution]" = (),
+    withdrawn: Sequence[tuple[ModelTerm, float]] = (),
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -76,7 +74,8 @@ def judge_joints(
     prepared : Prepared
     after : Regression
         The corrected model.
-    named : sequence of Attribution
+    named : sequence of ModelTerm
+        Of the corrected model.
     left : mapping of int to Evidence
         By joint, generic structure that could not be added, or a name whose parameters are unbelievable.
     dependence : mapping of int to Dependence
@@ -84,8 +83,8 @@ def judge_joints(
     policy : Policy
     before : Regression, optional
         The declared model, refitted, than which the corrected one must not predict worse.
-    withdrawn : sequence of Attribution
-        What was named and is not in the corrected model.
+    withdrawn : sequence of (ModelTerm, float)
+        What was named and is not in the corrected model, with its share of the held-out loss.
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -99,7 +98,7 @@ def judge_joints(
     repeats = list_train_repeats(prepared)
     states, moving = [], int(prepared.moving.sum())
     for j in range(prepared.n):
-        corrected = any(a.term.joint == j for a in named)
+        corrected = any(term.joint == j for term in named)
         if not prepared.moving[j]:
             states.append(JointState(j, "not_judged"))
             continue
@@ -170,19 +169,21 @@ def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
     return float(np.sqrt(square / max(sum(int(k.sum()) for k in keep), 1)))
 
 
-def _from_withdrawn(prepared: Prepared, withdrawn: "Sequence[Attribution]", joint: int) -> list[Seen]:
+def _from_withdrawn(
+    prepared: Prepared, withdrawn: Sequence[tuple[ModelTerm, float]], joint: int
+) -> list[Seen]:
     """What training runs have by a name that the test runs do not bear out."""
     seen = []
-    for term, e in ((a.term, a.evidence) for a in withdrawn if a.term.joint == joint):
+    for term, share in (one for one in withdrawn if one[0].joint == joint):
         depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))
         told = (
             f"{term.effect.name} fits the training runs and makes the test runs' error larger: it is left out"
         )
-        seen.append(Seen(e.share, depends, told))
+        seen.append(Seen(share, depends, told))
     return seen
 
 
-def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -> list[Seen]:
+def _from_left(prepared: Prepared, left: Mapping[int, Evidence], joint: int) -> list[Seen]:
     if joint not in left:
         return []
     e = left[joint]
@@ -194,7 +195,7 @@ def _from_left(prepared: Prepared, left: "Mapping[int, Evidence]", joint: int) -
     return [Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
 
 
-def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
+def _list_beyond(e: Evidence, prepared: Prepared, joint: int) -> list[str]:
     """Its parameters that no such machine has, in words."""
     effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
     parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
@@ -207,7 +208,7 @@ def _list_beyond(e: "Evidence", prepared: Prepared, joint: int) -> list[str]:
     return told
 
 
-def _from_dependence(dependence: "Mapping[int, Dependence]", joint: int) -> list[Seen]:
+def _from_dependence(dependence: Mapping[int, Dependence], joint: int) -> list[Seen]:
     if joint not in dependence:
         return []
     one = dependence[joint]

@@ -1,0 +1,107 @@
+"""The outcome of a search: named terms, the models before and after, and what is left at each joint."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import pandas as pd
+
+from wearscope.closed_loop.diagnostics.structure import JointState
+from wearscope.closed_loop.diagnostics.worth import Worth
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.correction import make_corrected_model
+from wearscope.closed_loop.model.estimation import Estimate, estimate
+from wearscope.closed_loop.model.events import Event
+from wearscope.closed_loop.model.prediction import Predicted, predict_runs
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.evidence import Evidence
+from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.status import Marked
+from wearscope.robots.model import RobotModel
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """A named term with what is known of it.
+
+    Attributes
+    ----------
+    term : ModelTerm
+    evidence : Evidence
+        On training runs held out in turn, beside all other terms.
+    equivalent : list of str
+        Other names in its confidence set.
+    marked : Marked
+        What the test runs say.
+    kept : bool
+        Whether the corrected model has it.
+    """
+
+    term: ModelTerm
+    evidence: Evidence
+    equivalent: list[str]
+    marked: Marked
+    kept: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a search and the test runs say of a data set.
+
+    Attributes
+    ----------
+    prepared : Prepared
+    policy : Policy
+        Numbers of the rule.
+    attributions : list of Attribution
+    before, proposed, after : Regression
+        The declared model refitted; the same with all named terms, which come last; the same with those that
+        make no joint's error on the test runs larger (`withdraw_worse`).
+    states : list of JointState
+        What is left at each joint.
+    worth : list of Worth
+        What became of each joint's error.
+    candidates : DataFrame
+        Every candidate of every step.
+    full : list of str
+        Joints that reached the most terms asked for.
+    notes : list of str
+        On a hum that was left out.
+    problem : Problem
+    events : list of dict
+        Short events, as ``verdict.json`` has them, whose rows are left out.
+    """
+
+    prepared: Prepared
+    policy: Policy
+    attributions: list[Attribution]
+    before: Regression
+    proposed: Regression
+    after: Regression
+    states: list[JointState]
+    worth: list[Worth]
+    candidates: pd.DataFrame
+    full: list[str]
+    notes: list[str]
+    problem: Problem = field(repr=False)
+    events: list[Event] = field(default_factory=list)
+
+    @cached_property
+    def predicted(self) -> list[Predicted]:
+        """Torque of both models along every run."""
+        return predict_runs(self.prepared, self.before, self.after)
+
+    @cached_property
+    def estimates(self) -> dict[str, list[Estimate]]:
+        """Parameters with intervals of the models ``before``, ``proposed`` and ``after``."""
+        return {stage: estimate(getattr(self, stage)) for stage in ("before", "proposed", "after")}
+
+    @cached_property
+    def models(self) -> dict[str, RobotModel]:
+        """Models ``before`` and ``after`` as the simulator loads them."""
+        regressions = {"before": self.before, "after": self.after}
+        return {
+            stage: make_corrected_model(self.prepared, model, self.estimates[stage], stage)
+            for stage, model in regressions.items()
+        }
