@@ -1,6 +1,6 @@
 """What each way of seeing that a joint is `unexplained` finds, and what it says falsely.
 
-python -m benchmarks.joints [--cases 60] [--seed 1] --cache DIR
+python -m benchmarks.joints [--cases 0 36] [--seed 1] --cache DIR
 
 Small cases of both generators: nulls, single effects, effects outside the vocabulary, and torques that are
 added to a recording (collisions, mains hum, a friction that differs from run to run). A search is run once
@@ -11,10 +11,14 @@ vocabulary, at least twice its just findable size, is planted and not named ``un
 
 import argparse
 import pickle
+import sys
 import tempfile
 import time
+from collections import Counter
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -25,13 +29,21 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.outside import OUTSIDE
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.board.regimes import ONE_JOINT
-from benchmarks.outside.drawn import _HEAVY, _ONE, _PAYLOAD, _SIZES
+from benchmarks.outside.drawn import _HEAVY as HEAVY
+from benchmarks.outside.drawn import _ONE as ONE
+from benchmarks.outside.drawn import _PAYLOAD as PAYLOAD
+from benchmarks.outside.drawn import _SIZES as SIZES
 from benchmarks.outside.forms import OUTSIDERS
 from benchmarks.outside.planted import Case, Plant
+from benchmarks.scoring import TIMES, score_case
+from wearscope.closed_loop import diagnosis
+from wearscope.closed_loop.diagnostics import structure
 from wearscope.effects.base import Effect, load_effect
 from wearscope.effects.vocabulary import empirical_effect
 
 ADDED = ("collision", "hum", "run_friction", "run_offset")
+WAYS = ("_from_withdrawn", "_from_left", "_from_dependence", "see_repeats", "_from_runs", "see_level",
+        "see_jumps", "see_shifts", "see_lines", "_from_test")  # fmt: skip
 KINDS = ("null", "outside", "null", "one", "outside", "added")
 
 
@@ -89,14 +101,14 @@ def _make_board(case, folder, rng):
 
 def _make_outside(case, folder, rng):
     arm, joints = (("planar", 2), ("scara", 4))[int(rng.integers(2))]
-    joint = int(rng.choice(_HEAVY[arm]))
+    joint = int(rng.choice(HEAVY[arm]))
     plants = ()
     if case.kind == "one":
-        name = str(rng.choice(_ONE))
+        name = str(rng.choice(ONE))
         joint = (
             joints - 1 if name == "payload_error" else max(joint, 1) if name == "cross_coupling" else joint
         )
-        size = _PAYLOAD[arm] if name == "payload_error" else rng.uniform(*_SIZES.get(name, (3.0, 6.0)))
+        size = PAYLOAD[arm] if name == "payload_error" else rng.uniform(*SIZES.get(name, (3.0, 6.0)))
         plants = (Plant(name, joint, float(size)),)
     if case.kind == "outside":
         plants = (Plant(str(rng.choice(list(OUTSIDERS))), joint, float(rng.uniform(3, 6))),)
@@ -146,36 +158,28 @@ def search(case, cache):
     """What the judgement of a case's joints is given, its truth and verdict; from the cache where there."""
     file = cache / f"{case.seed}-{case.number}.pickle"
     if not file.exists():
-        from wearscope.closed_loop import diagnosis
-
         given, judge = {}, diagnosis.judge_joints
 
-        def listen(*arguments, **more):
-            given["arguments"], given["more"] = arguments, more
-            return judge(*arguments, **more)
+        def listen(*arguments):
+            given["arguments"] = arguments
+            return judge(*arguments)
 
         with tempfile.TemporaryDirectory() as place:
             truth = case.make(Path(place) / "data")
             truth.pop("signals", None)
-            begun = time.process_time()
-            diagnosis.judge_joints = listen
-            try:
-                found = diagnosis.diagnose(Path(place) / "data")
-            finally:
-                diagnosis.judge_joints = judge
-            given |= {"truth": truth, "verdict": found.verdict, "seconds": time.process_time() - begun}
+            with mock.patch.object(diagnosis, "judge_joints", listen):
+                given |= {"truth": truth, "verdict": diagnosis.diagnose(Path(place) / "data").verdict}
         with file.open("wb") as stream:
-            _Pickler(stream).dump(given)
+            Pickler(stream).dump(given)
     return pickle.loads(file.read_bytes())
 
 
-class _Pickler(pickle.Pickler):
+class Pickler(pickle.Pickler):
     """Effects go by their names: they hold functions without one."""
 
     def reducer_override(self, obj):
-        if isinstance(obj, Effect):
-            return find_effect, (obj.name,)
-        return NotImplemented
+        """An effect as the call that finds it."""
+        return (find_effect, (obj.name,)) if isinstance(obj, Effect) else NotImplemented
 
 
 def find_effect(name):
@@ -184,34 +188,82 @@ def find_effect(name):
     return effect if name == effect.name else load_effect(name)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, nargs=2, default=(0, 60))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--cache", type=Path, required=True)
-    g = parser.parse_args()
-    g.cache.mkdir(parents=True, exist_ok=True)
-    for number in range(*g.cases):
-        case = Small(number, g.seed)
-        try:
-            got = search(case, g.cache)
-        except Exception as e:
-            import traceback
+def list_open(truth, verdict):
+    """What is left at each joint: ``outside`` (must be seen), ``open`` or ``added`` (may be), or ``none``."""
+    _, entries = score_case(truth, verdict)
+    left = dict.fromkeys(verdict["joints"], "none")
+    planted = (entry for entry in entries if entry["kind"] == "planted")
+    for plant, entry in zip(truth["planted"], planted, strict=True):
+        if plant["outside"] or not entry["found"]:
+            due = plant["outside"] and plant["times_findable"] >= TIMES and entry["grade"] != "unknown"
+            left |= dict.fromkeys(plant["joints"], "outside" if due else "open")
+    if truth["added"] not in ("", "hum"):
+        left[truth["added_joint"]] = "added"
+    return left
 
-            traceback.print_exc()
-            print(number, case.kind, "FAILED", e, flush=True)
-            continue
-        t = got["truth"]
-        print(
-            number,
-            t["generator"],
-            t["kind"],
-            t["noise"],
-            t["added"],
-            [(p["effect"], p["joint"]) for p in t["planted"]],
-            "->",
-            [(e["effect"], e["joint"]) for e in got["verdict"]["verdict"]],
-            {j: s["state"] for j, s in got["verdict"]["joints"].items()},
-            f"{got['seconds']:.0f} s",
-            flush=True,
-        )
+
+def judge(given):
+    """Rows of the joints that move: what may be left at each, and which ways saw something; their seconds."""
+    log, seconds = [], Counter()
+
+    def listen(way, see):
+        def look(*arguments):
+            begun = time.process_time()
+            seen = see(*arguments)
+            seconds[way] += time.process_time() - begun
+            log.append((way, bool(seen)))
+            return seen
+
+        return look
+
+    with ExitStack() as stack:
+        for way in WAYS:
+            stack.enter_context(mock.patch.object(structure, way, listen(way, getattr(structure, way))))
+        structure.judge_joints(*given["arguments"])
+    prepared = given["arguments"][0]
+    left = list_open(given["truth"], given["verdict"])
+    moving = [prepared.dataset.joints[j] for j in np.flatnonzero(prepared.moving)]
+    each = [log[k : k + len(WAYS)] for k in range(0, len(log), len(WAYS))]
+    rows = [
+        {"joint": joint, "left": left[joint], "seen": {way for way, found in own if found}}
+        for joint, own in zip(moving, each, strict=True)
+    ]
+    return rows, seconds
+
+
+def write_ablation(rows, seconds):
+    """Truly and falsely `unexplained` joints with all ways, and with each switched off."""
+    due = [row["seen"] for row in rows if row["left"] == "outside"]
+    none = [row["seen"] for row in rows if row["left"] == "none"]
+    lines = [
+        "| switched off | of outside effects found | falsely unexplained | processor s |",
+        "|---|---|---|---|",
+    ]
+    for way in ("", *WAYS):
+        found, false = (sum(bool(seen - {way}) for seen in some) for some in (due, none))
+        cost = f"{seconds[way]:.2f}" if way else ""
+        lines.append(f"| {way or 'nothing'} | {found} of {len(due)} | {false} of {len(none)} | {cost} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments=None):
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=int, nargs=2, default=(0, 36), metavar=("FIRST", "LAST"))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cache", type=Path, required=True, help="where searches are kept")
+    given = parser.parse_args(arguments)
+    given.cache.mkdir(parents=True, exist_ok=True)
+    rows, seconds = [], Counter()
+    for number in range(*given.cases):
+        more, spent = judge(search(Small(number, given.seed), given.cache))
+        rows += more
+        seconds += spent
+    sys.stdout.write(write_ablation(rows, seconds))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Isolability, dependence, black box and forward simulation against known structures."""
+"""Spectrum of residuals and forward simulation against known structures."""
 
 import json
 
@@ -7,15 +7,13 @@ import pandas as pd
 import pytest
 
 from wearscope.closed_loop.diagnostics import forward
-from wearscope.closed_loop.diagnostics.black_box import fit_black_box, judge_black_box
-from wearscope.closed_loop.diagnostics.dependence import diagnose_residuals, find_dependence
+from wearscope.closed_loop.diagnostics.spectrum import diagnose_residuals
 from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.run import close_loop
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.simulation.errors import SimulationError
 
 
@@ -32,36 +30,8 @@ def fit_declared(pose):
     return fit
 
 
-@pytest.fixture
-def dependence_of(fit_declared):
-    """The same with the table of dependence."""
-
-    def find(folder):
-        prepared, layout, model = fit_declared(folder)
-        flips = make_flips(299, len(model.blocks), 1)
-        return prepared, model, find_dependence(prepared, {"before": model}, layout.folds, flips)
-
-    return find
-
-
-def test_residual_that_depends_on_position_is_attributed_to_it(record, dependence_of):
-    def bump(t, q, v, a, rng):
-        return np.column_stack([4.0 * np.exp(-((q[:, 0] - 0.2) ** 2) / 0.02), np.zeros(len(t))])
-
-    _, _, table = dependence_of(record(extra_torque=bump, runs=4))
-    a = table[table["joint"] == "a"].sort_values("share_held_out", ascending=False)
-    assert a["signal"].iloc[0] == "q_a"
-    assert a["share_held_out"].iloc[0] > 0.4
-    assert a["p_adjusted"].iloc[0] < 0.01
-    other = table[table["joint"] == "b"]
-    assert other["p_adjusted"].min() > 0.01
-    assert other["share_held_out"].max() < 0.05
-
-
-def test_white_residual_depends_on_nothing_and_is_white(record, dependence_of):
-    prepared, model, table = dependence_of(record(runs=4))
-    assert table["p_adjusted"].min() > 0.01
-    assert (table["share_held_out"] < 0.05).all()
+def test_white_residual_is_white(record, fit_declared):
+    prepared, _, model = fit_declared(record(runs=4))
     whiteness = diagnose_residuals(prepared, predict_runs(prepared, model, model))
     assert (whiteness["ljung_box_p"] > 1e-3).all()
     assert (whiteness["lag_correlation"].abs() < 0.3).all()
@@ -75,31 +45,6 @@ def test_coloured_residual_is_not_white(record, fit_declared):
     table = diagnose_residuals(prepared, predict_runs(prepared, model, model))
     assert (table["ljung_box_p"] < 1e-6).all()
     assert np.allclose(table["peak"], 0.7, atol=0.2)
-
-
-def test_black_box_finds_a_planted_interaction_and_no_noise():
-    rng = np.random.default_rng(3)
-    x = rng.uniform(-1, 1, (3000, 4))
-    chosen = np.arange(3000) >= 2000
-    y = 2.0 * x[:, 0] * x[:, 2] + 0.1 * rng.standard_normal(3000)
-    fresh = rng.uniform(-1, 1, (1000, 4))
-    model = fit_black_box(x, y, chosen)
-    left = 2.0 * fresh[:, 0] * fresh[:, 2] - model.predict(fresh)
-    assert np.std(left) < 0.3 * np.std(2.0 * fresh[:, 0] * fresh[:, 2])
-    noise = fit_black_box(x, rng.standard_normal(3000), chosen)
-    assert noise is None or noise.n_iter_ <= 3
-
-
-def test_black_box_on_runs_sees_what_no_named_signal_has(record, fit_declared):
-    def product(t, q, v, a, rng):
-        return np.column_stack([8.0 * np.tanh(4 * q[:, 0] * v[:, 1]), np.zeros(len(t))])
-
-    prepared, _, model = fit_declared(record(runs=4, extra_torque=product))
-    table = judge_black_box(prepared, predict_runs(prepared, model, model)).set_index(["joint", "stage"])
-    assert table.loc[("a", "before"), "share_removed"] > 0.3
-    assert table.loc[("b", "before"), "share_removed"] < 0.1
-    low, high = table.loc[("a", "before"), ["rms_black_box_low", "rms_black_box_high"]]
-    assert low < table.loc[("a", "before"), "rms_black_box"] < high
 
 
 def models_of(prepared, model):
@@ -133,8 +78,6 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
         "signals",
         "isolability",
         "diagnostics",
-        "dependence",
-        "black_box",
         "forward",
         "forward_series",
         "profiles",
@@ -154,7 +97,6 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     joint = verdict["joints"]["b"]
     assert b["before"]["torque_rms"] == pytest.approx(joint["rms_before"], rel=0.1)
     assert b["after"]["torque_rms"] == pytest.approx(joint["rms_after"], abs=0.1 * joint["rms_before"])
-    assert verdict["black_box"]["b"]["before"]["share_removed"] > 0.5
 
 
 def test_residual_of_a_joint_that_stands_still_is_not_described(record, fit_declared):

@@ -1,7 +1,6 @@
 """What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import re
-from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -89,41 +88,6 @@ def test_a_name_whose_parameter_no_machine_has_is_said_with_its_value(record, po
         (seen,) = structure._from_left(problem.prepared, {0: found}, 0)
         assert seen.reason.startswith(f"joint_elasticity would explain it: {told}")
     assert structure._from_left(problem.prepared, {0: found}, 1) == []
-
-
-def test_a_correction_that_predicts_its_own_runs_worse_says_so(record, pose, monkeypatch):
-    """Where friction at joint a is off by eight noise levels, 64 of 65 parts are no noise."""
-    problem = pose(record(seed=63, noise=0.1, **SMALL))
-    prepared, policy = problem.prepared, Policy()
-    model = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    assert [s.state for s in judge_joints(prepared, model, [], {}, {}, policy, model)] == ["explained"] * 2
-    theta = model.solve().copy()
-    at = next(i for i, e in enumerate(model.entries) if (e.effect.name, e.joint) == ("coulomb", 0))
-    pairs = zip(model.columns, model.target, strict=True)
-    theta[model.spans[at]] += 8.0 * np.concatenate([y[:, 0] - (x @ theta)[:, 0] for x, y in pairs]).std()
-    worse = copy(model)
-    monkeypatch.setattr(worse, "solve", lambda: theta)
-    said, other = judge_joints(prepared, worse, [], {}, {}, policy, model)
-    assert (said.state, other.state) == ("unexplained", "explained")
-    assert "predicts the training runs worse than the declared one" in said.reason
-
-
-def test_a_correction_that_predicts_the_test_runs_worse_says_so(record, pose, monkeypatch):
-    """In a test run that goes further, two wrong terms may both be confirmed, each beside the other."""
-    problem = pose(record(seed=63, noise=0.1, **SMALL))
-    prepared, policy = problem.prepared, Policy()
-    model = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    tests, worse, full = prepared.runs_for("test"), copy(model), structure.predict_full
-
-    def predict(predicting, theta, run):
-        far = predicting is worse and any(run is one for one in tests)
-        return full(predicting, theta, run) + (np.array([0.025, 0.0]) if far else 0.0)
-
-    monkeypatch.setattr(structure, "predict_full", predict)
-    said, other = judge_joints(prepared, worse, [], {}, {}, policy, model)
-    assert said.state == "unexplained"
-    assert "predicts the test runs worse than the declared one" in said.reason
-    assert other.state == "explained"
 
 
 @pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])

@@ -116,17 +116,6 @@ def write(folder, verdict, light=False, failed=False):
     pair |= {"sine_a": 0.9, "sine_b": 0.02}
     tables.write_table(folder / "isolability.parquet", pd.DataFrame([{"joint": j} | pair for j in JOINTS]))
     stages = [(joint, stage) for joint in JOINTS for stage in ("before", "after")]
-    dependence = [
-        {"joint": joint, "stage": stage, "signal": signal, "share": 0.5, "share_held_out": share,
-         "p_value": 0.001, "p_adjusted": 0.002}
-        for joint, stage in stages for signal, share in (("qd_b sign_qd_a", 0.4), ("q_a", 0.3))
-    ]  # fmt: skip
-    tables.write_table(folder / "dependence.parquet", pd.DataFrame(dependence))
-    box = {"rms": 1.0, "rms_low": 0.9, "rms_high": 1.1, "rms_black_box": 0.8, "rms_black_box_low": 0.7}
-    box |= {"rms_black_box_high": 0.9, "share_removed": 0.36, "trees": 12}
-    tables.write_table(
-        folder / "black_box.parquet", pd.DataFrame([{"joint": j, "stage": s} | box for j, s in stages])
-    )
     rows = []
     for run in ("runs/r2.parquet", "all"):
         for joint, stage in stages:

@@ -207,9 +207,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     ]
     here = [a.term for a in named if a.kept]
     gone = [(a.term, a.evidence.share) for a in named if not a.kept]
-    states = judge_joints(
-        prepared, after, here, answer.left, answer.dependence, search.policy, before if here else None, gone
-    )
+    states = judge_joints(prepared, after, here, answer.left, answer.dependence, search.policy, gone)
     worth = measure_worth(prepared, predict_runs(prepared, before, after))
     states = withhold_judgement(prepared, states, worth)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]

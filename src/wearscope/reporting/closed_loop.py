@@ -18,8 +18,6 @@ _OPTIONAL = (
     "profiles",
     "isolability",
     "diagnostics",
-    "dependence",
-    "black_box",
     "forward",
     "forward_series",
 )
@@ -34,7 +32,7 @@ class ClosedLoop:
     verdict : mapping
         ``verdict.json``.
     residual, candidates : DataFrame
-    signals, profiles, isolability, diagnostics, dependence, black_box, forward, forward_series :
+    signals, profiles, isolability, diagnostics, forward, forward_series :
         DataFrame or None
         None where the loop was closed without them.
     """
@@ -46,8 +44,6 @@ class ClosedLoop:
     profiles: pd.DataFrame | None = None
     isolability: pd.DataFrame | None = None
     diagnostics: pd.DataFrame | None = None
-    dependence: pd.DataFrame | None = None
-    black_box: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
     forward_series: pd.DataFrame | None = None
 
@@ -145,17 +141,16 @@ def bounded(value: float, interval: Sequence[Any] | None, text: Any) -> str:
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
-    Those that its verdict names, those that what is left unexplained depends on, then those that the residual
-    before depends on most, free of any form. The
-    direction of motion is drawn as the speed, where it is a step.
+    Those that its verdict names, those that what is left unexplained depends on, then those along which the
+    medians of the residual before scatter most. The direction of motion is drawn as the speed, where it is a
+    step.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
     wanted += loop.verdict["joints"][joint]["depends_on"]
-    if loop.dependence is not None:
-        table = loop.dependence
+    if loop.profiles is not None:
+        table = loop.profiles
         own = table[(table["joint"] == joint) & (table["stage"] == "before")]
-        ranked = own.sort_values(["share_held_out", "signal"], ascending=[False, True])
-        wanted += [name.split(" ")[0] for name in ranked["signal"]]
+        wanted += list(own.groupby("signal")["median"].std().sort_values(ascending=False).index)
     chosen: list[str] = []
     for name in wanted:
         known = name.replace("sign_qd_", "qd_", 1)

@@ -16,14 +16,12 @@ from wearscope.reporting.sections.loop import (
     Notes,
     Residual,
     Undetermined,
-    Unnamed,
 )
 from wearscope.reporting.sections.loop_outcome import Events, NextMeasurement, Outcome
 from wearscope.reporting.strips import loop_strip
 
 SECTIONS: tuple[type[LoopSection], ...] = (
-    Outcome, NextMeasurement, Errors, Events, Residual, Candidates, Isolability, Forward, Unnamed,
-    Undetermined, Notes,
+    Outcome, NextMeasurement, Errors, Events, Residual, Candidates, Isolability, Forward, Undetermined, Notes,
 )  # fmt: skip
 
 

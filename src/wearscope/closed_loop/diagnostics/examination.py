@@ -1,4 +1,4 @@
-"""What is looked at beside the verdict: isolability, dependence, black box, forward simulation."""
+"""What the page has besides the verdict: isolability, the residual's spectrum, forward simulation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,35 +8,27 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop.diagnostics import isolability
+from wearscope.closed_loop.diagnostics import isolability, spectrum
 from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
-from wearscope.closed_loop.diagnostics.black_box import judge_black_box
-from wearscope.closed_loop.diagnostics.dependence import (
-    DEPENDENCE_UNITS,
-    DIAGNOSTIC_UNITS,
-    code_signals,
-    diagnose_residuals,
-    find_dependence,
-)
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.signals import thin_signals
 from wearscope.closed_loop.model.prediction import residual_table
-from wearscope.closed_loop.selection.significance import make_flips
-
-_FLIPS, _SEED = 499, 17
 
 
 def signal_table(prepared: Prepared) -> pd.DataFrame:
     """Signals at the rows of ``residual.parquet``, in the same order."""
     frames = []
     for run in prepared.runs:
-        thin = code_signals(run)
+        thin = thin_signals(run)
+        coded = {"q": thin.q, "qd": thin.v, "qdd": thin.a, "load": thin.load, "temp": thin.temperature}
+        coded["sign_qd"] = thin.sign
         for j, joint in enumerate(prepared.dataset.joints):
-            own = {code: x[:, j] for code, x in thin.items() if code != "t"}
+            own = {code: x[:, j] for code, x in coded.items()}
             frames.append(pd.DataFrame({"t": run.t, "run": run.file, "joint": joint, **own}))
     return pd.concat(frames, ignore_index=True)
 
@@ -75,8 +67,7 @@ def examine(
     ----------
     out : Path
         Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``,
-        ``dependence.parquet``, ``black_box.parquet``, ``forward.parquet`` and ``forward_series.parquet`` are
-        written.
+        ``forward.parquet`` and ``forward_series.parquet`` are written.
     diagnosis : Outcome
     progress : callable
 
@@ -84,22 +75,14 @@ def examine(
     -------
     dict
         For ``verdict.json``: `advice`, `undetermined`, `next_measurement`, `estimates` (every
-        parameter of the model after with its interval), `black_box` and `forward` (by
-        joint and stage).
+        parameter of the model after with its interval) and `forward` (by joint and stage).
     """
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
     angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
     advice, undetermined = advise(diagnosis.problem, angles), find_undetermined(diagnosis.problem, angles)
     planned = plan_measurements(diagnosis, progress)
-    progress("what the residuals depend on")
-    diagnostics = diagnose_residuals(prepared, predicted)
-    layout = diagnosis.problem.layout
-    flips = make_flips(_FLIPS, len(layout.blocks), _SEED)
-    stages = {"before": diagnosis.before, "after": diagnosis.after}
-    dependence = find_dependence(prepared, stages, layout.folds, flips)
-    progress("what a black box explains")
-    black_box = judge_black_box(prepared, predicted)
+    diagnostics = spectrum.diagnose_residuals(prepared, predicted)
     forward, series = compare_forward(prepared, diagnosis.models, progress)
     signals = signal_table(prepared)
     profiles = profile_residuals(residual_table(prepared, predicted), signals)
@@ -107,9 +90,7 @@ def examine(
         ("signals", signals, {}),
         ("profiles", profiles, PROFILE_UNITS),
         ("isolability", angles, isolability.UNITS),
-        ("diagnostics", diagnostics, DIAGNOSTIC_UNITS),
-        ("dependence", dependence, DEPENDENCE_UNITS),
-        ("black_box", black_box, {"share_removed": "1", "trees": "1"}),
+        ("diagnostics", diagnostics, spectrum.UNITS),
         ("forward", forward, {}),
         ("forward_series", series, {}),
     ):
@@ -119,7 +100,6 @@ def examine(
         "undetermined": undetermined,
         "next_measurement": write_measurements(Path(out), planned, prepared.dataset.joints),
         "estimates": _list_estimates(diagnosis),
-        "black_box": _by_joint(black_box, ["rms", "rms_black_box", "share_removed"]),
         "forward": _by_joint(forward[forward["run"] == "all"], ["torque_rms", "motion_rms", "outcome"]),
     }
 

@@ -1,6 +1,6 @@
 """The next measurement: the motion, payload and temperature that tell apart what the runs so far cannot."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from wearscope.closed_loop.diagnostics.plan import (
 from wearscope.closed_loop.diagnostics.planned_rests import plan_rests
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.cycles.base import Reference, check_reference, list_cycles, load_cycle
 from wearscope.cycles.planned import PlannedMotion, write_cycle
@@ -36,6 +37,8 @@ from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 STRETCH, FASTER = 2.0, 1.5
 #: Runs of each plan with which the plans are compared.
 _COMPARED = 3.0
+#: Motions that are compared with every payload and temperature.
+_REFINED = 3
 
 
 def planning_model(prepared: Prepared, model: RobotModel) -> RobotModel:
@@ -97,9 +100,10 @@ def list_plans(
     prepared: Prepared,
     model: RobotModel,
     joint: int,
-    warm: bool,
-    loaded: bool,
-    cycles: Sequence[str] | None = None,
+    payloads: Sequence[PayloadFields | None],
+    temperatures: list[float],
+    cycles: Sequence[str],
+    chosen: Collection[str] | None = None,
 ) -> Iterator[Plan]:
     """Plans that the robot can follow.
 
@@ -109,31 +113,32 @@ def list_plans(
     model : RobotModel
         Of `planning_model`.
     joint : int
-    warm, loaded : bool
-        Whether temperature, and payload, matter to the names.
-    cycles : sequence of str, optional
-        Test-cycles to compare beside the generated motions; those of the platform by default.
+    payloads : sequence of PayloadFields or None
+    temperatures : list of float
+        At the start [deg C].
+    cycles : sequence of str
+        Test-cycles to compare with the generated motions.
+    chosen : collection of str, optional
+        Names of the motions and cycles to plan; all by default.
     """
     step = 1.0 / prepared.band.rate
-    payloads = list_payloads(prepared) if loaded else list_payloads(prepared)[:1]
-    temperatures = list_temperatures(prepared)
-    temperatures = temperatures if warm else temperatures[:1]
     moving = [int(j) for j in np.flatnonzero(prepared.moving)]
     built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
         (motion.name, motion, motion.build)
         for motion in (one.plan_within(model) for one in list_motions(moving, joint))
     ]
-    for name in list_cycles() if cycles is None else cycles:
+    for name in cycles:
         cycle = load_cycle(name)
         built.append((cycle.name, None, cycle.build))
     for name, motion, build in built:
-        for payload in payloads:
+        asked = len(temperatures) and (chosen is None or name in chosen)
+        for payload in payloads if asked else ():
             stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
             carrying = model.replace(payload=stated)
             try:
                 reference = build(carrying, DWELL, step)
                 reference = hold_still(reference, prepared.moving, carrying)
-                check_reference(reference, carrying, name, temperatures[:1] or [50.0], 0.0, 0.0)
+                check_reference(reference, carrying, name, temperatures[:1], 0.0, 0.0)
             except InputError:
                 continue
             for temperature in temperatures:
@@ -167,7 +172,7 @@ def plan_measurements(
     diagnosis : Outcome
     progress : callable
     cycles : sequence of str, optional
-        As of `list_plans`.
+        Test-cycles to compare with the generated motions; those of the platform by default.
     """
     prepared, after = diagnosis.prepared, diagnosis.proposed
     first = len(after.entries) - len(diagnosis.attributions)
@@ -188,26 +193,41 @@ def plan_measurements(
             f"{prepared.dataset.joints[joint]}"
         )
         warm = any("temp" in signal or signal == "t" for name in names for signal in name.effect.depends_on)
-        best = _find_best(rivalry, list_plans(prepared, model, joint, warm, True, cycles), prepared)
+        best = _find_best(rivalry, prepared, model, joint, warm, list_cycles() if cycles is None else cycles)
         if best is not None:
             found.append(_promise(rivalry, prepared.dataset.joints[joint], names, *best))
     return found
 
 
-def _find_best(rivalry: Rivalry, plans: Iterator[Plan], prepared: Prepared) -> tuple[Plan, Sums, int] | None:
-    """The plan that tells the names apart by most standard errors."""
+def _find_best(
+    rivalry: Rivalry, prepared: Prepared, model: RobotModel, joint: int, warm: bool, cycles: Sequence[str]
+) -> tuple[Plan, Sums, int] | None:
+    """The plan that tells the names apart by most standard errors.
+
+    All motions are compared with one payload and temperature, the `_REFINED` best ones with all of them.
+    """
+    payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
+    temperatures = temperatures if warm else temperatures[:1]
+    count, values = 0, {}
     best: tuple[float, Plan, Sums] | None = None
-    count = 0
-    for plan in plans:
-        run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
-        if len(run.t) < 40:
-            continue
-        count += 1
-        sums = rivalry.look_along(run)
-        both = rivalry.recorded.add(sums, _COMPARED)
-        value = rivalry.score(both, rivalry.worst(both))
-        if best is None or value > best[0]:
-            best = (value, plan, sums)
+
+    def compare(plans: Iterator[Plan]) -> None:
+        nonlocal best, count
+        for plan in plans:
+            run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
+            if len(run.t) < 40:
+                continue
+            count += 1
+            sums = rivalry.look_along(run)
+            both = rivalry.recorded.add(sums, _COMPARED)
+            values[plan.cycle] = rivalry.score(both, rivalry.worst(both))
+            if best is None or values[plan.cycle] > best[0]:
+                best = (values[plan.cycle], plan, sums)
+
+    compare(list_plans(prepared, model, joint, payloads[:1], temperatures[:1], cycles))
+    chosen = sorted(values, key=lambda name: -values[name])[:_REFINED]
+    for others in ((payloads[1:], temperatures), (payloads[:1], temperatures[1:])):
+        compare(list_plans(prepared, model, joint, *others, cycles, chosen))
     return None if best is None else (best[1], best[2], count)
 
 

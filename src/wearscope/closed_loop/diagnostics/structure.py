@@ -7,8 +7,6 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.diagnostics.black_box import grow, make_features
-from wearscope.closed_loop.diagnostics.dependence import code_signals
 from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
 from wearscope.closed_loop.diagnostics.run_differences import (
     SIGNALS,
@@ -18,7 +16,7 @@ from wearscope.closed_loop.diagnostics.run_differences import (
     see_repeats,
 )
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.prediction import predict_full, predict_reduced
+from wearscope.closed_loop.model.prediction import predict_full
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.evidence import Evidence
@@ -27,8 +25,6 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_memory, join_blocks
 
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
-#: Rows that trees are grown on, folds, trees.
-_MOST_ROWS, _FOLDS, _TREES = 5000, 3, 40
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,6 @@ def judge_joints(
     left: Mapping[int, Evidence],
     dependence: Mapping[int, Dependence],
     policy: Policy,
-    before: Regression | None = None,
     withdrawn: Sequence[tuple[ModelTerm, float]] = (),
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
@@ -81,8 +76,6 @@ def judge_joints(
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
-    before : Regression, optional
-        The declared model, refitted, than which the corrected one must not predict worse.
     withdrawn : sequence of (ModelTerm, float)
         What was named and is not in the corrected model, with its share of the held-out loss.
     """
@@ -93,8 +86,6 @@ def judge_joints(
     test = prepared.runs_for("test")
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
-    declared, declared_test = (None if before is None else _leave(before, runs) for runs in (train, test))
-    features = [make_features(code_signals(run), with_time=True) for run in train]
     repeats = list_train_repeats(prepared)
     states, moving = [], int(prepared.moving.sum())
     for j in range(prepared.n):
@@ -106,23 +97,20 @@ def judge_joints(
         keep = [run.keep[:, j] for run in train]
         rms = _rms(own, keep)
         inside = [
-            *_from_declared(declared, own, keep, j, policy, "training"),
             *_from_withdrawn(prepared, withdrawn, j),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
-            *_from_trees(features, own, keep, prepared, j, policy),
             *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
             *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
-            *see_lines([x[:, j] for x in full], train, own, keep, prepared.band.rate, moving, policy),
+            *see_lines(train, own, keep, moving, policy),
         ]
         own_test, keep_test = [r[:, j] for r in tested], [run.keep[:, j] for run in test]
         error = _rms(own_test, keep_test)
         noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])
-        worse = _from_declared(declared_test, own_test, keep_test, j, policy, "test")
-        seen = [*inside, *worse, *_from_test(own, keep, error, policy, noisier)]
+        seen = [*inside, *_from_test(own, keep, error, policy, noisier)]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
@@ -132,36 +120,6 @@ def judge_joints(
         known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
         states.append(JointState(j, "unexplained", float(np.sqrt(min(most, 1.0)) * rms), known, reason))
     return states
-
-
-def _leave(model: Regression, runs: Sequence[PreparedRun]) -> list[np.ndarray]:
-    """What a model's prediction from the motion alone leaves of runs, (M, n) each."""
-    theta = model.solve()
-    return [run.measured - predict_reduced(model, theta, run) for run in runs]
-
-
-def _from_declared(
-    declared: list[np.ndarray] | None,
-    own: list[np.ndarray],
-    keep: list[np.ndarray],
-    joint: int,
-    policy: Policy,
-    use: str,
-) -> list[Seen]:
-    """What the corrected model leaves of training or test runs beyond what the declared one does.
-
-    A fit holds a gear's deflection to the measured torque, and near where a link swings on a soft gear the
-    motion alone tells little of that torque. Test runs may go where no training run went, as to another
-    temperature.
-    """
-    if declared is None:
-        return []
-    most, least = _rms(own, keep), _rms([x[:, joint] for x in declared], keep)
-    share = 1.0 - (least / max(most, 1e-300)) ** 2
-    if share < policy.structure_share:
-        return []
-    told = f"from the motion alone the corrected model predicts the {use} runs worse than the declared one"
-    return [Seen(share, [], told)]
 
 
 def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
@@ -214,38 +172,6 @@ def _from_dependence(dependence: Mapping[int, Dependence], joint: int) -> list[S
     one = dependence[joint]
     on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
     return [Seen(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")]
-
-
-def _from_trees(
-    features: list[np.ndarray], own: list[np.ndarray], keep: list[np.ndarray], prepared: Prepared,
-    joint: int, policy: Policy,
-) -> list[Seen]:  # fmt: skip
-    """Boosted trees on all signals that predict rows that they were not grown on."""
-    x = np.concatenate([f[k] for f, k in zip(features, keep, strict=True)])
-    y = np.concatenate([r[k] for r, k in zip(own, keep, strict=True)])
-    if len(y) < 200:
-        return []
-    run = np.concatenate([np.full(int(k.sum()), i) for i, k in enumerate(keep)])
-    useful = np.isfinite(x).all(axis=0) & (np.ptp(x, axis=0) > 0.0)
-    several = len(own) > 1
-    if not several:
-        useful[-1] = False
-    fold = run * _FOLDS // (run.max() + 1) if several else np.arange(len(y)) * 2 * _FOLDS // len(y) % _FOLDS
-    gain = np.zeros(len(y))
-    for k in np.unique(fold):
-        test = np.flatnonzero(fold == k)
-        train = np.flatnonzero(fold != k)
-        train = train[:: max(1, len(train) // _MOST_ROWS)]
-        if len(train) < 100:
-            return []
-        trees = grow(_TREES).fit(x[train][:, useful], y[train])
-        gain[test] = y[test] ** 2 - (y[test] - trees.predict(x[test][:, useful])) ** 2
-    sums = _sum_independent(gain, y, run, max(4, int(4 * prepared.band.torque)))
-    error = np.sqrt(len(sums) * sums.var(ddof=1))
-    share = float(sums.sum() / max((y**2).sum(), 1e-300))
-    if share < policy.structure_share or sums.sum() < policy.unexpected * error:
-        return []
-    return [Seen(share, [], "boosted trees on all signals predict it on rows that they were not grown on")]
 
 
 def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
-from wearscope.closed_loop.model.blocks import Block, Folds
+from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
@@ -36,37 +36,6 @@ def regularise(knots: int) -> np.ndarray:
 def penalise(columns: np.ndarray) -> np.ndarray:
     """The same (m, m) for a spline's columns (M, m) as they are along a record, in their own weight."""
     return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
-
-
-@dataclass
-class Regressors:
-    """Block sums of a family of regressors with the same joint: `s` shapes of `m` columns each.
-
-    Attributes
-    ----------
-    cross : ndarray (B, s, m, P)
-        With the columns of the current model.
-    gram : ndarray (B, s, m, m)
-        Among themselves.
-    score : ndarray (B, s, m)
-        With the torque to explain.
-    penalty : ndarray (s, m, m) or None
-        Added to the Gram matrix of any set of blocks.
-    """
-
-    cross: np.ndarray
-    gram: np.ndarray
-    score: np.ndarray
-    penalty: np.ndarray | None = None
-
-    def at(self, shape: int) -> "Regressors":
-        """The same with one shape only."""
-        return Regressors(
-            self.cross[:, shape : shape + 1],
-            self.gram[:, shape : shape + 1],
-            self.score[:, shape : shape + 1],
-            None if self.penalty is None else self.penalty[shape : shape + 1],
-        )
 
 
 @dataclass
@@ -142,7 +111,6 @@ class Regression:
         count = len(self.blocks)
         self.gram = np.zeros((count, self.p, self.p))
         self.score = np.zeros((count, self.p))
-        self.power = np.zeros((count, self.prepared.n))
         for b, block in enumerate(self.blocks):
             rows = slice(block.start, block.stop)
             w = self.weights[block.run][rows]
@@ -150,7 +118,6 @@ class Regression:
             y = self.target[block.run][rows] * w
             self.gram[b] = x.T @ x
             self.score[b] = x.T @ y.reshape(-1)
-            self.power[b] = (y**2).sum(axis=0)
         self.weak_prior = self._make_prior()
         hold = np.zeros(self.p)
         value = np.zeros(self.p)
@@ -234,142 +201,6 @@ class Regression:
             )
         return theta
 
-    def losses(self, theta: np.ndarray) -> np.ndarray:
-        """Sum of squared weighted residuals by block, (B,)."""
-        return self.power.sum(axis=1) - 2 * self.score @ theta + (self.gram @ theta) @ theta
-
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residual torque (M, n) of each training run, all rows."""
         return [y - x @ theta for y, x in zip(self.target, self.columns, strict=True)]
-
-    def cross_validate(self, folds: Folds) -> np.ndarray:
-        """Held-out losses by block, (B,); NaN for blocks that no fold holds out."""
-        losses = np.full(len(self.blocks), np.nan)
-        for train, test in zip(folds.train, folds.test, strict=True):
-            losses[test] = self.losses(self.solve(train))[test]
-        return losses
-
-    def cross_validate_joints(self, folds: Folds) -> np.ndarray:
-        """Held-out loss by joint, (n,)."""
-        total = np.zeros(self.prepared.n)
-        for train, test in zip(folds.train, folds.test, strict=True):
-            residuals = self.residuals(self.solve(train))
-            for b in np.flatnonzero(test):
-                block = self.blocks[b]
-                rows = slice(block.start, block.stop)
-                total += ((residuals[block.run][rows] * self.weights[block.run][rows]) ** 2).sum(axis=0)
-        return total
-
-    def correlate(self, family: list[np.ndarray], joint: int, count: int) -> Regressors:
-        """Block sums of a family of regressors.
-
-        Parameters
-        ----------
-        family : list of ndarray (M, n, s*m) or (M, s*m)
-            Reduced regressors, run by run; the second form acts on `joint` alone.
-        joint : int
-        count : int
-            Columns m of each shape.
-        """
-        spread = family[0].ndim == 3
-        s = family[0].shape[-1] // count
-        size = len(self.blocks)
-        cross = np.empty((size, s, count, self.p))
-        gram = np.empty((size, s, count, count))
-        score = np.empty((size, s, count))
-        for b, block in enumerate(self.blocks):
-            rows = slice(block.start, block.stop)
-            w = self.weights[block.run][rows]
-            x, d, y = family[block.run][rows], self.columns[block.run][rows], self.target[block.run][rows]
-            if spread:
-                x = (x * w[:, :, None]).reshape(-1, x.shape[-1])
-                d = (d * w[:, :, None]).reshape(w.size, self.p)
-                y = (y * w).reshape(-1)
-            else:
-                x = x * w[:, [joint]]
-                d = d[:, joint] * w[:, [joint]]
-                y = y[:, joint] * w[:, joint]
-            cross[b] = (x.T @ d).reshape(s, count, self.p)
-            score[b] = (x.T @ y).reshape(s, count)
-            split = np.ascontiguousarray(x.reshape(len(x), s, count).transpose(1, 2, 0))
-            gram[b] = split @ split.transpose(0, 2, 1)
-        return Regressors(cross, gram, score)
-
-
-@dataclass
-class Partial:
-    """What a family of regressors adds to the current model on some blocks.
-
-    Attributes
-    ----------
-    beta : ndarray (s, m)
-    gain : ndarray (s,)
-        Reduction of the loss.
-    inner : ndarray (s, m, m)
-        Gram matrix of the family after the model is projected out.
-    """
-
-    beta: np.ndarray
-    gain: np.ndarray
-    inner: np.ndarray
-
-
-def partial_fit(model: Regression, family: Regressors, mask: np.ndarray | None = None) -> Partial:
-    """Fit each shape of a family beside the current model (Frisch-Waugh-Lovell)."""
-    pick = np.ones(len(model.blocks), dtype=bool) if mask is None else mask
-    a, known = model.moments(mask)
-    c = family.cross[pick].sum(axis=0)
-    h = family.gram[pick].sum(axis=0)
-    g = family.score[pick].sum(axis=0)
-    s, m, p = c.shape
-    if p:
-        solved = np.linalg.solve(a, np.concatenate([c.reshape(-1, p).T, known[:, None]], 1))
-        inner = h - np.einsum("smp,psn->smn", c, solved[:, :-1].reshape(p, s, m))
-        reduced = g - c @ solved[:, -1]
-    else:
-        inner, reduced = h, g
-    # Directions that the model already spans carry no information.
-    diagonal = np.einsum("sii->si", h)
-    inner = 0.5 * (inner + inner.transpose(0, 2, 1)) + np.einsum(
-        "si,ij->sij", 1e-7 * diagonal + 1e-30, np.eye(m)
-    )
-    if family.penalty is not None:
-        inner = inner + family.penalty
-    beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
-    return Partial(beta, np.einsum("sm,sm->s", beta, reduced), inner)
-
-
-def cross_validate_family(model: Regression, family: Regressors, folds: Folds) -> np.ndarray:
-    """Held-out losses by block (B,) with the family's best shape, chosen anew in each fold."""
-    losses = np.full(len(model.blocks), np.nan)
-    for train, test in zip(folds.train, folds.test, strict=True):
-        fit = partial_fit(model, family, train)
-        k = int(np.argmax(fit.gain))
-        beta = fit.beta[k]
-        a, known = model.moments(train)
-        theta = (
-            np.linalg.solve(a, known - family.cross[train, k].sum(axis=0).T @ beta)
-            if model.p
-            else np.zeros(0)
-        )
-        power = model.power[test].sum(axis=1)
-        base = power - 2 * model.score[test] @ theta + (model.gram[test] @ theta) @ theta
-        losses[test] = (
-            base
-            - 2 * family.score[test, k] @ beta
-            + 2 * (family.cross[test, k] @ theta) @ beta
-            + (family.gram[test, k] @ beta) @ beta
-        )
-    return losses
-
-
-def block_scores(model: Regression, family: Regressors) -> np.ndarray:
-    """Scores (B, s, m) of a family by block: its regressors, the model projected out, times the residual."""
-    s, m, p = family.cross.shape[1:]
-    if not p:
-        return family.score.copy()
-    a, _ = model.moments()
-    onto = np.linalg.solve(a, family.cross.sum(axis=0).reshape(-1, p).T).reshape(p, s, m)
-    theta = model.solve()
-    own = model.score - model.gram @ theta
-    return family.score - family.cross @ theta - np.einsum("bp,psm->bsm", own, onto)

@@ -16,7 +16,6 @@ _KINDS = {
     "after": "var(--after)",
     "noise floor": "var(--ink)",
     "as declared": "var(--soft)",
-    "black box on after": "var(--c2)",
 }
 
 
@@ -46,8 +45,7 @@ def chart_errors(loop: ClosedLoop) -> Chart:
         alt.layer(*layers).properties(width="container", height={"step": 9}),
         {"errors": Source("errors", {"joint": "joint"})},
         "At the common bandwidth, with 95 % intervals from resampled blocks. Before: the declared model, its "
-        "own parameters refitted on the training runs; as declared: without that. Black box: what "
-        "gradient-boosted trees on all signals leave of the residual after.",
+        "own parameters refitted on the training runs; as declared: without that.",
     )
 
 

@@ -93,15 +93,6 @@ def error_table(loop: ClosedLoop) -> pd.DataFrame:
             records.append(known | {"kind": stage, "value": value, "low": low, "high": high})
         for kind, field in (("as declared", "rms_as_declared"), ("noise floor", "noise_floor")):
             records.append(known | {"kind": kind, "value": number(one.get(field))})
-        if loop.black_box is not None:
-            rows = loop.black_box[(loop.black_box["joint"] == joint) & (loop.black_box["stage"] == "after")]
-            for row in rows.itertuples():
-                found = {
-                    "value": row.rms_black_box,
-                    "low": row.rms_black_box_low,
-                    "high": row.rms_black_box_high,
-                }
-                records.append(known | {"kind": "black box on after"} | found)
     table = pd.DataFrame(records)
     return table[np.isfinite(table["value"])].reset_index(drop=True)
 

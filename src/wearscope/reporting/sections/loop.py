@@ -15,7 +15,7 @@ from wearscope.reporting.charts.loop import (
     chart_residual,
     chart_torque,
 )
-from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded, gap_closed, number
+from wearscope.reporting.closed_loop import STAGES, bounded, gap_closed, number
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.page import badge, format_number, render_part, render_table
 from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts, say_missing
@@ -61,7 +61,7 @@ def _compare(before: float, after: float) -> Markup:
 
 
 class Residual(LoopSection):
-    """Torque and residual over time and signals; dependence and diagnostics."""
+    """Torque and residual over time and signals, and diagnostics."""
 
     title, anchor = "Residual", "residual"
 
@@ -76,10 +76,6 @@ class Residual(LoopSection):
             chart_against(loop, joint),
         ]
         parts, notes, folded = [embed_charts(charts)], [], []
-        if loop.dependence is None:
-            notes += say_missing("Which signals the residuals depend on")["notes"]
-        else:
-            parts += [Markup("<h3>Dependence, whatever its form</h3>"), _tabulate_dependence(loop)]
         if loop.diagnostics is None:
             notes += say_missing("The residuals' spectrum and whiteness")["notes"]
         else:
@@ -96,23 +92,6 @@ class Residual(LoopSection):
             table = render_table(loop.diagnostics.rename(columns=names), text, filter_by=by)
             folded.append(("Size, spectrum and whiteness of every residual", False, table))
         return {"parts": parts, "notes": notes, "folded": folded}
-
-
-def _tabulate_dependence(loop: ClosedLoop) -> Markup:
-    assert loop.dependence is not None
-    records: dict[str, dict[str, str]] = {joint: {"joint": joint} for joint in loop.joints}
-    for (joint, stage), rows in loop.dependence.groupby(["joint", "stage"], sort=False):
-        sure = rows[(rows["p_adjusted"] <= 0.05) & (rows["share_held_out"] > 0.0)]
-        best = sure.sort_values(["share_held_out", "signal"], ascending=[False, True]).head(4)
-        said = [f"{row.signal} ({100 * row.share_held_out:.0f} %)" for row in best.itertuples()]
-        records[str(joint)][str(stage)] = "; ".join(said) or "none"
-    table = [{"joint": None, "before": None, "after": None} | one for one in records.values() if len(one) > 1]
-    text = (
-        "Signals on which a spline explains held-out residual of the training runs (share of the joint's "
-        "variance; above 100 % where other joints gain too by inertial parameters that it frees), adjusted p "
-        "at most 0.05 by random signs of blocks; at most four."
-    )
-    return render_table(table, text, filter_by=JOINT)
 
 
 class Candidates(LoopSection):
@@ -208,37 +187,6 @@ class Forward(LoopSection):
             "told": [("alarm", f"{run}, model {stage}: {outcome}") for run, stage, outcome in told],
             "notes": [text],
             "parts": [render_table(records, note, filter_by=JOINT), chart],
-        }
-
-
-class Unnamed(LoopSection):
-    """What a black box still finds."""
-
-    title, anchor = "What is left unnamed", "unnamed"
-    needs = "black_box", "What a black box explains"
-
-    def context(self) -> dict[str, Any]:
-        """Errors of the black box."""
-        assert self.loop.black_box is not None
-        rows, records = self.loop.black_box.set_index(["joint", "stage"]), []
-        for joint in self.loop.joints:
-            record: dict[str, Any] = {"joint": joint, "unit": self.verdict["joints"][joint]["unit"]}
-            for stage in STAGES:
-                row = rows.loc[(joint, stage)]
-                ends = [row["rms_black_box_low"], row["rms_black_box_high"]]
-                record[f"residual {stage}"] = format_number(row["rms"])
-                record[f"black box on {stage}"] = bounded(row["rms_black_box"], ends, format_number)
-            share = rows.loc[(joint, "after"), "share_removed"]
-            records.append(record | {"variance it still finds [%]": 100 * share})
-        text = (
-            "Gradient-boosted trees on position, speed, direction, acceleration, load, temperature and time "
-            "of all joints, grown on the residuals of the training runs and asked for those of the test "
-            "runs. What they still find in the residual after is structure that was left unnamed; a "
-            "negative share says that what they learnt does not carry over."
-        )
-        return {
-            "notes": [text],
-            "parts": [render_table(records, "RMS on the test runs (95 %).", filter_by=JOINT)],
         }
 
 
