@@ -72,7 +72,7 @@ def test_a_sine_is_seen_where_rows_that_count_show_it(hidden):
     """Knocks of twenty times its size, in rows that do not count, are all that the whole record shows."""
     rng = np.random.default_rng(3)
     time = np.arange(2000) / 200.0
-    train, own, keep = [], [], []
+    train, own, keep, full = [], [], [], []
     for _ in range(2):
         wave = 0.1 * np.sin(2.0 * np.pi * (0.64 * time + rng.random()))
         far = np.zeros(len(time))
@@ -80,15 +80,18 @@ def test_a_sine_is_seen_where_rows_that_count_show_it(hidden):
             far[at : at + 120] += rng.choice([-2.0, 2.0])
         noise = 0.04 * rng.standard_normal(len(time))
         counts = far == 0.0
+        full.append(noise + (wave if hidden else 0.0) + far)
         train.append(SimpleNamespace(t=time[::8]))
-        own.append((noise + (wave if hidden else 0.0) + far)[::8])
+        own.append(full[-1][::8])
         keep.append(counts[::8])
-    seen = see_lines(train, own, keep, 1, Policy())
+    seen = see_lines(full, train, own, keep, 200.0, 20.0, 1, Policy())
     if not hidden:
         assert seen == []
         return
-    assert find_common_line(own, 25.0).p_value > 1e-3
+    assert find_common_line(full, 200.0).p_value > 1e-3
     assert "a line at 0.6" in seen[0].reason and seen[0].share > 0.2
+    # No torque that is compared below half a hertz has it.
+    assert see_lines(full, train, own, keep, 200.0, 0.5, 1, Policy()) == []
 
 
 def test_the_power_that_a_sine_holds_is_what_least_squares_gives():

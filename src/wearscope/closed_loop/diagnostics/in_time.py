@@ -7,7 +7,7 @@ import numpy as np
 from wearscope.closed_loop.diagnostics.jumps import find_jumps
 from wearscope.closed_loop.diagnostics.level_shift import fit_shift
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.selection.lines import find_common_line
+from wearscope.closed_loop.selection.lines import CommonLine, find_common_line, find_line
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.whitening import bridge_uncounted
 
@@ -88,24 +88,51 @@ def _share_out(own: list[np.ndarray], keep: list[np.ndarray]) -> list[float]:
 
 
 def see_lines(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], joints: int, policy: Policy
-) -> list[Seen]:
-    """A torque that is periodic in time, of one frequency in all runs and within the common band.
+    full: list[np.ndarray], train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray],
+    rate: float, cut_off: float, joints: int, policy: Policy,
+) -> list[Seen]:  # fmt: skip
+    """A torque that is periodic in time, as most runs have it, below the common cut-off.
 
     Parameters
     ----------
+    full : list of ndarray (N,)
+        Residual of each run before the common filter.
     train : list of PreparedRun
     own : list of ndarray (M,)
-        Residual of each run after the common filter; no torque that is compared has a hum above its cut-off.
+        Residual of each run after it.
     keep : list of ndarray (M,) of bool
         Rows that count.
+    rate : float
+        Of the residuals before the filter [Hz].
+    cut_off : float
+        Of the filter [Hz]: no torque that is compared has a hum above it.
     joints : int
         At how many it is asked.
     policy : Policy
     """
-    # Rows that do not count, at reversals and rests, may hide a line.
-    bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(own, keep, strict=True)]
-    line = find_common_line(bridged, 1.0 / float(np.median(np.diff(train[0].t))))
-    if line is None or line.p_value * joints > policy.unknown_level or line.share < policy.structure_share:
+    found = [(line, x) for x in full if (line := find_line(x, rate)) is not None]
+    shares = [line.share if line.frequency < cut_off else 0.0 for line, _ in found]
+    if not found or np.median(shares) < policy.structure_share:
+        # Before the filter rows that do not count, at reversals and rests, may hide a line.
+        bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(own, keep, strict=True)]
+        slower = 1.0 / float(np.median(np.diff(train[0].t)))
+        commons = [find_common_line(full, rate), find_common_line(bridged, slower)]
+        slow = [line for line in commons if line is not None and line.frequency < cut_off]
+        return _from_common_lines(slow, joints, policy)
+    counted = np.concatenate([x[k] for x, k in zip(own, keep, strict=True)])
+    power = float(np.mean(counted**2)) if len(counted) else 0.0
+    size = float(np.median([share * np.var(x) for share, (_, x) in zip(shares, found, strict=True)])) / max(
+        power, 1e-300
+    )
+    middle = float(np.median([line.frequency for line, _ in found if line.frequency < cut_off]))
+    return [Seen(size, ["t"], f"a line at {middle:.3g} Hz in time")]
+
+
+def _from_common_lines(lines: list[CommonLine], joints: int, policy: Policy) -> list[Seen]:
+    """A slow or weak line that the runs have in common, the surest of those looked for."""
+    sure = [x for x in lines if x.p_value * joints * len(lines) <= policy.unknown_level]
+    large = [x for x in sure if x.share >= policy.structure_share]
+    if not large:
         return []
+    line = min(large, key=lambda x: x.p_value)
     return [Seen(line.share, ["t"], f"a line at {line.frequency:.3g} Hz in time, common to the runs")]

@@ -87,7 +87,7 @@ def judge_joints(
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
     repeats = list_train_repeats(prepared)
-    states, moving = [], int(prepared.moving.sum())
+    states, moving, band = [], int(prepared.moving.sum()), prepared.band
     for j in range(prepared.n):
         corrected = any(term.joint == j for term in named)
         if not prepared.moving[j]:
@@ -105,7 +105,7 @@ def judge_joints(
             *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
-            *see_lines(train, own, keep, moving, policy),
+            *see_lines([x[:, j] for x in full], train, own, keep, band.rate, band.torque, moving, policy),
         ]
         own_test, keep_test = [r[:, j] for r in tested], [run.keep[:, j] for run in test]
         error = _rms(own_test, keep_test)
