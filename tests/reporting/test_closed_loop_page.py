@@ -307,8 +307,12 @@ def test_gap_is_a_share_of_variance_and_not_told_without_a_floor():
 
 def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):
     write(tmp_path, VERDICT)
-    loop = read_closed_loop(tmp_path)
-    # The verdict's signals first, the direction as speed, then the free-form ranking.
+    profile = [
+        {"joint": joint, "signal": signal, "stage": "before", "median": sign * size}
+        for joint in JOINTS for signal, size in (("q_a", 1.0), ("qd_b", 2.0)) for sign in (-1, 1)
+    ]  # fmt: skip
+    loop = replace(read_closed_loop(tmp_path), profiles=pd.DataFrame(profile))
+    # The verdict's signals first, the direction as speed, then those along which medians scatter most.
     assert dominant_signals(loop, "b") == ["q_a", "qd_b"]
     assert dominant_signals(loop, "a") == ["qd_a", "qd_b", "q_a"]
     rows = against_signal(loop, "b", "load_a")

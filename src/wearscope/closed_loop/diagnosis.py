@@ -22,7 +22,7 @@ from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.events import find_events, leave_out
+from wearscope.closed_loop.model.events import Event, find_events, leave_out
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
