@@ -57,7 +57,7 @@ test-page: developed
 test-how-to: developed
 	$(BIN)/python -m pytest -m long -rs tests/cli $(ARGS)
 
-# Kills at 20 moments, two runs at once, a full disk, 1,000 inputs a parser: docs/reliability.md; SLURM, as below.
+# Kills at 20 moments, two runs at once, a full disk, 2,000 inputs a parser and command: docs/reliability.md; SLURM, as below.
 test-kills: cluster
 	$(BIN)/python -m pytest -m long -rs tests/workflow $(ARGS)
 

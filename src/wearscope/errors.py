@@ -26,6 +26,14 @@ def escape(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
 
 
+def describe(error: BaseException) -> str:
+    """What an error of own code says, in one line; its text may fail as well."""
+    try:
+        return " ".join(str(error).split())
+    except Exception:
+        return "it has no text"
+
+
 def explain_yaml(error: Exception) -> str:
     """Where a text is no YAML, and why, in a few words."""
     mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)

@@ -128,6 +128,32 @@ def _list_inner(one: Any) -> Iterable[Any]:
     return one.values() if isinstance(one, dict) else one if isinstance(one, list) else ()
 
 
+def check_plain(path: str | Path, most: int, remedy: str) -> None:
+    """Refuse what is no plain file of a bounded size: a pipe or device has no end.
+
+    Parameters
+    ----------
+    path : path-like
+    most : int
+        Largest size [bytes].
+    remedy : str
+
+    Raises
+    ------
+    InputError
+    """
+    path = Path(path)
+    try:
+        there, plain = path.exists(), path.is_file()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be looked at ({type(error).__name__}); {remedy}.") from None
+    if not plain:
+        told = "is no plain file" if there else "no such file"
+        raise InputError(f"{path}: {told}; {remedy}.")
+    if path.stat().st_size > most:
+        raise InputError(f"{path}: is larger than {most / 1e6:g} MB; {remedy}.")
+
+
 def read_json(path: str | Path) -> dict[str, Any]:
     """Content of a JSON file that holds a mapping.
 
@@ -137,10 +163,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
         Where it is missing, no plain file, larger than `wearscope.limits` says, or none.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run the command that makes it.")
-    if path.stat().st_size > limits.JSON_BYTES:
-        raise InputError(f"{path}: is larger than {limits.JSON_BYTES / 1e6:g} MB; make it again.")
+    check_plain(path, limits.JSON_BYTES, "run the command that makes it")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         check_depth(content)

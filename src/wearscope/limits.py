@@ -20,6 +20,10 @@ MASS, LENGTH, GEAR_RATIO = 1e6, 1e3, 1e6
 NAME = 100
 #: Largest header of a member of an archive [bytes], such as a long name.
 TAR_HEADER_BYTES = 1_000_000
+#: Largest manifest of an archive, and largest archive as its manifest says [bytes]; longest path in one.
+MANIFEST_BYTES, ARCHIVE_BYTES, PATH = 50_000_000, 1 << 40, 1000
+#: Longest first line of a CSV file [bytes].
+HEADER_LINE = 100_000
 #: Most pixels of a picture that is shown.
 PIXELS = 50_000_000
 #: A setting is named that would take longer [s] or more room [bytes]: a year, a terabyte.

@@ -16,7 +16,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from wearscope.errors import InputError
+from wearscope import limits
+from wearscope.errors import InputError, describe
+from wearscope.files import check_plain
 
 #: Where a module that was loaded from a file keeps the digest of the file's content.
 _DIGEST = "__wearscope_digest__"
@@ -140,11 +142,12 @@ def load_file(path: Path, attribute: str) -> ModuleType:
     InputError
         Where there is no such file, or it cannot be imported.
     """
+    check_plain(path, limits.TEXT_BYTES, f"name a Python file that defines {attribute}")
     try:
         place = path.resolve(strict=True)
         content = place.read_bytes()
-    except OSError:
-        raise InputError(f"{path}: no such file; name a Python file that defines {attribute}.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); make it readable.") from None
     digest = hashlib.sha256(content).hexdigest()
     where = hashlib.sha256(str(place).encode()).hexdigest()[:12]
     name = f"{_PREFIX}{re.sub(r'[^0-9A-Za-z_]', '_', place.stem)}_{where}"
@@ -163,9 +166,8 @@ def load_file(path: Path, attribute: str) -> ModuleType:
             return _execute(name, place, digest)
         except (Exception, SystemExit) as error:
             failure = error
-    told = " ".join(str(failure).split())
     raise InputError(
-        f"{path}: importing it raised {type(failure).__name__}: {told}; correct the file."
+        f"{path}: importing it raised {type(failure).__name__}: {describe(failure)}; correct the file."
     ) from failure
 
 

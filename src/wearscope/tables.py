@@ -198,18 +198,33 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
     return table
 
 
-def check_unpacked(path: str | Path) -> None:
+def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
     """Refuse a Parquet file that would take more memory than `wearscope.limits` says, before it is read.
+
+    Parameters
+    ----------
+    source : path-like or bytes
+        The file or its content.
+    name : str
+        What messages call a content.
 
     Raises
     ------
     InputError
-        Also where the file has too many columns.
-    pyarrow.ArrowException, OSError
+        Also where the file has too many columns, or is no plain file.
+    DamagedFile
         Where it is no Parquet file.
     """
-    with pq.ParquetFile(path) as file:
-        about = file.metadata
+    path = Path(name if isinstance(source, bytes) else source)
+    if not isinstance(source, bytes) and path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no plain file; give a Parquet file.")
+    try:
+        with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else path) as file:
+            about = file.metadata
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = " ".join(str(error).replace(str(path), "it").split())[:200]
+        told = f"{path}: cannot be read whole ({reason}); copy the file again, or make it again."
+        raise DamagedFile(path, told) from error
     stored = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
     size = max(stored, 8 * about.num_rows * about.num_columns)
     if about.num_columns > limits.COLUMNS:

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from wearscope import example_dataset, integrity
+from wearscope import example_dataset, integrity, limits
 from wearscope.checking.costs import list_excesses
 from wearscope.checking.dataset import check_dataset
 from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
@@ -43,6 +43,15 @@ GROWING = {
     "truth": ['a: !!bool "maybe"'],
     "itself": ["a: &a [*a]"],
 }  # fmt: skip
+
+
+def test_every_limit_is_documented():
+    text = (ROOT / "docs" / "reliability.md").read_text()
+    told = {
+        name: float(value.replace(",", ""))
+        for value, name in re.findall(r"\| ([\d,e.]+) \| `(\w+)` \|", text)
+    }
+    assert told == {name: float(value) for name, value in vars(limits).items() if name.isupper()}
 
 
 @pytest.mark.parametrize("kind", GROWING)

@@ -1,6 +1,6 @@
 """Whatever a file from someone else holds: a result, or one sentence.
 
-A hundred inputs a parser run with the rest of the tests, a thousand with `make test-kills`.
+Fifty inputs a parser run with the rest of the tests, 2,000 with `make test-kills`.
 """
 
 import io

@@ -12,7 +12,8 @@ from wearscope.archives.manifest import MADE, MANIFEST, Manifest, is_brought, pa
 from wearscope.archives.members import read_member, walk_archive
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
-from wearscope.files import digest_file
+from wearscope.files import check_depth, digest_file
+from wearscope.verdicts import check_verdict
 
 
 def _tell_rank(row: Mapping[str, Any]) -> str:
@@ -119,7 +120,10 @@ class Content:
 
     def table(self, name: str) -> pd.DataFrame:
         """A table."""
-        return tables.read_arrow(self.read(name), name=f"{self.path}: {name}").to_pandas()
+        where = f"{self.path}: {name}"
+        content = self.read(name)
+        tables.check_unpacked(content, where)
+        return tables.read_arrow(content, name=where).to_pandas()
 
 
 def _conclude(content: Content) -> Iterator[tuple[str, str]]:
@@ -142,15 +146,15 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
 
 
 def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
+    where = f"{content.path}: {name}"
     try:
         verdict = json.loads(content.read(name))
-        named: dict[str, list[str]] = {joint: [] for joint in verdict["joints"]}
-        for entry in verdict["verdict"]:
-            named.setdefault(entry["joint"], []).append(entry["effect"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{content.path}: {name}: is no verdict ({type(error).__name__}); make it again."
-        ) from None
+        check_depth(verdict)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: is no verdict ({type(error).__name__}); make it again.") from None
+    named: dict[str, list[str]] = {joint: [] for joint in check_verdict(verdict, where)["joints"]}
+    for entry in verdict["verdict"]:
+        named.setdefault(entry["joint"], []).append(entry["effect"])
     for joint, effects in named.items():
         yield f"{PurePosixPath(name).parent}: {joint}", ", ".join(sorted(effects)) or "nothing named"
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.files import check_depth
 
@@ -17,9 +18,6 @@ CRATE, CONFIG = "ro-crate-metadata.json", "config.yaml"
 FORMAT = 2
 #: Made by packing; no file of a study has these names.
 MADE = (MANIFEST, CHECKSUM, CRATE, CONFIG)
-#: Bounds of what is read at all.
-LARGEST_MANIFEST = 50_000_000
-MOST_BYTES = 1 << 40
 #: Endings of the files that an archive may bring: tables, settings, models, figures, pages, text.
 KINDS = (
     ".parquet", ".csv", ".tsv", ".json", ".yaml", ".npz", ".tar", ".urdf", ".xml", ".svg", ".png", ".html",
@@ -39,7 +37,7 @@ class FileEntry(Part):
     """A file of the archive."""
 
     sha256: Digest
-    bytes: Annotated[int, Field(ge=0, le=MOST_BYTES)]
+    bytes: Annotated[int, Field(ge=0, le=limits.ARCHIVE_BYTES)]
 
 
 class CodeVersion(Part):
@@ -105,8 +103,10 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
     if manifest.format == 1 and any(name in manifest.files for name in MADE):
         raise InputError(f"{where}: {MANIFEST} lists a name that format 1 has not; get the file again.")
     check_names(manifest.files, where)
-    if sum(entry.bytes for entry in manifest.files.values()) > MOST_BYTES:
-        raise InputError(f"{where}: would take more than {MOST_BYTES >> 30} GiB; get the file again.")
+    if sum(entry.bytes for entry in manifest.files.values()) > limits.ARCHIVE_BYTES:
+        raise InputError(
+            f"{where}: would take more than {limits.ARCHIVE_BYTES >> 30} GiB; get the file again."
+        )
     return manifest
 
 
@@ -129,7 +129,7 @@ def check_names(names: Iterable[str], where: str) -> None:
             reason = "is no plain path"
         elif re.search(r"[\x00-\x1f\x7f-\x9f\\\ud800-\udfff]", name):
             reason = "holds a control character or a backslash"
-        elif len(name.encode()) > 1000 or any(len(part.encode()) > 200 for part in parts):
+        elif len(name.encode()) > limits.PATH or any(len(part.encode()) > 200 for part in parts):
             reason = "is too long"
         elif name in folders:
             reason = "is both a file and a folder"

@@ -10,7 +10,6 @@ from typing import IO, Any
 from wearscope import limits
 from wearscope.archives.manifest import (
     CHECKSUM,
-    LARGEST_MANIFEST,
     MANIFEST,
     FileEntry,
     Manifest,
@@ -120,9 +119,9 @@ def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
     first = tar.next()
     if first is None or first.name != MANIFEST or not _is_plain(first):
         raise InputError(f"{path}: is no archive of a study; its first member is not {MANIFEST}.")
-    if first.size > LARGEST_MANIFEST:
+    if first.size > limits.MANIFEST_BYTES:
         raise InputError(
-            f"{path}: {MANIFEST} is larger than {LARGEST_MANIFEST / 1e6:g} MB; get the file again."
+            f"{path}: {MANIFEST} is larger than {limits.MANIFEST_BYTES / 1e6:g} MB; get the file again."
         )
     content = _read_small(tar, first)
     manifest = parse_manifest(content, str(path))

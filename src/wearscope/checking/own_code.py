@@ -11,7 +11,7 @@ from wearscope.checking.robot import USUAL
 from wearscope.cycles.base import load_cycle, required_torque
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.effects.base import Signals, load_effect
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_cycle
 
@@ -59,10 +59,8 @@ def check_detector(path: str) -> Findings:
             for wear in (0.0, 50.0)
         )
     except (Exception, SystemExit) as error:
-        told = " ".join(str(error).split())
-        found.add(
-            f"{path}: raised {type(error).__name__} on a recording of 'medium': {told}; correct the file."
-        )
+        told = f"raised {type(error).__name__} on a recording of 'medium': {describe(error)}"
+        found.add(f"{path}: {told}; correct the file.")
         return found
     if not np.all(np.isfinite([*healthy, *worn])):
         found.add(

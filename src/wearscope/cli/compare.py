@@ -1,6 +1,5 @@
 """Two results side by side."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +8,7 @@ import click
 
 from wearscope.cli.show import find_results, print_table
 from wearscope.errors import InputError
+from wearscope.verdicts import read_verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,7 +103,14 @@ def _read_ranking(path: Path) -> "pd.DataFrame":
 
     from wearscope import tables
 
-    return tables.read_table(path) if path.is_file() else pd.DataFrame()
+    if not path.is_file():
+        return pd.DataFrame()
+    tables.check_unpacked(path)
+    table = tables.read_table(path)
+    for name in ("rank", "median", "median_low", "median_high"):
+        if name not in table or not pd.api.types.is_numeric_dtype(table[name]) or "fda" not in table:
+            raise InputError(f"{path}: is no ranking of detectors (column {name}); run the study again.")
+    return table.astype({"fda": str})
 
 
 def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
@@ -111,7 +118,7 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     from wearscope.cli.tables import format_value
     from wearscope.reporting.differences_page import render_loop_differences, tell_loops
 
-    verdicts = [json.loads((one / "verdict.json").read_text(encoding="utf-8")) for one in (left, right)]
+    verdicts = [read_verdict(one / "verdict.json") for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
     headers = ["joint"]
     names = _name(left, right)

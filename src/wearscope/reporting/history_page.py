@@ -1,21 +1,21 @@
 """One page over time: every study and verdict of a folder, newest first, and how errors and SNR went."""
 
-import json
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 import altair as alt
 import pandas as pd
+import pyarrow as pa
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.errors import InputError
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
+from wearscope.verdicts import read_verdict
 
 #: What made a page, by a file next to it.
 _KINDS = {
@@ -117,16 +117,18 @@ def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
         place = (folder / one.path).parent
         try:
             if one.kind == "diagnosis":
-                joints = json.loads((place / "verdict.json").read_text(encoding="utf-8"))["joints"]
+                joints = read_verdict(place / "verdict.json")["joints"]
                 own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
                 quantity = "error after the correction"
             elif one.kind == "study":
+                tables.check_unpacked(place / "ranking.parquet")
                 ranking = tables.read_table(place / "ranking.parquet")
-                own = dict(zip(ranking["fda"], ranking["median"], strict=True)) if "fda" in ranking else {}
+                medians = ranking["median"].astype(float)
+                own = dict(zip(ranking["fda"].astype(str), medians, strict=True))
                 quantity = "median signal-to-noise ratio"
             else:
                 continue
-        except (OSError, ValueError, KeyError, InputError):
+        except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
             continue
         rows += [
             {"when": one.when, "name": one.name, "quantity": quantity, "of": str(of), "value": float(value)}

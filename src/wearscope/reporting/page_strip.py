@@ -61,7 +61,7 @@ class _StripReader(HTMLParser):
         """Enter a part of the strip."""
         kinds = (dict(attrs).get("class") or "").split()
         if kinds[:2] == ["strip", "conclusion"]:
-            self.kind = kinds[2]
+            self.kind = " ".join(kinds[2:3])
         elif self.kind and not self._place and ("answer" in kinds or tag in ("dt", "dd")):
             self._place = tag
             self._heading = "" if tag == "dt" else self._heading
@@ -86,11 +86,16 @@ _TOP = 60_000
 
 def read_strip(page: str | Path) -> Strip | None:
     """The strip of a page that was written, as a browser shows it; None where it has none."""
-    with Path(page).open(encoding="utf-8") as file:
+    if not Path(page).is_file():
+        return None
+    with Path(page).open(encoding="utf-8", errors="replace") as file:
         top = file.read(_TOP)
     start, end = top.find('<div class="strip'), top.find("</dl>")
     if start < 0 or end < 0:
         return None
-    read = _StripReader(top[start:end])
+    try:
+        read = _StripReader(top[start:end])
+    except AssertionError:  # how Python's parser says that it is no HTML
+        return None
     sure, caveat, action = (" ".join(read.told.get(name, "").split()) for name in HEADINGS)
     return Strip(" ".join(read.answer.split()), read.kind, sure, caveat, action)

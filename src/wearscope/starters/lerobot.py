@@ -1,15 +1,18 @@
 """Data sets of LeRobot: ``meta/info.json`` and Parquet files with a row a frame, one run an episode."""
 
-import json
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, Field, ValidationError
 
+from wearscope import limits
 from wearscope.errors import InputError
+from wearscope.files import read_json
+from wearscope.tables import check_unpacked
 
 #: Features of joints and the word of their kind; names of single values may hold another.
 _FEATURES = {
@@ -24,6 +27,19 @@ _FEATURES = {
 #: Ends of names of single values, as ``shoulder.pos``, and their kinds.
 _ENDS = {"pos": "position", "vel": "velocity", "torque": "effort", "effort": "effort", "current": "current"}
 _MEASURED = {"effort", "current", "load"}
+
+
+class _Feature(BaseModel):
+    """What a row of the table has of a feature."""
+
+    shape: list[Annotated[int, Field(ge=0, le=limits.COLUMNS)]] = Field(min_length=1)
+    names: Any = None
+
+
+class _Info(BaseModel):
+    """``meta/info.json``."""
+
+    features: dict[str, _Feature]
 
 
 def is_lerobot(path: Path) -> bool:
@@ -61,46 +77,54 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
         raise InputError(f"{path}: has no Parquet files under data; download the data set whole.")
     wanted = ["timestamp", "episode_index", *columns]
     try:
+        for file in files:
+            check_unpacked(file)
         tables = [pq.read_table(file, columns=wanted, partitioning=None) for file in files]
         table = pa.concat_tables(tables)
         parts = [_read_values(table, feature, len(names)) for feature, names in columns.items()]
+        time, episode = (
+            table[name].cast(kind).to_numpy()
+            for name, kind in (("timestamp", pa.float64()), ("episode_index", pa.int64()))
+        )
+        if table["episode_index"].null_count:
+            raise ValueError("episode_index has holes")
     except (pa.ArrowException, OSError, ValueError) as error:
         told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(
             f"{path}: cannot be read as a LeRobot data set ({told}); download it again."
         ) from error
+    if not len(table):
+        raise InputError(f"{path}: holds no rows; download the data set whole.")
     frame = pd.DataFrame(
         np.column_stack(parts), columns=[name for names in columns.values() for name in names]
     )
-    frame.insert(0, "timestamp", table["timestamp"].to_numpy())
-    episode = table["episode_index"].to_numpy()
+    frame.insert(0, "timestamp", time)
     return [
         (f"episode_{number:06d}", frame[episode == number].reset_index(drop=True))
         for number in np.unique(episode)
     ]
 
 
-def _read_features(path: Path) -> dict[str, Any]:
+def _read_features(path: Path) -> dict[str, _Feature]:
     file = path / "meta" / "info.json"
     try:
-        features = json.loads(file.read_text(encoding="utf-8"))["features"]
-        if not isinstance(features, dict):
-            raise TypeError("features are no mapping")
-        return features
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file}: cannot be read ({error!r:.100}); download the data set again.") from error
+        return _Info.model_validate(read_json(file)).features
+    except ValidationError as error:
+        first = error.errors()[0]
+        told = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise InputError(f"{file}: cannot be read ({told}); download the data set again.") from None
 
 
-def _name_columns(features: dict[str, Any]) -> dict[str, list[str]]:
+def _name_columns(features: dict[str, _Feature]) -> dict[str, list[str]]:
     """Names of each feature's values: joint, a dot, kind."""
     columns = {}
     for feature, kind in _FEATURES.items():
         if feature not in features:
             continue
-        stated = features[feature].get("names")
+        stated = features[feature].names
         if isinstance(stated, dict):
             stated = next((one for one in stated.values() if isinstance(one, list)), None)
-        count = int(features[feature]["shape"][0])
+        count = features[feature].shape[0]
         if not isinstance(stated, list) or len(stated) != count:
             stated = [f"joint_{k}" for k in range(count)]
         names = []

@@ -7,9 +7,12 @@ from typing import Any
 
 import pandas as pd
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.extras import need
+from wearscope.files import check_plain
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
+from wearscope.tables import check_unpacked
 
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -40,8 +43,10 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
         return _read_bag(path, topic)
     try:
         if kind == ".parquet":
+            check_unpacked(path)
             return pd.read_parquet(path), []
         if kind in _TEXT:
+            check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
             return _read_text(path)
     except InputError:
         raise

@@ -29,7 +29,7 @@ def find_inside(folder: Path, name: str, where: str) -> Path:
     """
     plain = PurePosixPath(name)
     parts = [*plain.parts, *PureWindowsPath(name).parts]
-    odd = not name.strip() or "\0" in name or not name.isprintable() or len(name) > 1000
+    odd = not name.strip() or "\0" in name or not name.isprintable() or len(name) > limits.PATH
     if odd or plain.is_absolute() or PureWindowsPath(name).anchor or ".." in parts:
         raise InputError(
             f"{where}: '{name[:100] if name.isprintable() else ascii(name[:100])}' does not lie in the data "

@@ -21,8 +21,6 @@ from wearscope.servos import ServoFields, read_servos, refuse_bool
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0
-#: Longest name of a data set, which a folder of results is called like.
-_LONGEST_NAME = limits.NAME
 
 
 def _refuse_huge(value: float) -> float:
@@ -130,10 +128,10 @@ def folder_name(name: Any, where: str) -> str:
     if isinstance(name, int | float) and not isinstance(name, bool):
         name = str(name)
     plain = isinstance(name, str) and re.fullmatch(r"[\w.-]+( +[\w.-]+)*", name) is not None
-    if not plain or not name.strip(". ") or len(name) > _LONGEST_NAME:
+    if not plain or not name.strip(". ") or len(name) > limits.NAME:
         raise InputError(
             f"{where}: name is missing or holds other than letters, digits, '_', '-', '.' and inner "
-            f"spaces, or more than {_LONGEST_NAME} characters; the results' folder is called like it, "
+            f"spaces, or more than {limits.NAME} characters; the results' folder is called like it, "
             "so correct it."
         )
     return re.sub(" +", "-", name)

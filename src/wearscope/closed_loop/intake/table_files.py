@@ -17,8 +17,6 @@ from wearscope.tables import check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
 LEAST_ROWS, LEAST_TIME = 50, 1.0
-#: No signal of a machine, and no clock in nanoseconds, is as large as this; its square is still finite.
-_LARGEST = 1e30
 #: Separators of a CSV file that are tried where the header holds them.
 _SEPARATORS = (",", ";", "\t")
 #: First bytes of files that are no CSV, with what they are and the remedy.
@@ -34,7 +32,7 @@ _NO_CSV = {
 def _read_csv(path: Path) -> pa.Table:
     """CSV with commas, semicolons or tabs, as UTF-8 or Latin-1."""
     with path.open("rb") as file:
-        header = file.readline(100_000)
+        header = file.readline(limits.HEADER_LINE)
     if path.stat().st_size > limits.TABLE_BYTES:
         size = limits.TABLE_BYTES / 1e6
         raise InputError(f"{path}: is larger than {size:g} MB; give it in several files, or as Parquet.")
@@ -42,8 +40,8 @@ def _read_csv(path: Path) -> pa.Table:
         if header.startswith(start):
             raise InputError(f"{path}: {told}, or correct runs[].file in dataset.yaml.")
     separator = max(_SEPARATORS, key=lambda one: header.count(one.encode()))
-    if len(header) == 100_000 or header.count(separator.encode()) >= limits.COLUMNS:
-        told = f"has more than {limits.COLUMNS} columns, or 100000 characters in its first line"
+    if len(header) == limits.HEADER_LINE or header.count(separator.encode()) >= limits.COLUMNS:
+        told = f"has more than {limits.COLUMNS} columns, or {limits.HEADER_LINE} characters in its first line"
         raise InputError(f"{path}: {told}; leave out what is not used.")
     point = "," if separator == ";" and _has_comma(path) else "."
 
@@ -67,7 +65,7 @@ def _read_csv(path: Path) -> pa.Table:
 def _has_comma(path: Path) -> bool:
     """Whether the first rows of a file with semicolons write 1,5 for 1.5."""
     with path.open("rb") as file:
-        lines = [file.readline(100_000) for _ in range(10)][1:]
+        lines = [file.readline(limits.HEADER_LINE) for _ in range(10)][1:]
     return any(b"," in line for line in lines) and not any(b"." in line for line in lines)
 
 
@@ -132,7 +130,7 @@ def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
         values = np.array(series.to_numpy(dtype=float, na_value=np.nan))
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: column '{name}' holds no plain numbers; convert it.") from error
-    bad = np.flatnonzero(~(np.abs(values) < _LARGEST))
+    bad = np.flatnonzero(~(np.abs(values) < limits.NUMBER))
     if len(bad):
         raise InputError(
             f"{path}: column '{name}' is no finite number at row {bad[0]} "

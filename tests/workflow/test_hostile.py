@@ -1,0 +1,91 @@
+"""Whatever files from someone else hold, a command ends soon, in a result or one sentence, and runs no code.
+
+Each command is a process with bounds. A few inputs a command run with the rest of the tests, 2,000 with
+`make test-kills`; every input is made from its number alone, so that one that fails can be made again.
+"""
+
+import os
+from pathlib import Path
+
+import hostile
+import pytest
+
+#: Commands of which fifty inputs take a second or two; of the others, a few.
+QUICK = (
+    "show csv",
+    "show json",
+    "show parquet",
+    "show png",
+    "verify",
+    "unpack",
+    "restore",
+    "report",
+    "compare archives",
+)
+#: Those that start the workflow take seconds an input.
+STARTING = ("diagnose", "track", "detect", "run")
+COUNTS = [
+    *((name, 50 if name in QUICK else 2) for name in hostile.SUBJECTS if name not in STARTING),
+    *(
+        pytest.param(name, 100 if name in STARTING else 2000, marks=pytest.mark.long)
+        for name in hostile.SUBJECTS
+    ),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run():
+    with hostile.Runner() as runner:
+        yield runner
+
+
+@pytest.mark.parametrize(("name", "count"), COUNTS)
+def test_no_input_runs_code_hangs_or_ends_in_a_traceback(run, name, count, tmp_path):
+    wrong = []
+    for number in range(count):
+        folder = tmp_path / str(number) / "here"
+        folder.mkdir(parents=True)
+        case = hostile.make_case(name, number, folder)
+        if told := hostile.judge(case, run(case.arguments, folder), folder):
+            wrong.append(f"{number}: {case.told}: {told}")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", hostile.SUBJECTS)
+def test_sound_inputs_are_accepted(run, name, tmp_path):
+    """So that it is what was spoiled that is refused."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    subject = hostile.SUBJECTS[name]
+    subject.write(folder)
+    outcome = run(subject.arguments, folder)
+    assert outcome.code == 0, outcome.output
+
+
+@pytest.mark.parametrize(
+    ("outcome", "left", "told"),
+    [
+        (hostile.Outcome(0, "well.\n", 1.0, 1), None, ""),
+        (hostile.Outcome(1, "a.csv: holds 0 rows; record more.\n", 1.0, 1), None, ""),
+        (hostile.Outcome(98, "ValueError", 1.0, 1), None, "exit status 98"),
+        (hostile.Outcome(-9, "", 1.0, 1), None, "exit status -9"),
+        (hostile.Outcome(0, "well.\n", 11.0, 1), None, "11.0 s"),
+        (hostile.Outcome(0, "well.\n", 1.0, 3 << 30), None, "3.00 GiB"),
+        (hostile.Outcome(0, "\x1b[2J\n", 1.0, 1), None, "steers the terminal"),
+        (hostile.Outcome(1, "\n", 1.0, 1), None, "ends without a word"),
+        (hostile.Outcome(1, "no.\n", 1.0, 1), "made", "leaves made"),
+        (hostile.Outcome(0, "well.\n", 1.0, 1), hostile.RAN, "code ran"),
+    ],
+)
+def test_a_command_that_ends_ill_would_be_found(outcome, left, told, tmp_path):
+    if left:
+        (tmp_path / left).touch()
+    found = hostile.judge(hostile.Case("", (), ("made",)), outcome, tmp_path)
+    assert found.startswith(told) and bool(found) == bool(told)
+
+
+def test_a_process_is_ended_where_it_takes_too_long_or_too_much(tmp_path, monkeypatch):
+    monkeypatch.setattr(hostile, "WAITED", 1)
+    monkeypatch.setattr(hostile, "act", lambda *given: (hostile.os.setsid(), os.read(os.pipe()[0], 1)))
+    Path(f"{tmp_path}.said").touch()
+    assert hostile.run_forked([], str(tmp_path)).code < 0
