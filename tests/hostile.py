@@ -806,8 +806,8 @@ class Runner:
         return Outcome(**json.loads(self.server.stdout.readline()))
 
     def __exit__(self, *error: object) -> None:
-        self.server.stdin.close()
-        self.server.wait()
+        with self.server:  # closes both ends, and waits
+            pass
 
 
 def serve() -> None:

@@ -51,7 +51,7 @@ def test_no_input_runs_code_hangs_or_ends_in_a_traceback(run, name, count, tmp_p
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("name", hostile.SUBJECTS)
+@pytest.mark.parametrize("name", [name for name in hostile.SUBJECTS if name not in STARTING])
 def test_sound_inputs_are_accepted(run, name, tmp_path):
     """So that it is what was spoiled that is refused."""
     folder = tmp_path / "here"
@@ -70,7 +70,7 @@ def test_sound_inputs_are_accepted(run, name, tmp_path):
         (hostile.Outcome(98, "ValueError", 1.0, 1), None, "exit status 98"),
         (hostile.Outcome(-9, "", 1.0, 1), None, "exit status -9"),
         (hostile.Outcome(0, "well.\n", 11.0, 1), None, "11.0 s"),
-        (hostile.Outcome(0, "well.\n", 1.0, 3 << 30), None, "3.00 GiB"),
+        (hostile.Outcome(0, "well.\n", 1.0, 3 << 30), None, "1.0 s, 3.00 GiB"),
         (hostile.Outcome(0, "\x1b[2J\n", 1.0, 1), None, "steers the terminal"),
         (hostile.Outcome(1, "\n", 1.0, 1), None, "ends without a word"),
         (hostile.Outcome(1, "no.\n", 1.0, 1), "made", "leaves made"),
