@@ -18,9 +18,11 @@ from wearscope.closed_loop.intake.dataset_fields import (
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.table_files import read_columns, take_joints
 from wearscope.closed_loop.intake.thinning import prepare_thinned
+from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.errors import InputError
 
 
+@keep_to_one_thread
 def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
     """Check a data set without looking for what its model lacks.
 

@@ -18,6 +18,7 @@ from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judg
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
+from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
@@ -102,6 +103,7 @@ def find_prismatic(urdf: Path, joints: list[str]) -> list[bool]:
     return [kinds[name] == "prismatic" for name in joints]
 
 
+@keep_to_one_thread
 def diagnose(
     dataset: str | Path | Dataset,
     policy: Policy | None = None,

@@ -12,6 +12,7 @@ import pandas as pd
 from wearscope import tables
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
+from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
@@ -86,6 +87,7 @@ def join_sessions(
     return write_tracking(read_sessions(dataset), healthy, read, folder, level)
 
 
+@keep_to_one_thread
 def track(
     dataset: str | Path,
     folder: str | Path,

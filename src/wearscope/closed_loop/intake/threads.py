@@ -3,7 +3,10 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
 
@@ -11,6 +14,18 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 _THREADS, _WORTH = 2, 500_000
 
 _Out = TypeVar("_Out")
+_Given = ParamSpec("_Given")
+
+
+def keep_to_one_thread(function: Callable[_Given, _Out]) -> Callable[_Given, _Out]:
+    """The function with one thread for linear algebra: for small matrices more threads only wait."""
+
+    @wraps(function)
+    def limited(*args: _Given.args, **kwargs: _Given.kwargs) -> _Out:
+        with threadpool_limits(1):
+            return function(*args, **kwargs)
+
+    return limited
 
 
 def map_runs(function: Callable[..., _Out], runs: Sequence[PreparedRun], *more: Sequence[Any]) -> list[_Out]:
