@@ -29,8 +29,8 @@ def test_import_and_help_load_nothing_heavy(code, more):
     heavy = (
         f"numpy pyarrow pandas scipy pybullet pinocchio matplotlib numba sklearn snakemake pydantic {more}"
     )
-    tell = f"atexit.register(lambda: print([name for name in {heavy.split()} if name in sys.modules]))"
-    code = f"import atexit, sys; sys.argv[1:] = ['--help']; {tell}; {code}"
+    tell = f"print([name for name in {heavy.split()} if name in sys.modules])"
+    code = f"import sys; sys.argv[1:] = ['--help']\ntry:\n    {code}\nfinally:\n    {tell}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == "[]"
 

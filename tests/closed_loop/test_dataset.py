@@ -416,7 +416,9 @@ def test_truncated_parquet_is_refused(folder):
     folder.write()
     file = folder.path / "runs/a.parquet"
     file.write_bytes(file.read_bytes()[:900])
-    with pytest.raises(InputError, match=r"a\.parquet: cannot be read whole .*copy the file again, or make it again\.$"):
+    with pytest.raises(
+        InputError, match=r"a\.parquet: cannot be read whole .*copy the file again, or make it again\.$"
+    ):
         folder.read()
 
 

@@ -168,7 +168,7 @@ def test_what_is_read_is_what_was_written(tmp_path):
 def write_verdict(folder, when, error, answer):
     """A diagnosis of a joint, written at a time."""
     folder.mkdir(parents=True)
-    (folder / "verdict.json").write_text(json.dumps({"joints": {"j1": {"rms_after": error}}}))
+    (folder / "verdict.json").write_text(json.dumps({"joints": {"j1": {"rms_after": error}}, "verdict": []}))
     page = folder / "report.html"
     strip = Strip(answer, "good", "Sure.", "", "Next.")
     page.write_text(render_page("t", [Section("s", "b")], strip=strip), encoding="utf-8")
