@@ -8,7 +8,6 @@ import click
 
 from wearscope.cli.show import find_results, print_table
 from wearscope.errors import InputError
-from wearscope.verdicts import read_verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,6 +116,7 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     """Show both joint by joint; return what writes a page of it."""
     from wearscope.cli.tables import format_value
     from wearscope.reporting.differences_page import render_loop_differences, tell_loops
+    from wearscope.verdicts import read_verdict
 
     verdicts = [read_verdict(one / "verdict.json") for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
