@@ -5,13 +5,13 @@ import pytest
 from click.testing import CliRunner
 
 from wearscope.cli.main import wearscope
-from wearscope.closed_loop.bridging import bridge_events
 from wearscope.closed_loop.diagnosis import diagnose, find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import find_events, suggest_thresholds
 from wearscope.closed_loop.model.prediction import predict_runs
+from wearscope.detection.bridging import bridge_events
 
 
 def push(at, size, width):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.closed_loop.bridging import bridge_events
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
@@ -15,6 +14,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
 from wearscope.designs.factors import PAPER_FACTORS, Factor
+from wearscope.detection.bridging import bridge_events
 from wearscope.detection.panel import Cell, fit_panel, read_units
 from wearscope.detection.recordings import MotionGroup, Refused, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
