@@ -151,9 +151,9 @@ def test_ci_runs_make_test():
     script = ROOT / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     assert "make --no-print-directory test " in script.read_text()
-    assert "make --no-print-directory test-slow " in script.read_text()
     script = ROOT / ".ci" / "run-long"
     assert script.stat().st_mode & 0o111
+    assert "make --no-print-directory test-slow" in script.read_text()
     assert "make --no-print-directory test-kills" in script.read_text()
     assert "make --no-print-directory test-how-to" in script.read_text()
     assert "make --no-print-directory mutants" in script.read_text()

@@ -1,13 +1,10 @@
 """What the workflow's jobs do not load: each import is paid by every process that makes it."""
 
-import importlib.metadata
 import json
 import subprocess
 import sys
 
 import pytest
-
-from wearscope.provenance import describe_provenance
 
 
 @pytest.mark.parametrize(
@@ -25,22 +22,31 @@ def test_what_only_some_jobs_use_is_not_imported_by_all(imported, spared):
     assert json.loads(done.stdout) == []
 
 
-def test_packages_are_those_that_python_imports_each_read_once(tmp_path, monkeypatch):
+COUNT_READS = """
+import importlib.metadata, json, sys
+there = sys.argv[1:]
+sys.path = [*there, *sys.path, *there, *sys.path]
+read, whole = [], importlib.metadata.PathDistribution.read_text
+
+def count(self, name):
+    read.append((str(self._path), name))
+    return whole(self, name)
+
+importlib.metadata.PathDistribution.read_text = count
+from wearscope.provenance import describe_provenance
+version = describe_provenance([])["packages"]["twice"]
+opened = [path for path, name in read if name == "METADATA" and "twice" not in path]
+print(json.dumps([version, importlib.metadata.version("twice"), max(map(opened.count, opened))]))
+"""
+
+
+def test_packages_are_those_that_python_imports_each_read_once(tmp_path):
     for folder, version in (("first", "1.0"), ("second", "2.0")):
         info = tmp_path / folder / "twice-0.dist-info"
         info.mkdir(parents=True)
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: Twice\nVersion: {version}\n")
-    there = [str(tmp_path / "first"), str(tmp_path / "second")]
-    monkeypatch.setattr(sys, "path", [*there, *sys.path, *there, *sys.path])
-    read = []
-    whole = importlib.metadata.PathDistribution.read_text
-
-    def count(self, name):
-        read.append((str(self._path), name))
-        return whole(self, name)
-
-    monkeypatch.setattr(importlib.metadata.PathDistribution, "read_text", count)
-    packages = describe_provenance([])["packages"]
-    opened = [path for path, name in read if name == "METADATA" and "twice" not in path]
-    assert packages["twice"] == "1.0" == importlib.metadata.version("twice")
-    assert max(map(opened.count, opened)) <= 2  # once here, once for the version of this package
+    command = [sys.executable, "-c", COUNT_READS, str(tmp_path / "first"), str(tmp_path / "second")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    ours, python, most = json.loads(told)
+    assert ours == python == "1.0"
+    assert most <= 2  # once here, once for the version of this package
