@@ -61,7 +61,7 @@ def make_blocks(prepared: Prepared) -> list[Block]:
     blocks = []
     for r, run in enumerate(runs):
         count = max(2, round((run.t[-1] - run.t[0]) / length))
-        edges = np.linspace(0, len(run.t), count + 1).astype(int)
+        edges = np.unique(np.linspace(0, len(run.t), count + 1).astype(int))
         blocks += [Block(r, a, b) for a, b in pairwise(edges)]
     return blocks
 

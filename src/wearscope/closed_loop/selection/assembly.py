@@ -64,7 +64,7 @@ class Assembly:
             )
             for j in range(n)
         ]
-        units = len(layout.units.patterns.T)
+        units = layout.units.count
         self.gram = np.zeros((units, self.p, self.p))
         self.score = np.zeros((units, self.p))
         for k, products, weight in zip(self.at, self._own, self.weight, strict=True):
@@ -187,8 +187,7 @@ class Assembly:
     @cached_property
     def joint_losses(self) -> np.ndarray:
         """Held-out loss by block and joint (B, n), in residual variances."""
-        counted = np.where(self.layout.keep, self.held_out, 0.0 * self.held_out)
-        return self.layout.sum_blocks(counted**2) * self.weight
+        return self.layout.sum_blocks(self.held_out**2 * self.layout.keep) * self.weight
 
     @cached_property
     def fitted_losses(self) -> np.ndarray:
@@ -282,8 +281,7 @@ class Assembly:
 
     def _change(self, left: np.ndarray, added: np.ndarray) -> np.ndarray:
         """Change of the loss (B, n) where a torque is added to what a model leaves."""
-        counted = np.where(self.layout.keep, (added - 2.0 * left) * added, 0.0 * left)
-        return self.layout.sum_blocks(counted) * self.weight
+        return self.layout.sum_blocks((added - 2.0 * left) * added * self.layout.keep) * self.weight
 
     def block_scores(self, sums: Sums) -> np.ndarray:
         """Scores (B, S, m): the columns, with the model projected out, times the model's residual."""

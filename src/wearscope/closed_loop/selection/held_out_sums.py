@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from wearscope.closed_loop.selection.layout import Layout
+from wearscope.closed_loop.selection.sums import total
 
 #: Ridge of the model's parameters and of a spline's heights, of the information on them.
 _TINY, _RIDGE = 1e-10, 1e-9
@@ -51,32 +52,22 @@ class HeldOut:
     def __init__(
         self, layout: Layout, every: int, keep: np.ndarray, model: np.ndarray, known: np.ndarray
     ) -> None:
-        folds = layout.folds
-        member = np.concatenate([folds.train, folds.test])
-        patterns, unit = np.unique(member, axis=1, return_inverse=True)
-        of_row = unit.reshape(-1)[layout.block_of[::every]]
-        kept = np.flatnonzero(keep)
+        units = layout.units
+        of_row, kept = units.of_row[::every], np.flatnonzero(keep)
         self.order = kept[np.argsort(of_row[kept], kind="stable")]
-        edges = np.searchsorted(of_row[self.order], np.arange(patterns.shape[1] + 1))
+        edges = np.searchsorted(of_row[self.order], np.arange(units.count + 1))
         self.units = [slice(a, b) for a, b in pairwise(edges.tolist())]
-        whole = np.ones((1, patterns.shape[1]))
-        train, test = np.split(patterns.astype(float), 2)
-        self.train, self.test = np.concatenate([train, whole]), np.concatenate([test, whole])
+        whole = np.ones((1, units.count))
+        self.train, self.test = np.concatenate([units.train, whole]), np.concatenate([units.test, whole])
         self.model = model[self.order]
         # By the columns' own array, which is kept so that no other one has its number.
         self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self.gram = self._sum(self.model, self.model)
-        self.held = self._total(self.test, self.gram)
-        self.inverse = np.array([self._invert(a + known) for a in self._total(self.train, self.gram)])
+        self.held = total(self.test, self.gram)
+        self.inverse = np.array([self._invert(a + known) for a in total(self.train, self.gram)])
 
     def _sum(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.array([x[u].T @ y[u] for u in self.units])
-
-    @staticmethod
-    def _total(folds: np.ndarray, by_unit: np.ndarray) -> np.ndarray:
-        """Sums (F, ...) over the units of each fold."""
-        flat = folds @ by_unit.reshape(len(by_unit), -1)
-        return flat.reshape(len(folds), *by_unit.shape[1:])
 
     @staticmethod
     def _invert(a: np.ndarray) -> np.ndarray:
@@ -89,8 +80,8 @@ class HeldOut:
         values = torque[self.order]
         power = np.array([(values[u] ** 2).sum(axis=0) for u in self.units])
         score = self._sum(self.model, values)
-        theta = self.inverse @ self._total(self.train, score)
-        held = self._total(self.test, score)
+        theta = self.inverse @ total(self.train, score)
+        held = total(self.test, score)
         left = held - self.held @ theta
         loss = self.test @ power - ((held + left) * theta).sum(axis=1)
         return Target(values, theta, left, _join(loss))
@@ -110,15 +101,15 @@ class HeldOut:
             self._known[id(columns)] = columns, self._sum(z, z), self._sum(z, self.model)
         _, gram, cross = self._known[id(columns)]
         score = self._sum(z, target.values)
-        own, onto = self._total(self.train, gram), self._total(self.train, cross)
+        own, onto = total(self.train, gram), total(self.train, cross)
         shift = self.inverse @ onto.transpose(0, 2, 1)
         size = np.einsum("fmm->fm", own)
         inner = own - onto @ shift + penalty + (_RIDGE * size + 1e-300)[:, None] * np.eye(z.shape[1])
-        beta = np.linalg.solve(inner, self._total(self.train, score) - onto @ target.theta)
-        held = self._total(self.test, cross)
+        beta = np.linalg.solve(inner, total(self.train, score) - onto @ target.theta)
+        held = total(self.test, cross)
         mixed, back = held @ shift, shift.transpose(0, 2, 1)
-        square = self._total(self.test, gram) - mixed - mixed.transpose(0, 2, 1) + back @ self.held @ shift
-        linear = self._total(self.test, score) - held @ target.theta - back @ target.left
+        square = total(self.test, gram) - mixed - mixed.transpose(0, 2, 1) + back @ self.held @ shift
+        linear = total(self.test, score) - held @ target.theta - back @ target.left
         gain = ((2.0 * linear - square @ beta) * beta).sum(axis=1)
         return np.asarray(_join(gain) / np.maximum(target.loss, 1e-300))
 

@@ -48,21 +48,31 @@ class Units:
 
     Attributes
     ----------
-    patterns : ndarray (2 F, U)
-    segments : list of (int, slice)
-        Unit and rows of each stretch.
-    test_rows : list of ndarray of int
-        Rows that each fold holds out.
+    train, test : ndarray (F, U)
+        1 where a fold is fitted on a unit, and where it holds it out.
+    of_row : ndarray (M,) of int
+        Unit of each row.
     """
 
-    patterns: np.ndarray
-    segments: list[tuple[int, slice]]
-    test_rows: list[np.ndarray]
+    train: np.ndarray
+    test: np.ndarray
+    of_row: np.ndarray
 
     @property
-    def train(self) -> np.ndarray:
-        """Whether each fold is fitted on a unit, (F, U)."""
-        return self.patterns[: len(self.test_rows)]
+    def count(self) -> int:
+        """How many there are."""
+        return self.train.shape[1]
+
+    @cached_property
+    def segments(self) -> list[tuple[int, slice]]:
+        """Unit and rows of each stretch."""
+        edges = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.of_row)), [len(self.of_row)]])
+        return [(int(self.of_row[a]), slice(a, b)) for a, b in pairwise(edges.tolist())]
+
+    @cached_property
+    def test_rows(self) -> list[np.ndarray]:
+        """Rows that each fold holds out."""
+        return [np.flatnonzero(own[self.of_row]) for own in self.test]
 
 
 @dataclass(frozen=True)
@@ -99,13 +109,10 @@ class Layout:
     @cached_property
     def units(self) -> Units:
         """Units of the folds."""
-        folds, of_row = self.folds, self.block_of
-        member = np.concatenate([folds.train, folds.test])
+        member = np.concatenate([self.folds.train, self.folds.test])
         patterns, unit = np.unique(member, axis=1, return_inverse=True)
-        unit = unit.reshape(-1)[of_row]
-        edges = np.concatenate([[0], 1 + np.flatnonzero(np.diff(unit)), [len(unit)]])
-        segments = [(int(unit[a]), slice(a, b)) for a, b in pairwise(edges.tolist())]
-        return Units(patterns.astype(float), segments, [np.flatnonzero(test[of_row]) for test in folds.test])
+        train, test = np.split(patterns.astype(float), 2)
+        return Units(train, test, unit.reshape(-1)[self.block_of])
 
     @cached_property
     def by_fifths(self) -> "Layout":
@@ -177,7 +184,7 @@ class Layout:
         parts = [term.rows[term.candidate.joints.index(joint)] for term in terms]
         columns = np.concatenate([*parts, np.zeros((len(y), 0))], axis=1)
         x = columns * keep[:, None]
-        gram = np.zeros((self.units.patterns.shape[1], x.shape[1], x.shape[1]))
+        gram = np.zeros((self.units.count, x.shape[1], x.shape[1]))
         score = np.zeros(gram.shape[:2])
         for unit, part in self.units.segments:
             gram[unit] += x[part].T @ x[part]
