@@ -105,3 +105,16 @@ def test_pushes_leave_the_answer_as_it_is(tmp_path):
     for e in events:
         before, after = (next(r for r in p.runs if r.file == e["run"]) for p in (prepared, calm))
         assert np.ptp(before.tau - after.tau) == pytest.approx(0.9, rel=0.25)
+
+
+@pytest.mark.parametrize(("every", "width"), [(True, 0.02), (True, 0.05), (False, 0.05)])
+def test_what_comes_back_at_the_same_place_is_no_event(look, every, width):
+    """A torque in all passes of a place, as of a damaged tooth; in one of a run's it is an event."""
+
+    def tooth(t, q, v, a, rng):
+        near = np.abs(q[:, 0] - 0.2) < width
+        number = np.cumsum(np.diff(near.astype(int), prepend=0) == 1)
+        return np.column_stack([25.0 * near * (every | (number == 2)), 0.0 * t])
+
+    found, _ = look(extra_torque=tooth, seed=23)
+    assert bool(found) != every

@@ -23,6 +23,8 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
 #: Share of a joint's largest speed below which what is left may be a reversal's form.
 _SLOW = 0.05
+#: Fewest passes of a place with an event, of more than half of all, that make it the machine's own.
+_COMES_BACK = 3
 #: Passes of a robust fit.
 _PASSES = 5
 #: Speeds over which friction falls, over the largest one.
@@ -78,7 +80,7 @@ def find_events(
             calm = np.concatenate([size[k] for size, k in zip(sizes, outside, strict=True)])
         if len(calm) < (1.0 - _MOST) * len(every):
             continue
-        for run, x, own in zip(runs, left, found, strict=True):
+        for run, x, own in zip(runs, left, _leave_places(runs, sizes, found, j), strict=True):
             for part in own:
                 t, torque = run.t[part], x[part, j] * run.keep[part, j]
                 peak = float(torque[np.argmax(np.abs(torque))])
@@ -104,6 +106,31 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
         part
         for part in whole
         if run.t[part.stop - 1] - run.t[part.start] <= _LONGEST and np.mean(speed[part] > _SLOW * top) > 0.5
+    ]
+
+
+def _leave_places(
+    runs: Sequence[PreparedRun], sizes: Sequence[np.ndarray], found: Sequence[Sequence[slice]], joint: int
+) -> list[list[slice]]:
+    """Stretches without those where a joint has one in most of its passes, as at a damaged tooth.
+
+    That is a trait of the machine. Of a place that is passed less than `_COMES_BACK` times nothing is known.
+    """
+    positions = [run.signals.q[rows(run.band, len(run.signals.t)), joint] for run in runs]
+    inside = [np.zeros(len(run.t), dtype=bool) for run in runs]
+    for marked, own in zip(inside, found, strict=True):
+        for part in own:
+            marked[part] = True
+
+    def comes_back(place: float) -> bool:
+        passes = [np.flatnonzero(np.diff(q >= place)) for q in positions]
+        hit = sum(int((marked[at] | marked[at + 1]).sum()) for at, marked in zip(passes, inside, strict=True))
+        return hit >= _COMES_BACK and 2 * hit > sum(map(len, passes))
+
+    each = zip(positions, sizes, found, strict=True)
+    return [
+        [part for part in own if not comes_back(float(q[part][np.argmax(size[part])]))]
+        for q, size, own in each
     ]
 
 
