@@ -18,6 +18,7 @@ class InputError(ValueError):
 
 def escape_text(text: str) -> str:
     """Text of a file as it may be shown: no character of it can break a line or steer a terminal."""
+    text = text.replace("\xa0", " ")
     return text if text.isprintable() else "".join(one if one.isprintable() else escape(one) for one in text)
 
 

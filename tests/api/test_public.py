@@ -14,7 +14,7 @@ import pytest
 import wearscope
 from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 from wearscope.extras import EXTRAS, need
 
 
@@ -144,3 +144,7 @@ def test_simulate_repeats_itself_and_feels_wear_of_one_joint():
     assert new.attrs["units"] == {"t": "s", "q": "rad", "qd": "rad/s", "tau": "N m"}
     rise = (worn["tau"].abs() - new["tau"].abs()).groupby(new["joint"], sort=False).mean()
     assert rise.idxmax() == new["joint"].iloc[0] and rise.max() > 0.0
+
+
+def test_what_steers_a_terminal_is_escaped_and_a_hard_space_is_a_space():
+    assert escape_text("1\xa0% of a\x1b[2J\n") == r"1 % of a\x1b[2J\n"
