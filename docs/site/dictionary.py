@@ -39,8 +39,7 @@ def compare_columns(
     columns : iterable of str
         Of a table as it was written.
     described : iterable of str
-        Entries; ``<factor>`` stands for each factor, ``<k>`` for a number, ``<kind>`` for a word,
-        ``<path>`` for a number's path.
+        Entries; ``<factor>`` is any factor, ``<k>`` a number, ``<kind>`` a word, ``<path>`` a number's path.
     factors : iterable of str
     """
     words = {"<factor>": f"({'|'.join(factors)})", "<k>": r"\d+", "<kind>": r"\w+", "<path>": r"[\w. %]+"}

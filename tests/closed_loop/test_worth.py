@@ -1,11 +1,14 @@
 """What a user takes away: two honest statements a joint, and a corrected model that is never worse."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.worth import measure_worth
 from wearscope.closed_loop.model.prediction import bootstrap_change
 from wearscope.robots.model import load_model
 
@@ -107,3 +110,12 @@ def test_a_joint_that_moves_in_few_blocks_has_an_interval_all_the_same():
     change, interval = bootstrap_change([(residual, keep)], [(0.1 * residual, keep)], 10, 0)
     assert change[0] == pytest.approx(-90) and interval[:, 0] == pytest.approx([-90, -90])
     assert np.isnan(change[1]) and np.isnan(interval[:, 1]).all()
+
+
+@pytest.mark.parametrize(("factor", "error"), [(1.0 - 1e-13, "same"), (0.9, "smaller"), (1.1, "larger")])
+def test_an_error_that_differs_by_rounding_is_the_same(factor, error):
+    noise = np.random.default_rng(0).standard_normal((400, 1))
+    run = SimpleNamespace(use="test", measured=noise, keep=np.ones_like(noise, dtype=bool))
+    one = SimpleNamespace(run=run, before=0.0 * noise, after=noise * (1.0 - factor))
+    (worth,) = measure_worth(SimpleNamespace(n=1, band=SimpleNamespace(torque=10.0)), [one])
+    assert worth.error == error

@@ -128,7 +128,7 @@ def test_the_order_turns_round_and_the_sentences_say_so(reevaluation):
     assert best_detectors(reevaluation, "after") == {("c", 1): ["B"]}
     assert rows(reevaluation.table, "rank", "A").iloc[0][["before", "after"]].tolist() == [1.0, 2.0]
     text = " ".join(answer_sentences(reevaluation))
-    assert "it changes on axis 1 (c) A before, B after" in text and "1 turned round" in text
+    assert "it changes on axis 1 (c): A before, B after" in text and "1 turned round" in text
 
 
 def test_each_detector_is_set_against_each_other_of_its_cell_once(sides):

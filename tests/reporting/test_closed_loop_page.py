@@ -19,8 +19,8 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_words import conclude_loop, tell_change
-from wearscope.reporting.sections.loop_outcome import draw_curves
+from wearscope.reporting.loop_words import conclude_loop
+from wearscope.reporting.sections.loop_outcome import Outcome, draw_curves
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
@@ -351,13 +351,22 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     assert conclude_loop(read_closed_loop(tmp_path).verdict)[0] == "good"
 
 
-def test_a_joint_s_card_says_what_became_of_the_error_and_what_is_left():
-    joint = {"unit": "N m", "rms_before": 2.0, "rms_after": 1.0, "state": "explained", "reason": ""}
-    assert tell_change(joint) == "smaller"
-    assert tell_change(joint | {"rms_after": 2.02}) == "same"
-    assert tell_change(joint | {"rms_after": 2.4}) == "larger"
-    assert tell_change(joint | {"error": "same"}) == "same"
-    assert tell_change(joint | {"rms_after": None}) == ""
+@pytest.mark.parametrize(
+    ("error", "after", "told"),
+    [
+        ("smaller", 1.0, "smaller"),
+        ("same", 2.02, "same"),
+        ("larger", 2.4, "larger by 20 %"),
+        (None, None, "n/a"),
+    ],
+)
+def test_a_joint_s_card_says_what_became_of_the_error(error, after, told, tmp_path):
+    verdict = copy.deepcopy(VERDICT)
+    joint = next(iter(verdict["joints"]))
+    verdict["joints"][joint] |= {"rms_before": 2.0, "rms_after": after, "error": error}
+    write(tmp_path, verdict)
+    cards = Outcome(read_closed_loop(tmp_path)).context()["joints"]
+    assert [one["change"] for one in cards if one["joint"] == joint] == [told]
 
 
 def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):

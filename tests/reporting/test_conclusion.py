@@ -10,8 +10,8 @@ from wearscope.reporting.conclusion import (
     conclude,
     friction_rise,
     qualify,
+    tell_friction,
     tell_sure,
-    tell_wear,
     thresholds_of,
 )  # fmt: skip
 from wearscope.reporting.findings import compare_with_paper
@@ -37,9 +37,9 @@ def told(study):
     return replace(study, thresholds=pd.DataFrame(rows, columns=columns), units={"C": "N m"})
 
 
-def test_the_conclusion_is_one_sentence_with_units(told, found):
+def test_the_conclusion_is_plain_sentences_with_units(told, found):
     assert conclude(told, found) == (
-        "Use Friction fit (C): it finds wear of 20 or more while temperature stays within ±4 °C or payload "
+        "Use Friction fit (C). It finds wear of 20 or more while temperature stays within ±4 °C or payload "
         "error stays within at least ±9.8 %."
     )
     assert certainty(found) == "good"
@@ -47,12 +47,12 @@ def test_the_conclusion_is_one_sentence_with_units(told, found):
 
 def test_it_is_only_as_certain_as_its_parts(told, found):
     tied = replace(found, tied_with=["A"])
-    assert "not told apart from that of Residual energy (A): it finds" in conclude(told, tied)
+    assert "not told apart from that of Residual energy (A). It finds" in conclude(told, tied)
     assert certainty(tied) == "unsure" and "not told apart at 95 %" in qualify(told, tied)[0]
     some = replace(found, cells_sure=5)
     assert "20 or more in 5 of 8 cells while" in conclude(told, some) and certainty(some) == "unsure"
     guess = replace(found, shown_sure=False)
-    assert "(C): by the estimates alone, it finds" in conclude(told, guess)
+    assert "(C). By the estimates alone, it finds" in conclude(told, guess)
     assert certainty(guess) == "unsure" and "not counted" in tell_sure(guess)
 
 
@@ -81,8 +81,8 @@ def test_wear_is_told_as_friction(told):
     columns = ["robot", "joint", "speed", "temperature", "wear", "torque"]
     study = replace(told, friction=pd.DataFrame(rows, columns=columns))
     assert friction_rise(study, 20.0) == pytest.approx((0.08, 0.2))
-    assert tell_wear(study, 20.0) == "wear of 20 (8 to 20 % more friction at a tenth of the top speed)"
-    assert friction_rise(told, 20.0) is None and tell_wear(told, 20.0) == "wear of 20"
+    assert tell_friction(study, 20.0) == "That is 8 to 20 % more friction at a tenth of the top speed."
+    assert friction_rise(told, 20.0) is None and tell_friction(told, 20.0) == ""
 
 
 def test_an_upper_bound_is_told_and_not_recommended(told, found):
@@ -127,7 +127,8 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
     assert study_strip(study).caveat.endswith(
-        "With Coulomb friction changed by +100 %, its signal-to-noise ratio at a, axis 1 is 4 instead of 9."
+        "With Coulomb friction changed by +100 %, C has a signal-to-noise ratio of 4 instead of 9 "
+        "(a, axis 1)."
     )
     given = replace(study, sources={"arm": ["paper"]})
     assert study_strip(given).answer.endswith("The robot's numbers are given.")

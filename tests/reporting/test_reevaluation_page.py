@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, truth_sentences
+from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, tell_headline, truth_sentences
 from wearscope.reporting.reevaluation_page import render_reevaluation, summarise_reevaluation
 from wearscope.reporting.study_page import render_study
 
@@ -59,9 +59,16 @@ def one(table, ranking):
 def test_the_three_answers_are_said_in_words(one):
     relevance, best, snr, scope = answer_sentences(one)
     assert "w3 for A on axis 2 (1.6 to 0.3 of wear's)" in relevance
-    assert "on axis 2 (c) B before, A after" in best and "1 turned round" in best
-    assert "A on axis 2 2 (1.8 to 2.2) before, 9 (8.1 to 9.9) after" in snr and "B" not in snr
-    assert "A on axis 2 bears σ of w3 up to 1 °C before, 6 °C after, at a change of wear of 12.5" in scope
+    assert "on axis 2 (c): B before, A after" in best and "1 turned round" in best
+    assert "A on axis 2: 2 (1.8 to 2.2) before, 9 (8.1 to 9.9) after" in snr and "B" not in snr
+    assert "A on axis 2 tolerates σ of w3 up to 1 °C before, 6 °C after, at a change of wear of 12.5" in scope
+
+
+def test_the_page_begins_with_two_short_sentences(one, table):
+    best = "The best detector changes on axis 2 (c): B before, A after."
+    assert tell_headline(one) == f"{best} The signal-to-noise ratio changes for A on axis 2."
+    table["p_changed"] = 0.5
+    assert tell_headline(one) == f"{best} The signal-to-noise ratio changes for none."
 
 
 def test_each_detector_is_set_beside_the_truth(one):

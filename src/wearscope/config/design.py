@@ -38,7 +38,7 @@ FactorKind = Annotated[
 
 
 class FactorSettings(Section):
-    """A factor: a fault or a nuisance, and the natural values that its coded levels stand for."""
+    """A factor: a fault or a nuisance, and the natural values of its coded levels."""
 
     description: str
     """What it is, as figures and the report say it."""
@@ -58,7 +58,7 @@ class FactorSettings(Section):
     nominal: Annotated[float, Field(ge=-2, le=2)] | None = None
     """Coded level in the nominal point z0 (18); -2, none, for wear, 0 for all else, where left out."""
     validation: tuple[float, float] | None = None
-    """Natural values that the levels -2 and +2 stand for in the validation runs (Table 3); the inner 80 % of
+    """Natural values of the levels -2 and +2 in the validation runs (Table 3); the inner 80 % of
     the range where left out."""
 
     @model_validator(mode="after")

@@ -169,7 +169,7 @@ def direct_table(
         Chosen surrogate by cell.
     noise : mapping, optional
         Standard deviation of a run by cell, from replicates. Where it is missing or NaN, the surrogate's own
-        estimate stands for it, which holds its misfit too.
+        estimate is used, which holds its misfit too.
     f0, delta, sigma : float
         As the design was made with.
     seed, level, draws

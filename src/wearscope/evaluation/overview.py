@@ -35,7 +35,7 @@ def overview_table(
     failed_simulations : DataFrame
         ``robot``, ``cycle``.
     conclusions : sequence of Conclusion
-        Of these robots; the one of all together stands for a robot that is alone.
+        Of these robots; a robot that is alone has the one of all together.
     factors : sequence of Factor
 
     Returns

@@ -24,10 +24,16 @@ def conclude(study: Study, one: Conclusion) -> str:
             f"{'surely ' if one.shown_sure else ''}found: not in half of its "
             f"{count_text(one.cells, 'cell')}, even at the smallest variation of the other factors."
         )
-    sure = "" if one.shown_sure else "by the estimates alone, "
+    finds = "It finds" if one.shown_sure else "By the estimates alone, it finds"
     many = "" if one.cells_sure == one.cells else f" in {one.cells_sure} of {one.cells} cells"
-    found = f"{sure}it finds {tell_wear(study, one.wear, one.robot)} or more{many}"
-    return f"{where}Use {name}{_tie(study, one)}: {found} {_while(study, one)}".rstrip() + "."
+    fault = study.factor("f")
+    found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more{many}"
+    sentences = [
+        f"{where}Use {name}{_tie(study, one)}.",
+        f"{found} {_while(study, one)}".rstrip() + ".",
+        tell_friction(study, one.wear, one.robot),
+    ]
+    return " ".join(filter(None, sentences))
 
 
 def _why_none(one: Conclusion) -> str:
@@ -42,16 +48,14 @@ def _told(one: Conclusion) -> str:
     return "is told" if len(one.upper) == 1 else "are told"
 
 
-def tell_wear(study: Study, wear: float, robot: str = "") -> str:
-    """A change of wear, and what it is as friction: ``wear of 28 (12 to 30 % more friction at ...)``."""
-    fault = study.factor("f")
-    size = f"{factor_name(fault)} of {quantity_text(wear, fault.unit)}"
+def tell_friction(study: Study, wear: float, robot: str = "") -> str:
+    """What a change of wear is as friction; empty where the study does not say."""
     rise = friction_rise(study, wear, robot)
     if rise is None:
-        return size
+        return ""
     low, high = (f"{100 * one:.2g}" for one in rise)
     span = low if low == high else f"{low} to {high}"
-    return f"{size} ({span} % more friction at a tenth of the top speed)"
+    return f"That is {span} % more friction at a tenth of the top speed."
 
 
 def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:

@@ -69,8 +69,7 @@ def render_detection(found: Detections) -> str:
         f"{setting['p_f']:g}"
     )
     title = f"Detectors on recordings: {found.summary['dataset']}"
-    shown = [section for section in sections if section.body]
-    return render_page(title, shown, subtitle, strip=detection_strip(found))
+    return render_page(title, sections, subtitle, strip=detection_strip(found))
 
 
 def _outcome(found: Detections) -> Markup:

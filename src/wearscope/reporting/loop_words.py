@@ -14,8 +14,6 @@ Verdict = Mapping[str, Any]
 
 #: Growth of the error on the test runs from which a joint is said to have become worse.
 WORSE = 1.03
-#: Share by which an error must change to be called other than the same.
-SAME = 0.03
 #: Probability from which on an advised measurement is a promise.
 PROMISED = 0.9
 
@@ -174,16 +172,6 @@ def tell_planted(verdict: Verdict, planted: Verdict) -> str:
     wrong = [f"{words(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
     tail = f" It named what was not planted: {join_words(wrong)}." if wrong else ""
     return f"Planted was {join_words(parts)}.{tail}"
-
-
-def tell_change(one: Verdict) -> str:
-    """What became of a joint's error: ``smaller``, ``same``, ``larger``; empty where it is not known."""
-    if one.get("error"):
-        return str(one["error"])
-    before, after = number(one.get("rms_before")), number(one.get("rms_after"))
-    if not np.isfinite([before, after]).all():
-        return ""
-    return "same" if abs(after - before) <= SAME * before else "smaller" if after < before else "larger"
 
 
 def tell_sizes(one: Verdict) -> str:

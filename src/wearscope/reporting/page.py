@@ -105,7 +105,7 @@ def render_page(
     ----------
     title : str
     sections : sequence of Section
-        The first one is what a reader in a hurry reads.
+        The first one is what a reader in a hurry reads. One without a body is left out.
     subtitle : str
         One line of text under the title.
     footer : str
@@ -133,7 +133,7 @@ def render_page(
             title=title,
             subtitle=subtitle,
             strip=strip,
-            sections=[(section.id, section.title, Markup(section.body)) for section in sections],
+            sections=[(one.id, one.title, Markup(one.body)) for one in sections if one.body],
             css=_read("page.css"),
             footer=footer,
             filters=shown,

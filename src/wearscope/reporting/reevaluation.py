@@ -151,7 +151,17 @@ def _relevance(one: Reevaluation) -> str:
     return f"Which factors matter: it changes for {join_words(parts)}."
 
 
-def _best(one: Reevaluation) -> str:
+def tell_headline(one: Reevaluation) -> str:
+    """Whether the best detector and the SNR change, in two short sentences."""
+    changed = _compare_best(one)[0]
+    best = f"changes {'; '.join(changed)}" if changed else "stays the same"
+    rows = one.told[(one.told["question"] == "snr") & (one.told["p_changed"] >= SURE)]
+    cells = [f"{join_words(list(own['fda'].unique()))} on axis {axis}" for axis, own in rows.groupby("axis")]
+    return f"The best detector {best}. The signal-to-noise ratio changes for {join_words(cells) or 'none'}."
+
+
+def _compare_best(one: Reevaluation) -> tuple[list[str], list[str]]:
+    """Where the best detectors change, with both sides, and the axes where they do not."""
     before, after = (best_detectors(one, side) for side in ("before", "after"))
     parts, same = [], []
     for (cycle, axis), names in after.items():
@@ -160,9 +170,14 @@ def _best(one: Reevaluation) -> str:
             same.append(f"axis {axis}")
         else:
             parts.append(
-                f"on axis {axis} ({words(cycle)}) {join_words(was, 'or') or 'none'} before, "
+                f"on axis {axis} ({words(cycle)}): {join_words(was, 'or') or 'none'} before, "
                 f"{join_words(names, 'or') or 'none'} after"
             )
+    return parts, same
+
+
+def _best(one: Reevaluation) -> str:
+    parts, same = _compare_best(one)
     text = "Which detector is best: "
     text += f"it changes {'; '.join(parts)}" if parts else "the same on both sides"
     if parts and same:
@@ -182,7 +197,7 @@ def _snr(one: Reevaluation) -> str:
     if changed.empty:
         return f"What SNR: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'cell')}."
     parts = [
-        f"{row.fda} on axis {row.axis} {format_number(row.before)} ({format_number(row.before_low)} to "
+        f"{row.fda} on axis {row.axis}: {format_number(row.before)} ({format_number(row.before_low)} to "
         f"{format_number(row.before_high)}) before, {format_number(row.after)} "
         f"({format_number(row.after_low)} to {format_number(row.after_high)}) after"
         for row in changed.itertuples()
@@ -198,7 +213,7 @@ def _scope(one: Reevaluation) -> str:
             f"What scope: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'tolerance')}."
         )
     parts = [
-        f"{row.fda} on axis {row.axis} bears σ of {one.names.get(row.about, row.about)} up to "
+        f"{row.fda} on axis {row.axis} tolerates σ of {one.names.get(row.about, row.about)} up to "
         f"{format_number(row.before)} {unit_text(row.unit)} before, {format_number(row.after)} "
         f"{unit_text(row.unit)} after, at a change of wear of {format_number(row.delta)}"
         for row in changed.itertuples()

@@ -11,7 +11,7 @@ from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.reporting.page_strip import Strip
-from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, truth_sentences
+from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, tell_headline, truth_sentences
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
 
@@ -116,12 +116,12 @@ def _loop_action(loop: ClosedLoop) -> Markup:
 
 def reevaluation_strip(one: Reevaluation) -> Strip:
     """What the correction changes in a study's answers."""
-    _, best, snr, _, *withheld = answer_sentences(one)
+    withheld = answer_sentences(one)[4:]
     truth = truth_sentences(one)
     assumed = f"Assumed on every side: {join_words(one.assumed)}." if one.assumed else ""
     action = Markup('See <a href="#detectors">detector by detector</a>; study the corrected model.')
     kind = "unsure" if withheld or not one.has_truth else "good"
-    return Strip(f"{best} {snr}", kind, truth[0], (withheld or [assumed])[0], action)
+    return Strip(tell_headline(one), kind, truth[0], (withheld or [assumed])[0], action)
 
 
 def tracking_strip(tracking: Tracking) -> Strip:

@@ -55,8 +55,7 @@ def render_tracking(tracking: Tracking) -> str:
     )
     title = f"Tracked: {outcome['dataset']}"
     footer = f"Made by wearscope {outcome['version']}."
-    shown = [section for section in sections if section.body]
-    return render_page(title, shown, subtitle, footer, strip=tracking_strip(tracking))
+    return render_page(title, sections, subtitle, footer, strip=tracking_strip(tracking))
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:

@@ -174,8 +174,9 @@ def tell_moved(study: Study, detector: str) -> str:
         return "How far it moves if they are halved or doubled is not judged."
     row = next(rows.itertuples())
     return (
-        f"With {tell_mismatch(study)}, its signal-to-noise ratio at {words(row.cycle)}, axis {row.axis} is "
-        f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)}."
+        f"With {tell_mismatch(study)}, {detector} has a signal-to-noise ratio of "
+        f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)} "
+        f"({words(row.cycle)}, axis {row.axis})."
     )
 
 

@@ -27,7 +27,6 @@ FILLING = "filling"
 CHECKING = "checking"
 #: The runs that a chosen surrogate learns from; those of `CHECKING` are seen by no fit and no choice.
 TRAINING = (IDENTIFICATION, VALIDATION, FILLING)
-STATES = ("reached", "at ceiling", "short", "constant")
 
 
 def training_runs(

@@ -14,6 +14,8 @@ Error = Literal["smaller", "same", "larger"]
 #: Share of the torque (RMS) from which what is left is no small rest, whatever it looks like.
 _HALF = 0.5
 _SEED = 29
+#: Change of an error below which two models differ by the arithmetic's rounding alone [%].
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class Worth:
     ----------
     error : str or None
         What became of it: ``smaller`` or ``larger`` where the whole interval of `change` lies on one side of
-        zero; None where no row counts.
+        zero by more than rounding; None where no row counts.
     change : float
         Of the RMS error [%], from the declared model refitted to the corrected one.
     interval : tuple of (float, float)
@@ -56,7 +58,7 @@ def measure_worth(prepared: Prepared, predicted: Sequence[Predicted]) -> list[Wo
     for j in range(prepared.n):
         error: Error | None = None
         if np.isfinite(change[j]):
-            error = "smaller" if high[j] < 0.0 else "larger" if low[j] > 0.0 else "same"
+            error = "smaller" if high[j] < -_ROUNDING else "larger" if low[j] > _ROUNDING else "same"
         share = float(left[j] / torque[j]) if torque[j] > 0.0 else np.nan
         found.append(Worth(error, float(change[j]), (float(low[j]), float(high[j])), float(torque[j]), share))
     return found

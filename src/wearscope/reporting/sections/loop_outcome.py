@@ -15,7 +15,6 @@ from wearscope.reporting.loop_words import (
     list_alarms,
     list_shared,
     say_share,
-    tell_change,
     tell_left,
     tell_measurement,
     tell_sizes,
@@ -72,7 +71,7 @@ class Outcome(LoopSection):
         own = [entry["effect"] for entry in self.loop.entries_at(joint)]
         others = [e["effect"] for e in self.verdict["verdict"] if e["effect"] in shared - set(own)]
         named = [*map(words, own), *(f"{words(name)} of the robot" for name in others)]
-        change, (kind, word) = tell_change(one), _LEFT[one["state"]]
+        change, (kind, word) = one["error"], _LEFT[one["state"]]
         told = change or "n/a"
         if change == "larger":
             told = f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
