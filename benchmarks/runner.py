@@ -15,9 +15,10 @@ from typing import Any, Protocol
 
 import pandas as pd
 
-from benchmarks.scoring import read_verdict, score_case
+from benchmarks.scoring import score_case
 from benchmarks.summary import summarise, write_markdown
 from wearscope.tables import write_table, write_text
+from wearscope.verdicts import read_verdict
 
 Closer = Callable[[Path, Path], Any]
 TIME_LIMIT = 300.0

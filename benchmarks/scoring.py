@@ -9,14 +9,10 @@ by ``unknown`` or ``unexplained``. A joint is *falsely unexplained* where it is 
 although each effect planted there is named and none is outside the vocabulary. It scores both generators.
 """
 
-import json
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from wearscope.errors import InputError
 
 SHARED_PARAMETERS: dict[str, dict[str, tuple[str, ...]]] = {
     "torque_offset": {"offset": ("offset", "torque_offset", "tau0")},
@@ -48,26 +44,6 @@ WORSE = 1.03
 """Factor on a joint's held-out error above which the verdict has harmed."""
 REPEATING = ("hum", "event", "harmonics")
 """Noise that a verdict may call `unexplained` without an error."""
-
-
-def read_verdict(path: str | Path) -> dict[str, Any]:
-    """Read ``verdict.json``.
-
-    Raises
-    ------
-    InputError
-        Where the file is missing, is no JSON, or lacks ``verdict`` or ``joints``.
-    """
-    try:
-        verdict = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; close the loop on the data set first.") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: no JSON (line {error.lineno}); close the loop again.") from error
-    for key in ("verdict", "joints"):
-        if key not in verdict:
-            raise InputError(f"{path}: has no '{key}'; close the loop again.")
-    return dict(verdict)
 
 
 _SAME_UNITS = ({"", "1", "-"}, {"kgm^2", "Nms^2/rad"}, {"kg", "Ns^2/m"})

@@ -48,7 +48,7 @@ from wearscope.archives.manifest import (
 from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
 from wearscope.checksums import record_checksums
 from wearscope.config import drop_retired
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 from wearscope.files import digest_file, explain_unwritten, write_text, write_whole
 from wearscope.processes import end_process
 from wearscope.provenance import describe_provenance
@@ -313,15 +313,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _tell_comparison(rows: pd.DataFrame) -> int:
-    with pd.option_context("display.max_colwidth", None, "display.width", None):
-        print(rows.to_string(index=False) if len(rows) else "nothing to compare")
+    rows = rows.map(lambda text: escape_text(str(text)))
+    print(rows.to_string(index=False) if len(rows) else "nothing to compare")
     differ = rows["outcome"].isin(["differs", "only in a", "only in b"])
-    conclusions = rows[rows["what"] == "conclusion"]
-    print(
-        f"{len(conclusions)} conclusions differ: {'; '.join(conclusions['item'])}"
-        if len(conclusions)
-        else "no conclusion differs"
-    )
+    conclusions = rows.loc[rows["what"] == "conclusion", "item"]
+    told = f"{len(conclusions)} conclusions differ: {'; '.join(conclusions)}"
+    print(told if len(conclusions) else "no conclusion differs")
     return int(differ.any())
 
 

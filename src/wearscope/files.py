@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from wearscope import limits
 from wearscope.errors import InputError
@@ -108,6 +108,19 @@ def explain_unwritten(path: str | Path, error: OSError) -> InputError:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file whole or not at all."""
     write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
+
+
+def open_new(path: str | Path) -> IO[str]:
+    """Open a text file in place of what is there, which is neither followed nor waited for.
+
+    Raises
+    ------
+    OSError
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    return path.open("x", encoding="utf-8")
 
 
 def check_depth(content: Any) -> None:

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.files import read_json
 
@@ -15,7 +16,8 @@ def _refuse_text(value: Any) -> Any:
     return value
 
 
-_Error = Annotated[float | None, BeforeValidator(_refuse_text)]
+_Number = Annotated[float | None, BeforeValidator(_refuse_text)]
+_Name = Annotated[str, Field(max_length=limits.TEXT)]
 
 
 class _Open(BaseModel):
@@ -23,19 +25,25 @@ class _Open(BaseModel):
 
 
 class _Joint(_Open):
-    rms_before: _Error = None
-    rms_after: _Error = None
-    unit: str = ""
+    rms_before: _Number = None
+    rms_after: _Number = None
+    unit: _Name = ""
+
+
+class _Parameter(_Open):
+    ci95: tuple[_Number, _Number] = (None, None)
 
 
 class _Named(_Open):
-    joint: str
-    effect: str
+    joint: _Name
+    effect: _Name
+    parameters: dict[str, _Parameter] = {}
 
 
 class _Verdict(_Open):
-    joints: dict[str, _Joint]
-    verdict: list[_Named]
+    joints: Annotated[dict[_Name, _Joint], Field(max_length=limits.JOINTS)]
+    verdict: Annotated[list[_Named], Field(max_length=limits.ENTRIES)]
+    estimates: Annotated[list[_Named], Field(max_length=limits.ENTRIES)] = []
 
 
 def read_verdict(path: str | Path) -> dict[str, Any]:

@@ -12,10 +12,9 @@ from benchmarks.board.regimes import list_cases
 from benchmarks.board.separability import CONTAINED
 from benchmarks.detection import find_size, fit_detection
 from benchmarks.runner import failed_result, run_cases, write_results
-from benchmarks.scoring import read_verdict, score_case
+from benchmarks.scoring import score_case
 from benchmarks.summary import SCORES, tell_share
 from wearscope.effects.base import load_effect
-from wearscope.errors import InputError
 
 
 def plant(effect, joint="j1", **changes):
@@ -130,14 +129,6 @@ def test_parameters_are_compared_with_their_interval():
     assert rows[0]["parameter_error"] == pytest.approx(0.1) and rows[0]["covered"] == 1.0
     stated["level"]["ci95"] = [2.1, 2.4]
     assert score([plant("coulomb")], said("coulomb", parameters=stated))[1][0]["covered"] == 0.0
-
-
-def test_a_verdict_that_is_none_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_verdict(tmp_path / "verdict.json")
-    (tmp_path / "verdict.json").write_text("{}")
-    with pytest.raises(InputError, match="has no 'verdict'"):
-        read_verdict(tmp_path / "verdict.json")
 
 
 def test_shares_have_the_clopper_pearson_interval():

@@ -1,6 +1,7 @@
 """Small inputs that would grow, and words that would steer: each ends at once in one sentence."""
 
 import errno
+import fcntl
 import json
 import os
 import re
@@ -19,10 +20,12 @@ from click.testing import CliRunner
 from wearscope import example_dataset, integrity, limits
 from wearscope.checking.costs import list_excesses
 from wearscope.checking.dataset import check_dataset
+from wearscope.checking.findings import Findings
+from wearscope.checking.robot import check_model
 from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
-from wearscope.cli import main
+from wearscope.cli import main, stages
 from wearscope.cli.main import wearscope
-from wearscope.cli.workflow import wait_turn
+from wearscope.cli.workflow import call_snakemake, wait_turn
 from wearscope.closed_loop.intake.dataset_fields import list_breaches
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
@@ -127,7 +130,22 @@ def test_what_would_take_a_year_or_a_terabyte_is_told(change, told):
     assert any(re.search(told, one) for one in list_excesses(load_config({**good, **change})))
 
 
-def test_a_constant_recording_and_no_gravity_are_told(tmp_path):
+def test_no_gravity_is_told(tmp_path):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    file = tmp_path / "arm" / "dataset.yaml"
+    fields = yaml.safe_load(file.read_text())
+    fields["robot"]["gravity"] = [0, 0, 0]
+    file.write_text(yaml.safe_dump(fields))
+    assert any("robot.gravity is 0; where" in one for one in check_dataset(tmp_path / "arm").notes)
+    shutil.copytree(ROOT / "config" / "robots" / "medium", tmp_path / "robot")
+    file = tmp_path / "robot" / "model.yaml"
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"gravity": [0, 0, 0]}))
+    found = Findings("robot")
+    check_model(str(tmp_path / "robot"), found)
+    assert any("gravity is 0; where" in one for one in found.notes)
+
+
+def test_a_constant_recording_is_told(tmp_path):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     file = tmp_path / "arm" / "runs" / "sweeps.parquet"
     table = pq.read_table(file).to_pandas()
@@ -149,6 +167,49 @@ def test_of_two_commands_in_a_folder_one_waits(tmp_path):
         )
         assert "this one waits" in other.stdout.readline() and other.poll() is None
     assert other.communicate()[0] == "in\n" and not said
+
+
+@pytest.mark.parametrize("command", [("run", "quick"), ("report", "quick"), ("diagnose", "arm")])
+def test_every_command_that_computes_takes_its_turn(tmp_path, monkeypatch, command):
+    """So that a stage and a report at once do not miss files of each other."""
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    monkeypatch.chdir(tmp_path)
+    held = []
+
+    def compute(*given):
+        with (tmp_path / "results" / ".wearscope.lock").open() as file, pytest.raises(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        held.append(True)
+        return 1, stages.Progress()
+
+    monkeypatch.setattr(stages, "call_snakemake", compute)
+    call(*command)
+    assert held
+
+
+@pytest.mark.parametrize("make", [lambda path: path.symlink_to("../kept"), os.mkfifo])
+@pytest.mark.parametrize("name", [".wearscope.lock", "wearscope-report.log"])
+def test_links_and_pipes_among_results_are_not_written_to(tmp_path, name, make):
+    (tmp_path / "kept").write_text("kept")
+    path = tmp_path / "results" / name
+    path.parent.mkdir()
+    make(path)
+    if path.suffix == ".log":
+        call_snakemake(["true"], tmp_path, path, lambda *given: None)
+        assert path.is_file() and not path.is_symlink()
+    elif path.is_symlink():
+        with pytest.raises(InputError, match="is no plain file"), wait_turn(tmp_path, print):
+            pass
+    else:
+        with wait_turn(tmp_path, print):
+            pass
+    assert (tmp_path / "kept").read_text() == "kept"
+
+
+def test_a_file_where_results_go_is_told(tmp_path, monkeypatch):
+    (tmp_path / "results").touch()
+    monkeypatch.chdir(tmp_path)
+    assert "results: is a file, no folder; move it away" in str(call("run", "quick").exception)
 
 
 def test_joints_that_yaml_reads_as_something_else_are_quoted():
@@ -200,6 +261,24 @@ def test_what_cannot_be_shown_ends_in_one_sentence(tmp_path):
     for file in sorted(tmp_path.iterdir()):
         outcome = call("show", file)
         assert outcome.exit_code == 0 or isinstance(outcome.exception, InputError), (file, outcome.exception)
+
+
+def test_a_picture_that_is_none_calls_no_program(tmp_path, monkeypatch):
+    """Pillow would have Ghostscript draw PostScript, whatever the file is called."""
+    (tmp_path / "a.png").write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n%%EOF\n")
+    called = []
+    monkeypatch.setattr(subprocess, "check_call", lambda *given, **named: called.append(given))
+    assert "is no whole picture" in str(call("show", tmp_path / "a.png").exception) and not called
+
+
+def test_values_of_a_table_are_cut_and_those_without_order_are_told(tmp_path):
+    path = tmp_path / "a.parquet"
+    pq.write_table(
+        pa.table({"long": ["x" * 100_000] * 2, "list": [[1, 2], [3, 4]], "map": [{"a": 1}] * 2}), path
+    )
+    assert len(call("show", path).output) < 10_000
+    for option in ("--sort=list", "--sort=map"):
+        assert "the column has no order" in str(call("show", path, option).exception)
 
 
 SNAKEFILE = """

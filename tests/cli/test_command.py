@@ -71,14 +71,14 @@ def test_words_are_completed(monkeypatch):
         (["check", "nothing"], "nothing: is no study's folder"),
         (["show", "snr"], "no config/config.yaml is here"),
         (["show", "x.txt"], "is neither a table nor a figure"),
-        (["new", "robot", "none.urdf"], "none.urdf: cannot be read"),
+        (["new", "robot", "none.urdf"], "none.urdf: no such file"),
         (["new", "detector", "My-Detector"], "use small letters"),
         (["new", "study", "s" * 101], "take at most 100 characters"),
         (["new", "effect", "coulomb"], "is the platform's own"),
         (["new", "cycle", "c", "--via", "a b"], "holds other than numbers"),
         (["new", "cycle", "c", "--via", "30 10"], "say --unit rad or deg"),
         (["new", "study", "s", "--robot", "none"], "robot 'none': no such model file"),
-        (["new", "dataset", "none.csv", "--urdf", "none.urdf"], "none.urdf: cannot be read"),
+        (["new", "dataset", "none.csv", "--urdf", "none.urdf"], "none.urdf: no such file"),
     ],
 )
 def test_what_cannot_be_done_ends_in_one_sentence(arguments, told, tmp_path, monkeypatch, capsys):

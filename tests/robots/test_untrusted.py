@@ -62,7 +62,7 @@ def test_missing_file_is_told_once(tmp_path):
     path = tmp_path / "not.urdf"
     with pytest.raises(InputError) as caught:
         read_text(path, "the robot's URDF")
-    told = f"{path}: cannot be read (No such file or directory); name the robot's URDF."
+    told = f"{path}: no such file; name the robot's URDF."
     assert str(caught.value) == told
 
 
@@ -84,7 +84,7 @@ def test_pipe_and_giant_are_not_read(robot, tmp_path):
     with pytest.raises(InputError, match=r"robot.urdf: is larger than 20 MB"):
         load_model(robot)
     change(robot, urdf="a\x00b")
-    with pytest.raises(InputError, match=r"no plain file|no path|cannot be read"):
+    with pytest.raises(InputError, match=r"no such file"):
         load_model(robot)
 
 

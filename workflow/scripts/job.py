@@ -13,7 +13,7 @@ from typing import Any
 
 from wearscope.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
 from wearscope.errors import InputError
-from wearscope.files import FULL, DamagedFile, explain_unwritten, written
+from wearscope.files import FULL, DamagedFile, explain_unwritten, open_new, written
 from wearscope.processes import MAIN, end_with, ignore_settings_here, leave_with
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
@@ -48,7 +48,7 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         note(f"[{time.monotonic() - start:6.1f} s] {text}")
 
     try:
-        open(snakemake.log[0], "w", encoding="utf-8").close()
+        open_new(snakemake.log[0]).close()
         for file in map(str, getattr(snakemake, "input", [])):
             if folder := study_folder(file):
                 check_file(folder, file)

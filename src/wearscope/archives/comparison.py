@@ -139,7 +139,12 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
             )
         stem = PurePosixPath(name).stem
         for row in table[[*keys, *says]].to_dict("records"):
-            yield f"{stem}: {', '.join(str(row[key]) for key in keys)}", tell(row)
+            try:
+                said = tell(row)
+            except (TypeError, ValueError):
+                told = f"{content.path}: {name}: a row holds no {' or '.join(says)}"
+                raise InputError(f"{told}; run the study again.") from None
+            yield f"{stem}: {', '.join(str(row[key]) for key in keys)}", said
     for name in sorted(content.digests):
         if PurePosixPath(name).name == "verdict.json":
             yield from _conclude_loop(content, name)

@@ -1,13 +1,13 @@
 """Two results side by side."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from wearscope.cli.show import find_results, print_table
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,6 +60,11 @@ def _name(left: Path, right: Path) -> tuple[str, str]:
     return "/".join(parts[0][-count:]), "/".join(parts[1][-count:])
 
 
+def _say(sentences: Iterable[str]) -> None:
+    for one in sentences:
+        click.echo(escape_text(one))
+
+
 def _find(place: str) -> Path:
     path = Path(place)
     return path if path.is_file() and path.suffix == ".tar" else find_results(place)
@@ -82,7 +87,7 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
     names = _name(left, right)
     from wearscope.reporting.differences_page import render_study_differences, tell_studies
 
-    click.echo("\n".join(tell_studies(names, (rankings[0], rankings[1]), differences)))
+    _say(tell_studies(names, (rankings[0], rankings[1]), differences))
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
@@ -128,18 +133,14 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
         {joint: [one["effect"] for one in verdict["verdict"] if one["joint"] == joint] for joint in joints}
         for verdict in verdicts
     ]
-    click.echo("\n".join(tell_loops(names, named_by[0], named_by[1])))
+    _say(tell_loops(names, named_by[0], named_by[1]))
     rows = []
     for joint in joints:
         row = [joint]
-        for verdict in verdicts:
+        for verdict, named in zip(verdicts, named_by, strict=True):
             errors = verdict["joints"].get(joint, {})
-            named = [entry["effect"] for entry in verdict["verdict"] if entry["joint"] == joint]
-            row += [
-                format_value(errors.get("rms_before")),
-                format_value(errors.get("rms_after")),
-                ", ".join(named),
-            ]
+            both = (errors.get("rms_before"), errors.get("rms_after"))
+            row += [*map(format_value, both), ", ".join(named[joint])]
         rows.append(row)
     print_table(headers, rows)
 

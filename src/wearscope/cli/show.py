@@ -137,7 +137,7 @@ def _draw(path: Path) -> None:
 
     console = Console()
     try:
-        with Image.open(path) as opened:
+        with Image.open(path, formats=["PNG"]) as opened:  # others may call programs
             if opened.width * opened.height > limits.PIXELS:
                 raise InputError(f"{path}: has more than {limits.PIXELS} pixels; draw it smaller.")
             picture = opened.convert("RGB")

@@ -31,7 +31,7 @@ from wearscope.cli.workflow import (
     wait_turn,
 )
 from wearscope.errors import InputError, escape_text
-from wearscope.files import read_json
+from wearscope.files import check_folder, read_json
 
 
 def run_targets(
@@ -63,6 +63,7 @@ def run_targets(
         Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
     """
     folder, config = place.folder, read_yaml(place.config)
+    check_folder(folder / "results")
     check_code_named(place, config)
     for change in (changes, *map(read_setting, settings)):
         config = merge(config, change)

@@ -19,7 +19,8 @@ def format_value(value: Any) -> str:
         return "n/a" if value != value else f"{value:.4g}"
     if value is None or value is pd.NA:
         return "n/a"
-    return str(value)
+    text = str(value)
+    return text if len(text) <= limits.CELL else f"{text[: limits.CELL]} ..."
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
@@ -86,13 +87,19 @@ def frame_rows(
             raise InputError(f"{where}: has no column '{name}'; it has {', '.join(map(str, frame.columns))}.")
         return name
 
-    for condition in conditions:
-        name, equals, value = condition.partition("=")
-        if not equals:
-            raise InputError(f"--where {condition}: is no condition; write --where column=value.")
-        frame = frame[[_is_equal(one, value) for one in frame[known(name)]]]
-    if sort:
-        frame = frame.sort_values(known(sort.lstrip("-")), ascending=not sort.startswith("-"), kind="stable")
+    try:
+        for condition in conditions:
+            name, equals, value = condition.partition("=")
+            if not equals:
+                raise InputError(f"--where {condition}: is no condition; write --where column=value.")
+            frame = frame[[_is_equal(one, value) for one in frame[known(name)]]]
+        if sort:
+            rising = not sort.startswith("-")
+            frame = frame.sort_values(known(sort.lstrip("-")), ascending=rising, kind="stable")
+    except InputError:
+        raise
+    except (TypeError, ValueError):  # lists, mappings, two columns of one name
+        raise InputError(f"{where}: the column has no order; leave out --where and --sort.") from None
     if columns:
         frame = frame[[known(name.strip()) for name in columns.split(",")]]
     shown = frame.head(count) if count > 0 else frame

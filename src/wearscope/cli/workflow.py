@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import check_folder, write_text
+from wearscope.files import open_new, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.processes import PYTHON, isolate
@@ -189,7 +189,11 @@ def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Wait until no other command computes in a folder: of two at once, one would miss files of the other."""
     path = folder / "results" / ".wearscope.lock"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as file:
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        raise InputError(f"{path}: is no plain file ({error.strerror}); remove it.") from None
+    with open(handle) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -268,10 +272,8 @@ def call_snakemake(
     """
     progress, start = Progress(), time.monotonic()
     try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        file = log.open("w", encoding="utf-8")
+        file = open_new(log)
     except OSError as error:
-        check_folder(log.parent)
         raise InputError(f"{log}: cannot be written ({error.strerror}); choose another folder.") from None
     with (
         file,

@@ -13,10 +13,10 @@ from wearscope import tables
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import load_effect
-from wearscope.errors import InputError
 from wearscope.export.holdings import take_holdings
 from wearscope.extras import need
 from wearscope.robots.model import RobotModel
+from wearscope.verdicts import read_verdict
 
 if TYPE_CHECKING:
     from wearscope.export.comparison import Comparison
@@ -67,8 +67,8 @@ def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None)
 def _read_intervals(verdict: Mapping[str, Any]) -> dict[tuple[str, str, str], tuple[float, float]]:
     found = {}
     for entry in [*verdict.get("estimates", []), *verdict.get("verdict", [])]:
-        for name, one in entry["parameters"].items():
-            low, high = one["ci95"]
+        for name, one in entry.get("parameters", {}).items():
+            low, high = one.get("ci95", (None, None))
             if low is not None and high is not None:
                 found[entry["joint"], entry["effect"], name] = (float(low), float(high))
     return found
@@ -149,12 +149,7 @@ def read_verdict_beside(path: Path) -> dict[str, Any] | None:
     Raises
     ------
     InputError
-        Where it is no JSON.
+        Where it is none.
     """
     file = path.parent / "verdict.json"
-    if not file.is_file():
-        return None
-    try:
-        return dict(json.loads(file.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise InputError(f"{file}: is no JSON; close the loop again.") from error
+    return read_verdict(file) if file.is_file() else None

@@ -9,6 +9,7 @@ import yaml
 
 from wearscope import limits, plugins
 from wearscope.errors import InputError, explain_yaml
+from wearscope.files import check_plain
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
 
@@ -58,21 +59,13 @@ def read_text(path: str | Path, what: str) -> str:
         Where it is no plain file, too large, or not text.
     """
     path = Path(path)
+    check_plain(path, limits.TEXT_BYTES, f"name {what}")
     try:
-        if not path.is_file():  # a pipe or device is never opened: it may have no end
-            reason = "is no plain file" if path.exists() else "cannot be read (No such file or directory)"
-            raise InputError(f"{path}: {reason}; name {what}.")
-        if path.stat().st_size > limits.TEXT_BYTES:
-            raise InputError(f"{path}: is larger than {limits.TEXT_BYTES / 1e6:g} MB; name {what}.")
         return path.read_text(encoding="utf-8")
-    except InputError:
-        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); name {what}.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not a text file in UTF-8; save it as UTF-8, or name {what}.") from error
-    except ValueError as error:
-        raise InputError(f"{str(path)!r}: is no path ({error}); name {what}.") from error
 
 
 def read_model_file(path: Path) -> dict[str, Any]:
