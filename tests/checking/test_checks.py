@@ -19,8 +19,9 @@ from wearscope.closed_loop.intake.dataset_fields import list_breaches, list_conf
 from wearscope.errors import InputError
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
-from wearscope.starters.conversion import Mapped, convert_recordings
+from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
+from wearscope.starters.mapped import Mapped
 from wearscope.starters.robot import Stated, make_robot
 
 ROOT = Path(__file__).parents[2]

@@ -13,8 +13,9 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.checking.own_code import make_batch
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.starters.conversion import Mapped, convert_recordings
+from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
+from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 

@@ -15,8 +15,9 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
 from wearscope.servos import read_servos
-from wearscope.starters.conversion import Mapped, convert_recordings
+from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
+from wearscope.starters.mapped import Mapped
 from wearscope.starters.servos import PRESETS, read_servo_option
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="10"/>'

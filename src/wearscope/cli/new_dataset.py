@@ -100,8 +100,9 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
     from wearscope.checking.dataset import check_dataset
     from wearscope.robots.model_file import read_text
     from wearscope.starters.columns import KINDS
-    from wearscope.starters.conversion import Mapped, convert_recordings
+    from wearscope.starters.conversion import convert_recordings
     from wearscope.starters.dataset import write_dataset
+    from wearscope.starters.mapped import Mapped
     from wearscope.starters.servos import SERVO_KINDS, read_servo_option
     from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wearscope import tables
-from wearscope.starters.conversion import Converted, Mapped, Recorded
+from wearscope.starters.conversion import Converted
+from wearscope.starters.mapped import Mapped
+from wearscope.starters.uses import Recorded
 
 
 def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:

@@ -20,6 +20,7 @@ from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import simulate_point
+from wearscope.starters.mapped import DECLARED
 from wearscope.starters.writing import new_folder
 
 JOINTS = 3
@@ -35,7 +36,6 @@ RUNS = (
 )
 #: What the model has that is sent to the controller [N m, N m s/rad].
 COULOMB, VISCOUS = (42.0, 105.0, 42.0), (15.0, 55.0, 9.0)
-DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 
 @dataclass(frozen=True)

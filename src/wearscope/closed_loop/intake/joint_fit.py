@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, optimize
 
 from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 
@@ -248,7 +248,9 @@ class Products:
             part, b, whole = made[k]
             own = found[d * k : d * (k + 1)]
             z = np.concatenate([moved, own])
-            left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, 0.0)
+            # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
+            rounding = len(z) * np.finfo(float).eps * whole
+            left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, rounding)
             coefficients[j] = own * sign
             shares[j] = [
                 own[one] @ part[p : p + d, p : p + d][one, one] @ own[one] for one in (FRICTION, _ROTOR)
@@ -289,36 +291,13 @@ def _left(gram: np.ndarray, picked: np.ndarray, sign: float) -> tuple[float, np.
 
 
 def _solve_non_negative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Least x' a x - 2 x' b with x >= 0, for a (K, K) without negative eigenvalues.
-
-    References
-    ----------
-    Bro, de Jong, Journal of Chemometrics 11, 393-401, 1997.
-    """
-    diagonal = np.diag(a)
-    some = np.flatnonzero(diagonal > 1e-16 * float(diagonal.max(initial=0.0)))
+    """Least x' a x - 2 x' b with x >= 0, for a (K, K) without negative eigenvalues."""
+    size = np.sqrt(np.diag(a))
+    some = np.flatnonzero(size > 1e-8 * size.max(initial=0.0))
     out = np.zeros(len(b))
-    size = np.sqrt(diagonal[some])
-    scaled = a[np.ix_(some, some)] / np.outer(size, size) + _HELD * np.eye(len(some))
-    right = b[some] / size
-    x, inside = np.zeros(len(some)), np.zeros(len(some), dtype=bool)
-    least = 1e-10 * float(np.abs(right).max(initial=0.0))
-    for _ in range(3 * len(some)):
-        slope = np.where(inside, -np.inf, right - scaled @ x)
-        new = int(np.argmax(slope))
-        if not slope[new] > least:
-            break
-        inside[new] = True
-        while inside.any():
-            target = np.zeros(len(some))
-            target[inside] = np.linalg.solve(scaled[np.ix_(inside, inside)], right[inside])
-            negative = inside & (target <= 0.0)
-            if not negative.any():
-                x = target
-                break
-            step = float(np.min(x[negative] / (x[negative] - target[negative])))
-            x = x + step * (target - x)
-            inside &= ~(negative & (x <= 1e-14))
-            x[~inside] = 0.0
-    out[some] = x / size
+    if len(some):
+        values, vectors = linalg.eigh(a[np.ix_(some, some)] / np.outer(size[some], size[some]))
+        root = np.sqrt(np.maximum(values, 0.0) + _HELD)
+        right = vectors.T @ (b[some] / size[some]) / root
+        out[some] = optimize.nnls(root[:, None] * vectors.T, right)[0] / size[some]
     return out

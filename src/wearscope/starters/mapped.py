@@ -1,0 +1,70 @@
+"""What the user says of recordings that are brought."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from wearscope.servos import ServoFields
+
+DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What the user says of the recordings.
+
+    Attributes
+    ----------
+    joints : sequence of str
+        All that the URDF moves where empty.
+    patterns : mapping of str to str
+        By kind: columns, with ``*`` for the joint.
+    time, time_unit, topic : str or None
+    rate : float or None
+        [Hz]; from the clock where left out.
+    position_unit : str or None
+        ``rad``, ``deg``, ``m`` or ``mm``.
+    side, torque_side : str
+        ``joint`` or ``motor``: where positions, and torques, are measured.
+    gear_ratio, torque_constant : sequence of float
+        Motor turns per joint turn; N m/A of the motor, at its shaft.
+    declared, accept, test : sequence of str
+        Effects; refusals that are overruled; recordings that are only scored.
+    inertials : str
+    payload : float or None
+        [kg]
+    payload_com : sequence of float
+        Its centre of mass in the frame of the last joint's link [m].
+    servo : ServoFields or None
+        Whose law gives the torque.
+    turned : sequence of str
+        Columns of the data set that are turned round.
+    reading : str or None
+        What the torques are, as `torque` in dataset.yaml has it.
+    sessions : mapping of str to str
+        Label of a recording's session, by file name.
+    payloads : mapping of str to sequence of float
+        Mass [kg] and centre of mass [m] of a recording's payload, by file name.
+    """
+
+    joints: Sequence[str] = ()
+    patterns: Mapping[str, str] = field(default_factory=dict)
+    time: str | None = None
+    time_unit: str | None = None
+    topic: str | None = None
+    rate: float | None = None
+    position_unit: str | None = None
+    side: str = "joint"
+    torque_side: str = "joint"
+    gear_ratio: Sequence[float] = ()
+    torque_constant: Sequence[float] = ()
+    declared: Sequence[str] = DECLARED
+    accept: Sequence[str] = ()
+    test: Sequence[str] = ()
+    inertials: str = "approximate"
+    payload: float | None = None
+    payload_com: Sequence[float] = (0.0, 0.0, 0.0)
+    servo: ServoFields | None = None
+    turned: Sequence[str] = ()
+    reading: str | None = None
+    sessions: Mapping[str, str] = field(default_factory=dict)
+    payloads: Mapping[str, Sequence[float]] = field(default_factory=dict)

@@ -1,0 +1,67 @@
+"""Recordings that are fitted and those that are only scored, and the rate that they have in common."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from wearscope.errors import InputError
+
+#: Rates of two recordings may differ by this share: the reader brings them to one.
+_OFF = 0.15
+#: Share of a lone recording that is kept for training; a second of it then lies between training and test.
+_TRAINING, _GAP = 0.7, 1.0
+
+
+@dataclass
+class Recorded:
+    """A recording in the platform's columns: ``t``, then by joint ``q_``, ``tau_`` and what else there is."""
+
+    name: str
+    frame: pd.DataFrame
+    use: str = "train"
+    file: str = ""
+
+
+def find_common_rate(rates: Sequence[float], files: Sequence[Path], stated: float | None) -> float:
+    """The stated rate of all recordings, or their median one [Hz]; `InputError` names one that is far off."""
+    rate = stated or float(np.median(rates))
+    for file, own in zip(files, rates, strict=True):
+        if abs(own / rate - 1.0) > _OFF:
+            raise InputError(
+                f"{file}: has {own:g} Hz where {'--rate says' if stated else 'others have'} {rate:g} Hz; "
+                "a data set has one rate, so make one data set for each."
+            )
+    return rate
+
+
+def choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str], rate: float) -> list[str]:
+    """Mark the runs that are only scored; a lone run is cut in two."""
+    if len(runs) == 1:
+        if test:
+            raise InputError("--test: there is one recording only; give another for training.")
+        whole = runs[0]
+        cut = int(_TRAINING * len(whole.frame))
+        later = whole.frame.iloc[cut + int(_GAP * rate) :]
+        if len(later) < 2 * rate:
+            raise InputError(
+                f"{files[0]}: is too short to be cut into a training and a test part; give a second one."
+            )
+        runs[:] = [
+            replace(whole, name=f"{whole.name}_first", frame=whole.frame.iloc[:cut]),
+            replace(whole, name=f"{whole.name}_last", frame=later, use="test"),
+        ]
+        return [
+            f"test: the last {100 * (1 - _TRAINING):.0f} % of the one recording; a second one would say more."
+        ]
+    chosen = {Path(one).name for one in test} or {files[-1].name}
+    unknown = chosen - {file.name for file in files}
+    if unknown:
+        raise InputError(f"--test {sorted(unknown)[0]}: is none of the recordings; name one of them.")
+    for run, file in zip(runs, files, strict=True):
+        run.use = "test" if file.name in chosen else "train"
+    if all(run.use == "test" for run in runs):
+        raise InputError("--test: names every recording; leave one for training.")
+    return [f"test: {', '.join(sorted(chosen))}" + ("." if test else ", the last one, as none was named.")]
