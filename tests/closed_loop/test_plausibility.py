@@ -14,7 +14,7 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.plausibility import ask_runs, check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
 
@@ -95,6 +95,14 @@ def scale(column, factor):
 @pytest.mark.parametrize("friction", [0.0, 1.0, 8.0])
 def test_a_pendulum_is_believed(tmp_path, size, friction):
     check(swing(tmp_path / "p", size, friction))
+
+
+def test_noise_far_below_the_bodys_torque_is_not_explained(tmp_path):
+    """The fit takes the body's torque away; what is left then is rounding errors of either sign."""
+    rows = ask_runs(check(swing(tmp_path / "p", 1.0)))
+    noise = np.random.default_rng(1).standard_normal(rows.tau.shape)
+    for size in 10.0 ** -np.arange(5.0, 14.0):
+        assert rows.with_torques(size * noise).products.fit().left[0] > 0.9, size
 
 
 @pytest.mark.parametrize("drag", [5.0, 20.0, 60.0])

@@ -197,6 +197,8 @@ def say_factors(asked: Asked, at: np.ndarray, factor: np.ndarray) -> tuple[str, 
         hint = "it looks like motor-side torque: multiply it with the gear ratio"
     elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
         hint += ", and that q is in rad"
+    elif 0.7 < abs(middle) * 1000.0 < 1.4 and all(asked.slides[j] for j in at):
+        hint += ", and that q is in m"
     names = asked.names(at)
     sizes = ", ".join(f"{one:.3g}" for one in factor[at])
     told = (
