@@ -201,6 +201,16 @@ def test_a_clock_coarser_than_its_samples_is_spread():
     assert find_rate(spread) == 2000.0 and "coarser" in notes[0]
 
 
+def test_stamps_of_seconds_and_nanoseconds_with_an_empty_row(tmp_path, truth):
+    frame = table(truth, "time", "q{}", "tau{}")
+    stamps = (frame.pop("time") * 1e9).round().astype("int64") + 1_700_000_000_900_000_000
+    frame.insert(0, "header.stamp.sec", (stamps // 10**9).astype(float))
+    frame.insert(1, "header.stamp.nanosec", (stamps % 10**9).astype(float))
+    frame.loc[2000, "header.stamp.nanosec"] = np.nan
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    assert_same(convert(tmp_path / "a.csv"), truth)
+
+
 def test_backward_clocks_and_constant_ones_get_one_sentence(tmp_path, truth):
     frame = table(truth, "t", "q{}", "tau{}")
     frame["t"] = frame["t"].to_numpy()[::-1]

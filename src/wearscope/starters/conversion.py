@@ -186,8 +186,8 @@ def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]
         return np.arange(len(frame)) / mapped.rate, np.arange(len(frame))
     where = f"{file}: column '{names[0]}'"
     if len(names) == 2:
-        stamps = frame[names[0]].astype("int64") * 1_000_000_000 + frame[names[1]].astype("int64")
-        t, told = to_seconds(stamps, where, "ns")
+        seconds, rest = (pd.to_numeric(frame[name], errors="coerce") for name in names)
+        t, told = to_seconds((seconds - seconds.min()) * 1e9 + rest, where, "ns")
     else:
         t, told = to_seconds(frame[names[0]], where, mapped.time_unit)
     rows, kept, more = order_rows(t, where)
