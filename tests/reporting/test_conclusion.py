@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
+from wearscope.config import load_config
 from wearscope.evaluation.conclusion import Bound, Conclusion
 from wearscope.reporting.conclusion import (
     certainty,
@@ -38,9 +40,9 @@ def told(study):
 
 
 def test_the_conclusion_is_plain_sentences_with_units(told, found):
-    assert conclude(told, found) == (
-        "Use Friction fit (C). It finds wear of 20 or more while temperature stays within ±4 °C or payload "
-        "error stays within at least ±9.8 %."
+    assert conclude(told, found) == ("Use Friction fit (C). It finds wear of 20 or more.")
+    assert tell_sure(told, found).endswith(
+        "This holds while temperature stays within ±4 °C or payload error stays within at least ±9.8 %."
     )
     assert certainty(found) == "good"
 
@@ -50,10 +52,10 @@ def test_it_is_only_as_certain_as_its_parts(told, found):
     assert "not told apart from that of Residual energy (A). It finds" in conclude(told, tied)
     assert certainty(tied) == "unsure" and "not told apart at 95 %" in qualify(told, tied)[0]
     some = replace(found, cells_sure=5)
-    assert "20 or more in 5 of 8 cells while" in conclude(told, some) and certainty(some) == "unsure"
+    assert "20 or more, in 5 of 8 cells." in conclude(told, some) and certainty(some) == "unsure"
     guess = replace(found, shown_sure=False)
     assert "(C). By the estimates alone, it finds" in conclude(told, guess)
-    assert certainty(guess) == "unsure" and "not counted" in tell_sure(guess)
+    assert certainty(guess) == "unsure" and "not counted" in tell_sure(told, guess)
 
 
 def test_nothing_found_and_nothing_recommended_are_answers(told, found):
@@ -81,7 +83,7 @@ def test_wear_is_told_as_friction(told):
     columns = ["robot", "joint", "speed", "temperature", "wear", "torque"]
     study = replace(told, friction=pd.DataFrame(rows, columns=columns))
     assert friction_rise(study, 20.0) == pytest.approx((0.08, 0.2))
-    assert tell_friction(study, 20.0) == "That is 8 to 20 % more friction at a tenth of the top speed."
+    assert tell_friction(study, 20.0) == ", which is 8 to 20 % more friction at a tenth of the top speed"
     assert friction_rise(told, 20.0) is None and tell_friction(told, 20.0) == ""
 
 
@@ -121,15 +123,19 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     arm = {"arm": ["URDF given; friction assumed"]}
     study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
     assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
-    assert "if they are halved or doubled is not judged" in study_strip(study).caveat
+    assert "is not judged; ask wearscope run small --set 'direct.mismatch=" in study_strip(study).caveat
     row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     path = "effects.friction_wear_temperature.all.eta0 %"
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
-    assert study_strip(study).caveat.endswith(
+    caveat = study_strip(study).caveat
+    assert (
         "With Coulomb friction changed by +100 %, C has a signal-to-noise ratio of 4 instead of 9 "
-        "(a, axis 1)."
+        "(a, axis 1). For half of it ask wearscope run small --set" in caveat
     )
+    setting = yaml.safe_load(caveat.partition("direct.mismatch=")[2].rstrip("'."))
+    assert setting == {path: -50}
+    assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == setting
     given = replace(study, sources={"arm": ["paper"]})
     assert study_strip(given).answer.endswith("The robot's numbers are given.")
 

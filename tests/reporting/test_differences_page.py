@@ -10,6 +10,7 @@ from reporting.browser import open_page
 
 from wearscope import tables
 from wearscope.cli.main import wearscope
+from wearscope.reporting.page_strip import read_strip
 
 
 def call(*arguments):
@@ -55,6 +56,9 @@ def test_what_differs_is_said_first(studies):
     assert text.index("C has the highest median SNR in may/arm.") < text.index("7.25")
     assert "A has the highest median SNR in june/arm." in text
     assert "2 conclusions and 1 table differ." in text
+    strip = read_strip(studies)
+    assert strip.answer.startswith("C has the highest median SNR in may/arm.") and strip.kind == "unsure"
+    assert strip.caveat == "The settings are the same." and strip.action == "See Conclusions."
 
 
 def test_equal_studies_differ_in_nothing(tmp_path):

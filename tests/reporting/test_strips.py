@@ -102,8 +102,9 @@ def test_a_study_s_strip_is_its_conclusion(asked, robot, tmp_path):
         return
     told = numbers_of(strip.answer)
     assert float(f"{one.wear:.2g}") in told
-    assert all(float(f"{1.96 * bound.sigma:.2g}") in told for bound in one.bounds)
-    assert 100 * one.p_f in numbers_of(strip.sure) and 100 * one.p_d in numbers_of(strip.sure)
+    sure = numbers_of(strip.sure)
+    assert all(float(f"{1.96 * bound.sigma:.2g}") in sure for bound in one.bounds)
+    assert 100 * one.p_f in sure and 100 * one.p_d in sure
     assert strip.kind == ("good" if one.cells_sure == one.cells and not one.tied_with else "unsure")
 
 
@@ -139,6 +140,16 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
     assert last["next_measurement"][0]["table"] in strip.action and strip.caveat == last["cannot_tell"][0]
+
+
+def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
+    outcome = copy.deepcopy(OUTCOME)
+    event = {"joint": "a", "run": "r", "t": 1.0, "seconds": 0.2, "size": 9.0}
+    outcome["sessions"][-1] |= {"events": [event] * 3, "cannot_tell": [], "changes": []}
+    write_tracking(tmp_path, outcome)
+    strip = read_strip(tmp_path / "report.html")
+    assert strip.answer.endswith("Nothing changed since the machine was healthy.") and strip.kind == "good"
+    assert strip.caveat.startswith("3 short events left out; they are no change.")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ SPEED = 0.1
 
 
 def conclude(study: Study, one: Conclusion) -> str:
-    """What to use, what it finds, while what."""
+    """What to use, and what it finds."""
     where = f"On {one.robot}: " if one.robot else ""
     if not one.detector:
         return f"{where}No detector can be recommended: {_why_none(one)}."
@@ -25,15 +25,11 @@ def conclude(study: Study, one: Conclusion) -> str:
             f"{count_text(one.cells, 'cell')}, even at the smallest variation of the other factors."
         )
     finds = "It finds" if one.shown_sure else "By the estimates alone, it finds"
-    many = "" if one.cells_sure == one.cells else f" in {one.cells_sure} of {one.cells} cells"
     fault = study.factor("f")
-    found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more{many}"
-    sentences = [
-        f"{where}Use {name}{_tie(study, one)}.",
-        f"{found} {_while(study, one)}".rstrip() + ".",
-        tell_friction(study, one.wear, one.robot),
-    ]
-    return " ".join(filter(None, sentences))
+    found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more"
+    many = "" if one.cells_sure == one.cells else f", in {one.cells_sure} of {one.cells} cells"
+    friction = tell_friction(study, one.wear, one.robot)
+    return f"{where}Use {name}{_tie(study, one)}. {found}{friction}{many}."
 
 
 def _why_none(one: Conclusion) -> str:
@@ -49,13 +45,13 @@ def _told(one: Conclusion) -> str:
 
 
 def tell_friction(study: Study, wear: float, robot: str = "") -> str:
-    """What a change of wear is as friction; empty where the study does not say."""
+    """What a change of wear is as friction, as a clause; empty where the study does not say."""
     rise = friction_rise(study, wear, robot)
     if rise is None:
         return ""
     low, high = (f"{100 * one:.2g}" for one in rise)
     span = low if low == high else f"{low} to {high}"
-    return f"That is {span} % more friction at a tenth of the top speed."
+    return f", which is {span} % more friction at a tenth of the top speed"
 
 
 def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:
@@ -81,15 +77,18 @@ def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, fl
     return (min(rises), max(rises)) if rises else None
 
 
-def tell_sure(one: Conclusion) -> str:
-    """How sure the conclusion is."""
+def tell_sure(study: Study, one: Conclusion) -> str:
+    """How sure the conclusion is, and while what."""
     if not one.detector or np.isnan(one.wear):
         return "Nothing is recommended that was not found."
     text = f"At most {100 * one.p_f:g} % false alarms and at least {100 * one.p_d:g} % detection"
-    if not one.shown_sure:
-        return f"{text} by the estimates; the surrogates' uncertainty was not counted."
-    cells = "every cell" if one.cells_sure == one.cells else f"{one.cells_sure} of {one.cells} cells"
-    return f"{text} in {cells}, with 95 % confidence in the surrogates."
+    if one.shown_sure:
+        cells = "every cell" if one.cells_sure == one.cells else f"{one.cells_sure} of {one.cells} cells"
+        text += f" in {cells}, with 95 % confidence in the surrogates."
+    else:
+        text += " by the estimates; the surrogates' uncertainty was not counted."
+    bounds = [_bound(study, bound) for bound in one.bounds]
+    return f"{text} This holds while {join_words(bounds, 'or')}." if bounds else text
 
 
 def qualify(study: Study, one: Conclusion) -> list[str]:
@@ -129,11 +128,6 @@ def _tie(study: Study, one: Conclusion) -> str:
     """The detectors that it is not told apart from."""
     others = join_words([study.detector_name(name) for name in one.tied_with], "or")
     return f", whose signal-to-noise ratio is not told apart from that of {others}" if others else ""
-
-
-def _while(study: Study, one: Conclusion) -> str:
-    parts = [_bound(study, bound) for bound in one.bounds]
-    return f"while {join_words(parts, 'or')}" if parts else ""
 
 
 def _bound(study: Study, bound: Bound) -> str:

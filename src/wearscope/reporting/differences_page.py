@@ -12,6 +12,7 @@ from wearscope.reporting.charts.encoding import named
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.labels import count_text, join_words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
+from wearscope.reporting.page_strip import Strip
 
 Names = tuple[str, str]
 _SIDES = ["var(--before)", "var(--after)"]
@@ -47,9 +48,18 @@ def render_study_differences(
         for name, frame in zip(names, rankings, strict=True)
         if len(frame)
     ]
-    sections = [
-        Section("What differs", render_part(listed=tell_studies(names, rankings, differences)), "summary")
-    ]
+    told = tell_studies(names, rankings, differences)
+    sections = [Section("What differs", render_part(listed=told), "summary")]
+    kinds = set(differences["what"])
+    settings = int((differences["what"] == "setting").sum())
+    caveat = "The settings are the same."
+    if settings:
+        caveat = (
+            f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
+        )
+    action = next(((kind, title) for kind, title in _KINDS if kind in kinds), ("summary", "What differs"))
+    sure = "Every table was compared by its values, in addition to settings, versions and files."
+    strip = Strip(" ".join(told[:2]), "unsure" if kinds else "good", sure, caveat, _link(*action))
     found = {}
     if sides:
         table = pd.concat(sides, ignore_index=True)
@@ -63,13 +73,13 @@ def render_study_differences(
             "detector",
             "Bars: 95 % intervals.",
         )
-        told = table.set_axis(["in", "detector", "median SNR", "95 % from", "to", "rank"], axis=1)
-        sections.append(Section("Detectors", embed_chart(chart) + render_table(told), "detectors"))
+        shown = table.set_axis(["in", "detector", "median SNR", "95 % from", "to", "rank"], axis=1)
+        sections.append(Section("Detectors", embed_chart(chart) + render_table(shown), "detectors"))
     for kind, title in _KINDS:
         rows = differences[differences["what"] == kind].drop(columns="what")
         if len(rows):
             sections.append(Section(title, _fold(rows), kind))
-    return _render(names, sections, found)
+    return _render(names, sections, found, strip)
 
 
 def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Mapping[str, Any]]) -> str:
@@ -101,18 +111,31 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
         "joint",
         "In the joint's unit of torque.",
     )
+    told = tell_loops(names, *named_by)
+    strip = Strip(
+        " ".join(told[:2]),
+        "good" if named_by[0] == named_by[1] else "unsure",
+        "Effects are compared by name, joint by joint.",
+        "Each error is on that diagnosis's own test runs.",
+        _link("joints", "Joints"),
+    )
     sections = [
-        Section("What differs", render_part(listed=tell_loops(names, *named_by)), "summary"),
+        Section("What differs", render_part(listed=told), "summary"),
         Section("Joints", embed_chart(chart) + render_table(table.rename(columns={"side": "in"})), "joints"),
     ]
-    return _render(names, sections, {"sides": sides})
+    return _render(names, sections, {"sides": sides}, strip)
 
 
-def _render(names: Names, sections: list[Section], found: Mapping[str, pd.DataFrame]) -> str:
-    labels = {"column": {"thing": "name", "low": "95 % from", "high": "to"}}
-    return render_page(
-        f"{names[0]} and {names[1]}", sections, "", "Made by wearscope.", tables=found, labels=labels
+def _link(anchor: str, title: str) -> Markup:
+    return Markup('See <a href="#{}">{}</a>.').format(anchor, title)
+
+
+def _render(names: Names, sections: list[Section], found: Mapping[str, pd.DataFrame], strip: Strip) -> str:
+    title, labels = (
+        f"{names[0]} and {names[1]}",
+        {"column": {"thing": "name", "low": "95 % from", "high": "to"}},
     )
+    return render_page(title, sections, "", "Made by wearscope.", tables=found, labels=labels, strip=strip)
 
 
 def _fold(rows: pd.DataFrame) -> Markup:

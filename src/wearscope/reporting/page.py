@@ -133,6 +133,7 @@ def render_page(
             title=title,
             subtitle=subtitle,
             strip=strip,
+            strip_data=embed_json(strip.plain()) if strip else "",
             sections=[(one.id, one.title, Markup(one.body)) for one in sections if one.body],
             css=_read("page.css"),
             footer=footer,

@@ -1,8 +1,8 @@
-"""What stands on top of every page, as it is written and as it is read back."""
+"""What stands on top of every page, and how it is read from a page that was written."""
 
+import json
 import re
-from dataclasses import dataclass
-from html.parser import HTMLParser
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from markupsafe import Markup
@@ -47,41 +47,17 @@ class Strip:
         told = zip(HEADINGS, (self.sure, self.caveat, self.action), strict=True)
         return [(name, text if isinstance(text, Markup) else unbreak(text)) for name, text in told if text]
 
-
-class _StripReader(HTMLParser):
-    """Collects the texts of a page's strip."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.answer, self.kind, self.told = "", "", {}  # type: str, str, dict[str, str]
-        self._place = self._heading = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Enter a part of the strip."""
-        kinds = (dict(attrs).get("class") or "").split()
-        if kinds[:2] == ["strip", "conclusion"]:
-            self.kind = " ".join(kinds[2:3])
-        elif self.kind and not self._place and ("answer" in kinds or tag in ("dt", "dd")):
-            self._place = tag
-            self._heading = "" if tag == "dt" else self._heading
-
-    def handle_endtag(self, tag: str) -> None:
-        """Leave it."""
-        self._place = "" if tag == self._place else self._place
-
-    def handle_data(self, data: str) -> None:
-        """Take its text."""
-        if self._place == "p":
-            self.answer += data
-        elif self._place == "dt":
-            self._heading += data
-        elif self._place == "dd":
-            self.told[self._heading] = self.told.get(self._heading, "") + data
+    def plain(self) -> dict[str, str]:
+        """Its texts without markup, by field."""
+        return {
+            one.name: text.striptags() if isinstance(text := getattr(self, one.name), Markup) else text
+            for one in fields(self)
+        }
 
 
 #: Beginning of a page in which its strip lies, in characters.
 _TOP = 60_000
+_DATA = re.compile(r'<script type="application/json" id="strip">(.*?)</script>', re.DOTALL)
 
 
 def read_strip(page: str | Path) -> Strip | None:
@@ -89,13 +65,11 @@ def read_strip(page: str | Path) -> Strip | None:
     if not Path(page).is_file():
         return None
     with Path(page).open(encoding="utf-8", errors="replace") as file:
-        top = file.read(_TOP)
-    start, end = top.find('<div class="strip'), top.find("</dl>")
-    if start < 0 or end < 0:
-        return None
+        found = _DATA.search(file.read(_TOP))
     try:
-        read = _StripReader(top[start:end])
-    except AssertionError:  # how Python's parser says that it is no HTML
+        told = json.loads(found[1]) if found else {}
+    except (ValueError, RecursionError):
         return None
-    sure, caveat, action = (" ".join(read.told.get(name, "").split()) for name in HEADINGS)
-    return Strip(" ".join(read.answer.split()), read.kind, sure, caveat, action)
+    texts = [told.get(one.name) for one in fields(Strip)] if isinstance(told, dict) else []
+    known = [one for one in texts if isinstance(one, str)]
+    return Strip(*known) if len(known) == len(fields(Strip)) else None

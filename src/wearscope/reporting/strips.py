@@ -32,7 +32,7 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
     # A divided study's overview has no tables of single cells, which the doubts are about.
     caveat = "" if pages else _study_caveat(study, one)
     answer = " ".join(filter(None, [conclude(study, one), trust.tell_basis(study)]))
-    return Strip(answer, certainty(one), tell_sure(one), caveat, action)
+    return Strip(answer, certainty(one), tell_sure(study, one), caveat, action)
 
 
 def _study_caveat(study: Study, one: Conclusion) -> str:
@@ -118,7 +118,8 @@ def reevaluation_strip(one: Reevaluation) -> Strip:
     """What the correction changes in a study's answers."""
     withheld = answer_sentences(one)[4:]
     truth = truth_sentences(one)
-    assumed = f"Assumed on every side: {join_words(one.assumed)}." if one.assumed else ""
+    own = "It holds for the test-cycles and axes of this study."
+    assumed = f"Assumed on every side: {join_words(one.assumed)}." if one.assumed else own
     action = Markup('See <a href="#detectors">detector by detector</a>; study the corrected model.')
     kind = "unsure" if withheld or not one.has_truth else "good"
     return Strip(tell_headline(one), kind, truth[0], (withheld or [assumed])[0], action)
@@ -136,13 +137,19 @@ def tracking_strip(tracking: Tracking) -> Strip:
     )
     sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
     files = [one["table"] for one in last["next_measurement"] if "table" in one]
-    action = Markup("Record the next session, and track again.")
+    action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
     if files:
         action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
     elif changes:
         action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
     kind = "bad" if changes else "unsure" if last["cannot_tell"] else "good"
-    caveat = last["cannot_tell"][0] if last["cannot_tell"] else ""
+    events = count_text(len(last.get("events", [])), "short event")
+    caveat = (
+        last["cannot_tell"][0] if last["cannot_tell"] else "Only what the recorded motions excite is seen."
+    )
+    if last.get("events"):
+        verb = "is" if events.startswith("1 ") else "are"
+        caveat = f"{events} left out; {'it' if verb == 'is' else 'they'} {verb} no change. {caveat}"
     return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
 
 
@@ -169,5 +176,6 @@ def detection_strip(found: Detections) -> Strip:
     elif counts["unchecked"]:
         caveat = "Too few nominal recordings check the threshold; record three or more."
     kind = "bad" if counts["alarm"] else "unsure" if caveat else "good"
+    caveat = caveat or "A threshold holds along its own motion only."
     action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
     return Strip(answer, kind, sure, caveat, action)

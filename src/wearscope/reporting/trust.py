@@ -16,6 +16,8 @@ FRICTION = {
     "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
     "alpha": "an exponent of low-speed friction",
 }  # fmt: skip
+#: Path of the number that own studies double (`starters.study`), with the study's direct question.
+_COULOMB = "effects.friction_wear_temperature.all.eta0 %"
 POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
 
@@ -167,17 +169,23 @@ def tell_basis(study: Study) -> str:
 
 
 def tell_moved(study: Study, detector: str) -> str:
-    """How far a detector's SNR moves where the robot differs from what was assumed."""
+    """How far a detector's SNR moves where the robot differs from what was assumed, or how to ask that."""
     table = study.mismatch
     rows = table[table["fda"] == detector] if table is not None else None
     if rows is None or rows.empty:
-        return "How far it moves if they are halved or doubled is not judged."
+        return f"Whether it moves if friction is doubled is not judged; ask {_ask(study, 100)}."
     row = next(rows.itertuples())
+    doubled = study.config["direct"]["mismatch"].get(_COULOMB) == 100
     return (
         f"With {tell_mismatch(study)}, {detector} has a signal-to-noise ratio of "
         f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)} "
-        f"({words(row.cycle)}, axis {row.axis})."
+        f"({words(row.cycle)}, axis {row.axis})." + f" For half of it ask {_ask(study, -50)}." * doubled
     )
+
+
+def _ask(study: Study, percent: int) -> str:
+    """Command that asks the direct question of a robot whose Coulomb friction differs."""
+    return f"wearscope run {study.config['study']} --set 'direct.mismatch={{\"{_COULOMB}\": {percent}}}'"
 
 
 def contradicted(study: Study, detector: str) -> str:
