@@ -10,8 +10,6 @@ from wearscope.config.study import StudyConfig
 #: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
 CELL_BYTES = 350
 
-SETUP_FIGURES = ("design", "recording", "friction")
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -79,15 +77,12 @@ class Plan:
     @cached_property
     def finding_figures(self) -> list[str]:
         """Figures that answer the study's questions."""
-        return ["sensitivity", "snr", "snr_cells", *self.scope_figures, "fit"]
+        return ["sensitivity", "snr", *self.scope_figures]
 
     @cached_property
     def figures(self) -> list[str]:
         """All figures of the study; where it is divided, those that show each cell are the partitions'."""
-        if self.study.divide():
-            return self.scope_figures
-        audit = ["audit"] if self.study.audit.enabled else []
-        return [*SETUP_FIGURES, *self.finding_figures, *audit]
+        return self.scope_figures if self.study.divide() else ["recording", *self.finding_figures]
 
     @cached_property
     def categories(self) -> dict[str, str]:
@@ -95,11 +90,8 @@ class Plan:
         return {
             "sensitivity": "Q-1: which factors matter",
             "snr": "Q-2: which detector is best",
-            "snr_cells": "Q-2: which detector is best",
             **dict.fromkeys(self.scope_figures, "Q-3: where it works"),
-            "fit": "Can the surrogates be trusted",
-            "audit": "Can the surrogates be trusted",
-            **dict.fromkeys(SETUP_FIGURES, "What was simulated"),
+            "recording": "What was simulated",
         }
 
     def chunks(self, name: str) -> range:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _KEYS = ("robot", "cycle", "axis", "fda")
-_FIGURES = ("fit", "scope", "sensitivity", "snr", "snr_cells")
+_FIGURES = ("scope", "sensitivity", "snr")
 
 
 class Study:
@@ -134,7 +134,7 @@ class Study:
 
         Parameters
         ----------
-        name : {"fit", "scope", "sensitivity", "snr", "snr_cells"}
+        name : {"scope", "sensitivity", "snr"}
         by : sequence of str
             Columns that form a group: of ``robot``, ``cycle``, ``axis``, ``fda``.
         factor : str, optional
@@ -150,17 +150,13 @@ class Study:
         InputError
             Where there is no such figure, or the study lacks its table.
         """
-        from wearscope.reporting.figures import fit, scope, sensitivity, snr
+        from wearscope.reporting.figures import scope, sensitivity, snr
 
         _let_notebook_show_figures()
         if not set(_KEYS).issuperset(by):
             raise InputError(f"by: {', '.join(by)} is no grouping; use some of {', '.join(_KEYS)}.")
-        if name == "fit":
-            return fit.draw_fit(self.table("fit_table"))
         if name == "sensitivity":
             return sensitivity.draw_sensitivity(self.table("surrogates"), by=by)
-        if name == "snr_cells":
-            return snr.draw_snr_cells(self.snr())
         if name == "snr":
             return snr.draw_snr(self.snr(), self._rank(by), by)
         if name == "scope":

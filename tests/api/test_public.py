@@ -107,7 +107,7 @@ def test_factors_are_those_of_the_design(place):
         assert (low, high) == pytest.approx((factor.low, factor.high)) and unit == factor.unit
 
 
-@pytest.mark.parametrize("name", ["fit", "scope", "sensitivity", "snr", "snr_cells"])
+@pytest.mark.parametrize("name", ["scope", "sensitivity", "snr"])
 def test_every_figure_is_drawn(place, name):
     assert wearscope.Study(place).plot(name).axes
 

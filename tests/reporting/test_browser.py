@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -146,11 +147,17 @@ def test_tables_sort_and_export(file, asked, tmp_path):
         with page.expect_download() as waiting:
             page.click("#snr .csv")
         waiting.value.save_as(tmp_path / "snr.csv")
+        with page.expect_download() as waiting:
+            page.click("#snr .drawing")
+        waiting.value.save_as(tmp_path / "snr.svg")
     with open(tmp_path / "snr.csv", encoding="utf-8-sig", newline="") as stream:
         saved = pd.DataFrame(list(csv.DictReader(stream)))
     table = study_tables(asked)["snr"]
     saved["axis"] = saved["axis"].astype(int)
     check_equal(saved.replace({"": None}), table, KEYS)
+    drawing = ElementTree.parse(tmp_path / "snr.svg").getroot()
+    assert drawing.tag.endswith("svg") and len(list(drawing.iter("{http://www.w3.org/2000/svg}path"))) > 20
+    assert "var(" not in (tmp_path / "snr.svg").read_text()
 
 
 def test_keys_read_values_zoom_and_theme(file):

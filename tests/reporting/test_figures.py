@@ -1,19 +1,14 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 from benchmarks.planted import PAPER_OPTIONS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.scope_counts import count_matrix
-from wearscope.reporting.figures.audit import draw_audit
 from wearscope.reporting.figures.boxes import use_symlog
-from wearscope.reporting.figures.design import draw_design
-from wearscope.reporting.figures.fit import draw_fit
-from wearscope.reporting.figures.friction import draw_friction
 from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
-from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
+from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure
 from wearscope.simulation.recording import Recording
 
@@ -64,21 +59,6 @@ def test_snr_counts_missing_cells_and_ranks(study):
     assert "y falls with wear" in legend
 
 
-def test_missing_cells_are_hatched_and_named(study):
-    figure = draw_snr_cells(study.snr)
-    assert words(figure).count("n/a") == 1
-    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 1
-    missing = study.fits.copy()
-    missing.loc[0, "axis_1"] = np.nan
-    assert words(draw_fit(missing)).count("n/a") == 1 + int(study.fits["axis_1"].isna().sum())
-
-
-def test_absent_cells_of_the_fit_table_are_shown_as_missing(study):
-    part = study.fits.drop(study.fits[(study.fits["robot"] == "large") & (study.fits["fda"] == "A")].index)
-    figure = draw_fit(part)
-    assert "large" in titles(figure) and words(figure).count("n/a") >= 2 * 2 * 2
-
-
 def test_scope_counts_are_those_of_the_table(study):
     rows = study.exact_scope("w3")
     sigma, delta, count = count_matrix(rows, rows["passes"])
@@ -106,24 +86,6 @@ def test_scope_without_a_second_method_has_no_difference(study):
     assert not [text for text in words(figure) if "differ" in text]
 
 
-def test_audit_counts_and_crosses_failed_values(study):
-    figure = draw_audit(study.audit)
-    shown = [title for title in titles(figure) if title]
-    assert any("1 failed, crossed at the foot" in title for title in shown)
-    crosses = [line for ax in figure.axes for line in ax.lines if line.get_marker() == "x"]
-    assert len(crosses) == int(study.audit["failed"].sum()) == 1
-    ticks = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
-    assert ticks[0] == "z⁰" and any("w5" in tick for tick in ticks)
-
-
-def test_design_shows_every_run(study):
-    design = make_design("central_composite", study.factors, PAPER_OPTIONS)
-    figure = draw_design({"identification": design, "nominal": design.head(1)}, study.factors)
-    assert titles(figure)[:2] == ["identification  (45 runs)", "nominal  (1 run)"]
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels[1] == "w1  wear of axis 2, 0 to 50" and labels[5].endswith("−10 to 10 [%]")
-
-
 def test_the_pair_of_recordings_differs_in_wear_only(study):
     design = make_design("central_composite", study.factors, PAPER_OPTIONS)
     low, high = choose_pair(design, study.factors)
@@ -139,20 +101,3 @@ def test_recordings_of_unequal_length_are_drawn():
     difference = figure.axes[3].lines[0].get_ydata()
     assert len(difference) == 50 and difference == pytest.approx(1.0 - t)
     assert figure.axes[2].get_ylabel() == "motor torque [N m]"
-
-
-def test_friction_curves_have_a_panel_a_joint():
-    one = {"speed": [0.1, 0.2], "torque": [5.0, 4.0], "speed_unit": "rad/s", "torque_unit": "N m"}
-    curves = pd.concat(
-        [
-            pd.DataFrame({"robot": robot, "joint": joint, "temperature": warmth, "wear": wear, **one})
-            for robot, joint in (("medium", "axis_1"), ("medium", "axis_2"), ("large", "axis_1"))
-            for warmth in (30.0, 70.0)
-            for wear in (0.0, 50.0)
-        ]
-    )
-    figure = draw_friction(curves)
-    assert [title for title in titles(figure) if title] == [
-        "medium, axis_1", "medium, axis_2", "large, axis_1"
-    ]  # fmt: skip
-    assert len(figure.axes[1].lines) == 4

@@ -7,7 +7,7 @@ import pytest
 
 from wearscope.evaluation.sensitivity import sensitivity_table
 from wearscope.reporting.costs import read_costs
-from wearscope.reporting.figures.snr import draw_snr_cells
+from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
 from wearscope.reporting.style import save_figure
@@ -31,7 +31,7 @@ VERDICT = {
 @pytest.fixture
 def with_figure(study, change, tmp_path):
     path = tmp_path / "recording.svg"
-    save_figure(draw_snr_cells(study.snr), path)
+    save_figure(draw_snr(study.snr, study.ranking), path)
     return change(figures={"recording": path}, loops={"twin": VERDICT}, planted={"planted": []})
 
 

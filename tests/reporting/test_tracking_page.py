@@ -63,7 +63,7 @@ def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
     assert "r9.parquet: has no session" in text
     assert "Test-cycles to record: next_measurement_1.py." in text
-    assert "eta7 0.06 N m (0.03 to 0.1)" in text and "model_tracked.yaml" in text
+    assert "eta7 0.06 (0.03 to 0.1) N m" in text and "model_tracked.yaml" in text
 
 
 def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):

@@ -120,7 +120,7 @@ AFTER_SNR = {
 }  # fmt: skip
 AFTER_SCOPE = {
     "compute_scope", "join_scope", "choose_audit_points", "simulate_points", "compute_audit_quantities",
-    "audit_surrogates", "draw_audit", "draw_findings", "compute_responses", "draw_conclusion",
+    "audit_surrogates", "draw_findings", "compute_responses", "draw_conclusion",
     "compare_paper", "write_report", "report", "all",
 }  # fmt: skip
 AFTER_SURROGATES = (

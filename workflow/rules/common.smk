@@ -37,7 +37,7 @@ from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.files import check_folder
 from wearscope.named_files import NamedDataSet, NamedRobot
-from wearscope.planning import SETUP_FIGURES, Plan
+from wearscope.planning import Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_script_sources, plugin_file
@@ -110,8 +110,7 @@ REEVALUATED = STUDY.reevaluate.enabled and bool(
 )
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
-SCOPE_FIGURES, SETUP_FIGURES = PLAN.scope_figures, list(SETUP_FIGURES)
-FINDING_FIGURES, FIGURES, CATEGORIES = PLAN.finding_figures, PLAN.figures, PLAN.categories
+SCOPE_FIGURES, FIGURES, CATEGORIES = PLAN.scope_figures, PLAN.figures, PLAN.categories
 
 
 def tell(find, *given):

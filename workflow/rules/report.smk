@@ -49,21 +49,21 @@ rule describe_robots:
 
 
 # As soon as its runs are there: left to the end, it is what the report waits for.
-rule draw_setup:
+rule draw_recording:
     input:
-        designs=expand("{R}/design/{set}.parquet", R=R, set=STUDY_SETS),
+        design=f"{R}/design/identification.parquet",
         traces=PLAN.traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         recordings=PLAN.packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=lambda w: code(
-            "draw_setup",
+            "draw_recording",
             *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
         ),
         style=REPORT_FILES,
     output:
-        **figure_files(SETUP_FIGURES),
+        **figure_files(["recording"]),
     log:
-        f"{R}/logs/draw_setup.log",
+        f"{R}/logs/draw_recording.log",
     priority: 1
     conda:
         ENV
@@ -76,9 +76,9 @@ rule draw_setup:
         worn=STUDY.worn_axes(),
         allow_code=STUDY.allow_code,
     message:
-        "Draw what is simulated"
+        "Draw two recordings"
     script:
-        "../scripts/draw_setup.py"
+        "../scripts/draw_recording.py"
 
 
 rule draw_findings:
@@ -87,12 +87,11 @@ rule draw_findings:
         snr=f"{R}/snr.parquet",
         ranking=f"{R}/ranking.parquet",
         scope=f"{R}/scope.parquet",
-        fits=f"{R}/fit_table.parquet",
         screening=SCREENINGS,
         code=lambda w: code("draw_findings"),
         style=REPORT_FILES,
     output:
-        **figure_files(FINDING_FIGURES),
+        **figure_files(PLAN.finding_figures),
     log:
         f"{R}/logs/draw_findings.log",
     conda:
@@ -108,24 +107,6 @@ rule draw_findings:
         "Draw the figures of the findings"
     script:
         "../scripts/draw_findings.py"
-
-
-# Apart from the other findings, which are drawn while the audit's points are simulated.
-rule draw_audit:
-    input:
-        audit=f"{R}/audit.parquet",
-        code=lambda w: code("draw_audit"),
-        style=REPORT_FILES,
-    output:
-        **figure_files(["audit"]),
-    log:
-        f"{R}/logs/draw_audit.log",
-    conda:
-        ENV
-    message:
-        "Draw the figure of the audit"
-    script:
-        "../scripts/draw_audit.py"
 
 
 rule compare_paper:

@@ -1,14 +1,13 @@
-"""The paper's Figs. 2, 3 and 4, and how well the surrogates fit."""
+"""The paper's Figs. 2, 3 and 4."""
 
 from job import run_job
 from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.snr import answer_rows
-from wearscope.reporting.figures.fit import draw_fit
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.figures.sensitivity import draw_sensitivity
-from wearscope.reporting.figures.snr import draw_snr, draw_snr_cells
+from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.style import save_figure
 from wearscope.simulation.idle import drop_idle
 
@@ -25,7 +24,5 @@ with run_job(snakemake) as say:
     surrogates = drop_idle(tables.read_table(given.surrogates), read_screening(given.screening), "term")
     save("sensitivity", draw_sensitivity(surrogates, params.model, params.sensitivity_by))
     save("snr", draw_snr(snr, tables.read_table(given.ranking), params.snr_by))
-    save("snr_cells", draw_snr_cells(snr))
     for name in params.scope_factors:
         save(f"scope_{name}", draw_scope(scope, name, factors, params.scope_by))
-    save("fit", draw_fit(tables.read_table(given.fits)))

@@ -20,7 +20,7 @@ from wearscope.reporting.labels import (
     term_name,
     unit_text,
 )
-from wearscope.reporting.page import format_number
+from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 HALF = 0.5
@@ -147,8 +147,7 @@ def best_detector(study: Study) -> list[str]:
     best, row = known[0]
     best = study.detector_name(best) if by == ["fda"] else best
     medians = ", ".join(
-        f"{name} {format_number(float(one['median']))} ({format_number(float(one['median_low']))} to "
-        f"{format_number(float(one['median_high']))})"
+        f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}"
         for name, one in known[:6]
     )
     left = f", and {len(known) - 6} more" if len(known) > 6 else ""

@@ -11,6 +11,7 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.errors import InputError
+from wearscope.reporting.page import interval_text
 
 STAGES = ("before", "after")
 _OPTIONAL = (
@@ -131,11 +132,10 @@ def gap_closed(joint: Mapping[str, Any]) -> tuple[float, str]:
     return share, f"{round(100 * share)} %".replace("-", "\N{MINUS SIGN}")
 
 
-def bounded(value: float, interval: Sequence[Any] | None, text: Any) -> str:
-    """A value with its interval, written by `text`."""
-    if interval is None or not np.isfinite([number(v) for v in interval]).all():
-        return str(text(value))
-    return f"{text(value)} ({text(number(interval[0]))} to {text(number(interval[1]))})"
+def bounded(value: float, interval: Sequence[Any] | None) -> str:
+    """A value with its interval, where there is one."""
+    low, high = interval or (None, None)
+    return interval_text(value, number(low), number(high))
 
 
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:

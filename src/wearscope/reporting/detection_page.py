@@ -23,6 +23,7 @@ from wearscope.reporting.page import (
     badge,
     embed_figure,
     format_number,
+    interval_text,
     render_page,
     render_part,
     render_table,
@@ -120,7 +121,6 @@ def _values(found: Detections) -> Markup:
     rows = found.detection.assign(order=found.detection["verdict"].map(order))
     for row in rows.sort_values(["kind", "order", "run"], kind="stable").to_dict("records"):
         judged = row["kind"] == "judged"
-        wear, low, high = (format_number(row[name], 2) for name in ("wear", "wear_low", "wear_high"))
         records.append(
             {
                 "recording": row["run"],
@@ -133,7 +133,7 @@ def _values(found: Detections) -> Markup:
                 "p, simulated": row["p_value"],
                 "p, machine": row["p_machine"],
                 "warmer [K]": row["warmer"],
-                "wear like it (95 %)": f"{wear} ({low} to {high})" if wear != "n/a" else wear,
+                "wear like it (95 %)": interval_text(row["wear"], row["wear_low"], row["wear_high"], 2),
             }
         )
     caption = (
@@ -151,8 +151,7 @@ def _thresholds(found: Detections) -> Markup:
             "joint": row["joint"],
             "detector": row["fda"],
             "threshold": write_quantity(row["threshold"], row["unit"]),
-            "false-alarm rate (95 %)": f"{row['p_f']:g} ({format_number(row['p_f_low'], 2)} to "
-            f"{format_number(row['p_f_high'], 2)})",
+            "false-alarm rate (95 %)": interval_text(row["p_f"], row["p_f_low"], row["p_f_high"], 2),
             "simulated runs": row["runs"],
             "wear detected from": row["wear_detected"],
             "why there is none": row["reason"],

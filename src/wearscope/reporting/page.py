@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 import numpy as np
 import pandas as pd
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.labels import count_text
@@ -182,9 +182,9 @@ def embed_figure(figure: "Figure | str | Path", alt: str, caption: str = "", kin
 
         content = figure_bytes(figure, kind)
     data = base64.b64encode(content).decode("ascii")
-    image = Markup('<img src="data:{};base64,{}" alt="{}">').format(_MEDIA[kind], data, alt)
-    text = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
-    return Markup("<figure>{}{}</figure>").format(image, text)
+    return render_template(
+        "figure.html", source=f"data:{_MEDIA[kind]};base64,{data}", alt=alt, caption=caption
+    )
 
 
 def badge(text: str, kind: str = "neutral") -> Markup:
@@ -218,6 +218,14 @@ def format_number(value: Any, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def interval_text(value: Any, low: Any, high: Any, digits: int = 3) -> str:
+    """A value with its interval: ``12.1 (8.7 to 14.5)``; the value alone where the interval is unknown."""
+    told = format_number(value, digits)
+    if not np.isfinite([float(low), float(high)]).all():
+        return told
+    return f"{told} ({format_number(low, digits)} to {format_number(high, digits)})"
+
+
 #: Characters of a text above which a table's rows are stacked on a phone.
 PROSE = 60
 
@@ -245,27 +253,16 @@ def render_table(
     """
     if not isinstance(table, pd.DataFrame):
         table = pd.DataFrame(list(table), dtype=object)
-    head = Markup("").join(Markup('<th scope="col">{}</th>').format(str(name)) for name in table.columns)
+    names = [str(name) for name in table.columns]
     lines = list(table.itertuples(index=False))
     texts = (value for values in lines for value in values if isinstance(value, str))
     prose = any(len(text.striptags() if isinstance(text, Markup) else text) > PROSE for text in texts)
-    rows = []
     places = {list(table.columns).index(column): key for column, key in (filter_by or {}).items()}
+    rows = []
     for place, values in enumerate(lines):
-        row = Markup("")
-        for column, value in zip(table.columns, values, strict=True):
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            text = value if isinstance(value, Markup) else escape(format_number(value, digits))
-            told = Markup(' data-label="{}"').format(str(column)) if prose else ""
-            kind = Markup(' class="number"') if number else ""
-            row += Markup("<td{}{}>{}</td>").format(kind, told, text)
         own = {key: str(values[column]) for column, key in places.items()}
         own |= {key: str(value) for key, value in cells[place].items()} if cells else {}
-        attribute = Markup(' data-cell="{}"').format(json.dumps(own)) if own else ""
-        rows.append(Markup("<tr{}>{}</tr>").format(attribute, row))
-    title = Markup("<caption><span>{}</span></caption>").format(caption) if caption else ""
-    body = Markup("\n").join(rows)
-    return Markup(
-        '<div class="wide{}" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
-        "<tbody>{}</tbody></table></div>"
-    ).format(" prose" if prose else "", caption[:80] or "Table", title, head, body)
+        shown = [value if isinstance(value, Markup) else format_number(value, digits) for value in values]
+        numbers = [isinstance(value, Real) and not isinstance(value, bool) for value in values]
+        rows.append((own, list(zip(names, numbers, shown, strict=True))))
+    return render_template("table.html", caption=caption, names=names, prose=prose, rows=rows)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.reporting.labels import count_text, join_words, name_term, unit_text, words
-from wearscope.reporting.page import format_number
+from wearscope.reporting.page import format_number, interval_text
 
 #: Certainty from which a change, an order or a comparison with the truth is stated.
 SURE = 0.95
@@ -197,9 +197,8 @@ def _snr(one: Reevaluation) -> str:
     if changed.empty:
         return f"What SNR: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'cell')}."
     parts = [
-        f"{row.fda} on axis {row.axis}: {format_number(row.before)} ({format_number(row.before_low)} to "
-        f"{format_number(row.before_high)}) before, {format_number(row.after)} "
-        f"({format_number(row.after_low)} to {format_number(row.after_high)}) after"
+        f"{row.fda} on axis {row.axis}: {interval_text(row.before, row.before_low, row.before_high)} before, "
+        f"{interval_text(row.after, row.after_low, row.after_high)} after"
         for row in changed.itertuples()
     ]
     return f"What SNR: it changes for {'; '.join(parts)}."

@@ -9,7 +9,7 @@ from wearscope.reporting.page import (
     Section,
     badge,
     embed_figure,
-    format_number,
+    interval_text,
     render_page,
     render_part,
     render_table,
@@ -69,11 +69,7 @@ def summarise_reevaluation(one: Reevaluation) -> Markup:
 
 
 def _value(row: object, side: str) -> str:
-    """``12.1 (8.7 to 14.5)``."""
-    value, low, high = (getattr(row, name) for name in (side, f"{side}_low", f"{side}_high"))
-    if pd.isna(low):
-        return format_number(value)
-    return f"{format_number(value)} ({format_number(low)} to {format_number(high)})"
+    return interval_text(*(getattr(row, name) for name in (side, f"{side}_low", f"{side}_high")))
 
 
 def _detectors(one: Reevaluation) -> Markup:

@@ -14,6 +14,7 @@ from wearscope.reporting.page import (
     badge,
     embed_figure,
     format_number,
+    interval_text,
     render_page,
     render_part,
     render_table,
@@ -114,8 +115,7 @@ def _wear(tracking: Tracking) -> Markup:
     records = []
     for one in tracking.outcome["wear"]:
         told = [
-            f"{name} {format_number(x['value'])} {unit_text(x['unit'])} "
-            f"({format_number(x['ci95'][0])} to {format_number(x['ci95'][1])})"
+            f"{name} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
             for name, x in one["parameters"].items()
         ]
         records.append(

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.reporting.labels import count_text, factor_name, join_words, words
-from wearscope.reporting.page import format_number
+from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 CHOSEN = "chosen"
@@ -109,9 +109,8 @@ def direct_outcome(study: Study) -> list[str]:
     first = table.iloc[0]
     known = table[table["agrees"].notna()]
     parts = [
-        f"{row.fda} {format_number(row.snr_direct)} ({format_number(row.direct_low)} to "
-        f"{format_number(row.direct_high)}), by the surrogate {format_number(row.snr_surrogate)} "
-        f"({format_number(row.surrogate_low)} to {format_number(row.surrogate_high)})"
+        f"{row.fda} {interval_text(row.snr_direct, row.direct_low, row.direct_high)}, by the surrogate "
+        f"{interval_text(row.snr_surrogate, row.surrogate_low, row.surrogate_high)}"
         for row in table.itertuples()
     ]
     return [
@@ -140,9 +139,9 @@ def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
         return []
     rows = table[table["fda"].isin(detectors)] if detectors else table
     parts = [
-        f"{study.detector_name(row.fda)} {format_number(row.snr_mismatch)} "
-        f"({format_number(row.mismatch_low)} to {format_number(row.mismatch_high)}) instead of "
-        f"{format_number(row.snr_ideal)} ({format_number(row.ideal_low)} to {format_number(row.ideal_high)})"
+        f"{study.detector_name(row.fda)} "
+        f"{interval_text(row.snr_mismatch, row.mismatch_low, row.mismatch_high)} "
+        f"instead of {interval_text(row.snr_ideal, row.ideal_low, row.ideal_high)}"
         for row in rows.itertuples()
     ]
     first = table.iloc[0]
@@ -196,9 +195,8 @@ def contradicted(study: Study, detector: str) -> str:
         if row.fda == detector and row.agrees is not None and row.agrees == 0:
             return (
                 f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
-                f"{format_number(row.snr_direct)} ({format_number(row.direct_low)} to "
-                f"{format_number(row.direct_high)}); the surrogate says {format_number(row.snr_surrogate)}. "
-                "The direct value is the answer there."
+                f"{interval_text(row.snr_direct, row.direct_low, row.direct_high)}; the surrogate says "
+                f"{format_number(row.snr_surrogate)}. The direct value is the answer there."
             )
     return ""
 

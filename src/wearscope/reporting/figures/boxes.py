@@ -1,10 +1,8 @@
 """Box plots as in the paper's Figs. 2 and 3."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import MatplotlibDeprecationWarning
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
@@ -26,33 +24,23 @@ def draw_boxes(
     colour : str
     width : float
     """
-    import seaborn as sns  # here, because importing it takes a second
-
     data = [finite(one) for one in values]
     filled = [k for k, one in enumerate(data) if one.size]
     if not filled:
         return
-    with warnings.catch_warnings():
-        # The locked seaborn still says `vert` to matplotlib, which is about to drop it.
-        warnings.filterwarnings("ignore", message="vert: bool", category=MatplotlibDeprecationWarning)
-        sns.boxplot(
-            x=np.repeat([positions[k] for k in filled], [data[k].size for k in filled]),
-            y=np.concatenate([data[k] for k in filled]),
-            ax=ax,
-            native_scale=True,
-            width=width,
-            saturation=1.0,
-            boxprops={"facecolor": to_rgba(colour, 0.35), "edgecolor": colour, "linewidth": 0.9},
-            whiskerprops={"color": colour, "linewidth": 0.9},
-            capprops={"color": colour, "linewidth": 0.9},
-            medianprops={"linewidth": 0},
-            flierprops={
-                "marker": "o",
-                "markersize": 2.5,
-                "markeredgecolor": colour,
-                "markerfacecolor": "none",
-            },
-        )
+    line = {"color": colour, "linewidth": 0.9}
+    ax.boxplot(
+        [data[k] for k in filled],
+        positions=[positions[k] for k in filled],
+        widths=width,
+        patch_artist=True,
+        manage_ticks=False,
+        boxprops={"facecolor": to_rgba(colour, 0.35), "edgecolor": colour, "linewidth": 0.9},
+        whiskerprops=line,
+        capprops=line,
+        medianprops={"linewidth": 0},
+        flierprops={"markersize": 2.5, "markeredgecolor": colour},
+    )
     at = [positions[k] for k in filled]
     median = [float(np.median(data[k])) for k in filled]
     ax.plot(at, median, "o", mfc="white", mec="black", mew=0.8, ms=4.5, zorder=5)
@@ -70,12 +58,7 @@ def use_symlog(ax: Axes, axis: str, values: object, threshold: float = 1.0) -> b
     good = np.abs(finite(values))
     if not good.size or good.max() <= 20 * threshold:
         return False
-    if axis == "y":
-        ax.set_yscale("symlog", linthresh=threshold, linscale=1.0)
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.margins(y=0.06)
-    else:
-        ax.set_xscale("symlog", linthresh=threshold, linscale=1.0)
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.margins(x=0.06)
+    getattr(ax, f"set_{axis}scale")("symlog", linthresh=threshold, linscale=1.0)
+    getattr(ax, f"{axis}axis").set_major_formatter("{x:g}")
+    ax.margins(x=0.06) if axis == "x" else ax.margins(y=0.06)
     return True

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -82,4 +81,4 @@ def draw_recording(
 
 
 def _draw_curve(ax: Axes, t: np.ndarray, y: np.ndarray, colour: str, label: str | None = None) -> None:
-    sns.lineplot(x=t, y=y, ax=ax, color=colour, lw=0.9, label=label, estimator=None, sort=False, legend=False)
+    ax.plot(t, y, color=colour, lw=0.9, label=label)

@@ -1,16 +1,14 @@
-"""Fig. 3: signal-to-noise ratios by group, their ranks, and the ratio of every cell."""
+"""Fig. 3: signal-to-noise ratios by group, and their ranks."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from wearscope.reporting.figures.boxes import draw_boxes, use_symlog
-from wearscope.reporting.figures.heat import draw_heat
 from wearscope.reporting.labels import finite, group_name, split_groups
 from wearscope.reporting.style import WARNING, colours, figure_style, markers, new_figure
 
@@ -100,34 +98,3 @@ def _draw_ranking(
     ranks.set_xlabel("rank, 1 is best")
     ranks.set_xlim(0.5, len(names) + 0.5)
     ranks.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def draw_snr_cells(snr: pd.DataFrame, value: str = "snr_exact") -> Figure:
-    """Heat map of the SNR of every cell: robots and test-cycles down, axes of each detector across."""
-    rows = snr.copy()
-    rows["column"] = [f"{fda} {axis}" for fda, axis in zip(rows["fda"], rows["axis"], strict=True)]
-    order = sorted(set(zip(rows["fda"], rows["axis"], strict=True)))
-    table = rows.pivot(index=["robot", "cycle"], columns="column", values=value)
-    table = table[[f"{fda} {axis}" for fda, axis in order]]
-    values = table.to_numpy(dtype=float)
-    reach = float(np.abs(finite(values)).max(initial=1.0))
-    norm = SymLogNorm(linthresh=1.0, vmin=-reach, vmax=reach, base=10)
-    with figure_style():
-        figure = new_figure(max(4.0, 2.2 + 0.58 * len(order)), max(2.4, 1.1 + 0.28 * len(table)))
-        ax = figure.subplots()
-        labels = [f"{robot}, {cycle}" for robot, cycle in table.index]
-        mesh = draw_heat(ax, values, labels, [f"axis {axis}" for _, axis in order], norm, "PuOr_r", _short)
-        fdas = [fda for fda, _ in order]
-        for fda in dict.fromkeys(fdas):
-            first, n = fdas.index(fda), fdas.count(fda)
-            ax.text(first + n / 2, -0.25, fda, ha="center", va="bottom", weight="bold")
-            if first:
-                ax.axvline(first, color="black", lw=1.2)
-        figure.colorbar(mesh, ax=ax, label="signal-to-noise ratio", pad=0.01, aspect=30, format="{x:g}")
-    return figure
-
-
-def _short(value: float) -> str:
-    if np.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    return (f"{value:.0f}" if abs(value) >= 10 else f"{value:.1f}").replace("-", "−")

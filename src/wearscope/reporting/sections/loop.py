@@ -17,7 +17,7 @@ from wearscope.reporting.charts.loop import (
 )
 from wearscope.reporting.closed_loop import STAGES, bounded, gap_closed, number
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
-from wearscope.reporting.page import badge, format_number, render_part, render_table
+from wearscope.reporting.page import badge, render_part, render_table
 from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts, say_missing
 
 #: Longest list that is shown unfolded.
@@ -38,7 +38,7 @@ class Errors(LoopSection):
             record = {"joint": joint, "unit": one["unit"], "as declared": number(one.get("rms_as_declared"))}
             for stage in STAGES:
                 value = number(one.get(f"rms_{stage}"))
-                record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"), format_number)
+                record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"))
             records.append(
                 record | {"noise floor": number(one.get("noise_floor")), "gap closed": gap_closed(one)[1]}
             )
@@ -173,7 +173,7 @@ class Forward(LoopSection):
                     low, value, high = (
                         scale * rows.loc[(joint, stage), f"{kind}_rms{end}"] for end in ("_low", "", "_high")
                     )
-                    record[f"{kind} {stage}"] = bounded(value, [low, high], format_number)
+                    record[f"{kind} {stage}"] = bounded(value, [low, high])
             records.append(record | {"motion in": "mm" if unit == "N" else "mrad"})
         text = (
             "Both models follow the measured motion of the test runs in PyBullet under the same controller. "

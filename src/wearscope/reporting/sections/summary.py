@@ -10,7 +10,7 @@ from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import answers, trust
 from wearscope.reporting.conclusion import friction_rise, qualify, thresholds_of
 from wearscope.reporting.labels import factor_name, quantity_text, unit_text
-from wearscope.reporting.page import format_number, render_table
+from wearscope.reporting.page import format_number, interval_text, render_table
 from wearscope.reporting.sections.base import StudySection, say
 
 #: Sentences of a card; the sections have all of them.
@@ -92,7 +92,4 @@ class Summary(StudySection):
         rows = table[(table["robot"] == one.robot) & (table["fda"] == one.detector)]
         if rows.empty:
             return "n/a"
-        value, low, high = (
-            format_number(float(rows[name].iloc[0])) for name in ("median", "median_low", "median_high")
-        )
-        return f"{value} ({low} to {high})"
+        return interval_text(*rows[["median", "median_low", "median_high"]].iloc[0])

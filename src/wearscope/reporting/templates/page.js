@@ -208,13 +208,22 @@ const wearscope = (() => {
 
   function save(name, lines) {
     const cell = (value) => (/[",\n]/.test(String(value ?? "")) ? `"${String(value).replace(/"/g, '""')}"` : String(value ?? ""));
-    const text = lines.map((line) => line.map(cell).join(",")).join("\r\n");
+    download(`${name}.csv`, "text/csv", `\ufeff${lines.map((line) => line.map(cell).join(",")).join("\r\n")}\r\n`);
+  }
+
+  function download(name, type, text) {
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob(["\ufeff" + text + "\r\n"], { type: "text/csv" }));
-    link.download = `${name}.csv`;
+    link.href = URL.createObjectURL(new Blob([text], { type }));
+    link.download = name;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    return text;
+  }
+
+  /* As drawn, in the page's colours, which a file of its own does not know by name. */
+  async function saveDrawing(chart) {
+    const look = getComputedStyle(document.documentElement);
+    const drawn = await chart.view.toSVG();
+    download(`${chart.figure.id}.svg`, "image/svg+xml", drawn.replace(/var\((--\w+)\)/g, (_, name) => look.getPropertyValue(name).trim()));
   }
 
   /* ---- reading a chart with the arrow keys ---- */
@@ -265,6 +274,7 @@ const wearscope = (() => {
       const names = rows.length ? Object.keys(rows[0]) : [];
       save(figure.id, [names, ...rows.map((row) => names.map((name) => row[name]))]);
     });
+    figure.querySelector(".drawing")?.addEventListener("click", () => saveDrawing(chart));
     figure.querySelector(".numbers")?.addEventListener("click", (event) => {
       chart.sheet.hidden = !chart.sheet.hidden;
       event.currentTarget.setAttribute("aria-expanded", String(!chart.sheet.hidden));
