@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -99,10 +100,26 @@ def explain_unwritten(path: str | Path, error: OSError) -> InputError:
     if error.errno not in FULL:
         told = error.strerror or error
         return InputError(f"{path}: cannot be written ({told}); free disk space or choose another place.")
-    place = Path(error.filename or path).absolute()
+    place = Path(error.filename2 or error.filename or path).absolute()  # of a copy, the target
     while not place.exists() or (not os.path.ismount(place) and place != place.parent):
         place = place.parent
     return InputError(f"{path}: the disk at {place} is full ({error.strerror}); free disk space there.")
+
+
+def copy_file(source: str | Path, target: str | Path) -> str | Path:
+    """Copy a file's content; for `shutil.copytree`, which would make a list of errors of a full disk.
+
+    Raises
+    ------
+    InputError
+        Where the disk is full.
+    """
+    try:
+        return shutil.copyfile(source, target)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise explain_unwritten(target, error) from error
 
 
 def write_text(path: str | Path, text: str) -> None:

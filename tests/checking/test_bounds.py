@@ -117,6 +117,16 @@ def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
 
 
 @pytest.mark.parametrize(
+    ("axes", "lines", "told"), [(99_999, 2, "axes: has 99999 entries"), (9999, 202, "and 9699 more;")]
+)
+def test_a_check_lists_no_more_than_can_be_read(tmp_path, axes, lines, told):
+    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(good | {"axes": list(range(1, axes + 1))}))
+    output = call("check", tmp_path / "study.yaml").output
+    assert told in output and len(output.splitlines()) == lines
+
+
+@pytest.mark.parametrize(
     ("change", "told"),
     [
         ({"simulation": {"step": 1e-12}}, "simulation: takes about .* years"),
@@ -235,6 +245,24 @@ def test_a_full_disk_ends_a_command_in_one_sentence(monkeypatch, capsys):
     assert re.fullmatch(
         r"/nowhere/x: the disk at / is full .*; free disk space there\.\n", capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize("command", ["example made", "study made", "robot arm.urdf --name made"])
+def test_a_copy_on_a_full_disk_names_the_disk_that_is_full(command, tmp_path, monkeypatch):
+    """And not that of the file that was copied; nothing is left."""
+    shutil.copy(ROOT / "config" / "robots" / "medium" / "robot.urdf", tmp_path / "arm.urdf")
+    copied = shutil.copyfile
+
+    def fill(source, target, **how):
+        copied(source, target, **how)
+        raise OSError(errno.ENOSPC, "No space left on device", str(source), None, str(target))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(shutil, "copyfile", fill)
+    monkeypatch.setattr(os.path, "ismount", lambda place: Path(place) == tmp_path)
+    told = str(call("new", *command.split()).exception)
+    assert f"the disk at {tmp_path} is full" in told and "example_data" not in told
+    assert [one.name for one in tmp_path.iterdir()] == ["arm.urdf"]
 
 
 def call(*arguments):

@@ -20,6 +20,7 @@ from wearscope.cli.workflow import build_command, keep_settings, merge, read_set
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.errors import InputError
+from wearscope.home import find_home
 from wearscope.processes import PYTHON, isolate
 
 NAMES = [
@@ -110,6 +111,27 @@ def test_nothing_that_lies_in_a_data_set_runs(tmp_path):
         env={**os.environ, "PYTHONPATH": ""},
     )  # fmt: skip
     assert done.returncode == 0 and "jobs to do" in done.stdout, done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["wearscope run . -n", "wearscope run config/config.yaml -n", "wearscope check .", "snakemake -n"],
+)
+def test_a_configuration_that_is_a_template_is_refused_before_it_runs(command, tmp_path):
+    """Snakemake runs Python within a file after ``--configfile`` before it reads any workflow."""
+    (tmp_path / "config").mkdir()
+    text = (find_home() / "config" / "quick.yaml").read_text()
+    code = f"? open({str(tmp_path / 'ran')!r}, 'w').close() or 'x'"
+    text = f"__use_yte__: true\n{text}\n{json.dumps(code)}: 1\n"
+    (tmp_path / "config" / "config.yaml").write_text(text)
+    name, *words = command.split()
+    words += ["--snakefile", str(find_home() / "Snakefile"), "--cores", "1"] if name == "snakemake" else []
+    done = subprocess.run(
+        [*PYTHON, "-m", name, *words], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=isolate(os.environ),
+    )  # fmt: skip
+    assert done.returncode == 1 and "__use_yte__ lets code in the file run" in done.stdout + done.stderr
     assert not (tmp_path / "ran").exists()
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from wearscope import limits
 from wearscope.errors import InputError
 
 
@@ -30,9 +31,11 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
         found = inspect(thing, allow_code, robots)
         for note in found.notes:
             click.echo(f"  {note}")
-        for problem in found.problems:
+        count, told = len(found.problems), found.problems[: limits.PROBLEMS]
+        for problem in told:
             click.echo(f"  wrong: {problem}")
-        count = len(found.problems)
+        if count > len(told):
+            click.echo(f"  and {count - len(told)} more; correct these first.")
         wrong += count
         outcome = (
             "all well" if not count else "1 thing is wrong" if count == 1 else f"{count} things are wrong"

@@ -94,5 +94,5 @@ def main() -> None:
     except OSError as error:
         if error.errno not in FULL:
             raise
-        click.echo(str(explain_unwritten(error.filename or os.getcwd(), error)), err=True)
+        click.echo(str(explain_unwritten(error.filename2 or error.filename or os.getcwd(), error)), err=True)
         end_process(1)

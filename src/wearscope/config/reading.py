@@ -53,6 +53,8 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
 
 def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
     """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    if told := list(list_excesses(mapping)):
+        return told
     try:
         return list(list_excesses(StudyConfig.model_validate(dict(mapping)).model_dump()))
     except ValidationError as error:

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from pydantic import Field, PrivateAttr, ValidationError
 
-from wearscope import tables
+from wearscope import limits, tables
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
@@ -42,7 +42,7 @@ class RobotModel(Section):
     Every list is by joint, in the order of `joints`.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$", max_length=limits.NAME)]
     """Used in file names: letters, digits, ``_``, ``-``, ``.``"""
     description: str = ""
     source: str = ""

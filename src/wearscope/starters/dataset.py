@@ -1,11 +1,11 @@
 """A measured-data folder of converted recordings."""
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from wearscope import tables
+from wearscope.files import copy_file
 from wearscope.starters.conversion import Converted
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.uses import Recorded
@@ -24,7 +24,7 @@ def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, map
     mapped : Mapped
     """
     (folder / "runs").mkdir()
-    shutil.copyfile(urdf, folder / "robot.urdf")
+    copy_file(urdf, folder / "robot.urdf")
     units = {"t": "s"}
     for joint, slides in zip(converted.joints, converted.prismatic, strict=True):
         position, torque = ("m", "N") if slides else ("rad", "N m")

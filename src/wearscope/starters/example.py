@@ -8,6 +8,7 @@ import pandas as pd
 
 from wearscope.checking.own_code import make_batch
 from wearscope.example import example_dataset
+from wearscope.files import copy_file
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
 from wearscope.robots.spatial import Array
@@ -38,8 +39,8 @@ def write_example(target: Path) -> None:
     """
     model = load_model("medium").replace(payload=None)
     with new_folder(target) as folder:
-        shutil.copytree(example_dataset(), folder / "machine")
-        shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")
+        shutil.copytree(example_dataset(), folder / "machine", copy_function=copy_file)
+        copy_file(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")
         for seed, (day, cycle) in enumerate(DAYS.items()):
             batch = make_batch(model, cycle, 0.0, seed)
             columns: dict[str, Array] = {"time [ms]": (1e3 * batch.t).round(3)}

@@ -15,6 +15,7 @@ import yaml
 from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.example import example_dataset
+from wearscope.files import copy_file
 from wearscope.home import find_home
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.recording import Recording
@@ -93,7 +94,7 @@ def write_machine(target: Path) -> None:
     """
     model = make_machine()
     with new_folder(target) as folder:
-        shutil.copyfile(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "robot.urdf")
+        copy_file(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "robot.urdf")
         (folder / "runs").mkdir()
         for name, run in make_runs(model).items():
             columns, units = {"t": run.t}, {"t": "s"}

@@ -1,6 +1,5 @@
 """A complete model of a robot from its URDF: what the file or the user states is given, all else assumed."""
 
-import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 
 from wearscope.cycles.base import list_cycles, load_cycle, required_torque
 from wearscope.errors import InputError
+from wearscope.files import copy_file
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.friction_law import SOURCE, friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel, make_model
@@ -394,4 +394,4 @@ def copy_urdf(urdf: str | Path, folder: Path) -> None:
     """Put the maker's file beside the model."""
     target = folder / "robot.urdf"
     if Path(urdf).resolve() != target.resolve():
-        shutil.copyfile(urdf, target)
+        copy_file(urdf, target)

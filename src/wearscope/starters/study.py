@@ -8,6 +8,7 @@ from pathlib import Path
 from wearscope.checking.robot import find_idle_factors
 from wearscope.config import label
 from wearscope.errors import InputError
+from wearscope.files import copy_file
 from wearscope.home import find_home
 from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.model import RobotModel, load_model
@@ -142,7 +143,8 @@ def write_study(
         (folder / "config").mkdir()
         (folder / "config" / "config.yaml").write_text(text, encoding="utf-8")
         (folder / "Snakefile").write_text(fill_template("Snakefile"), encoding="utf-8")
-        shutil.copytree(find_home() / "profiles" / "default", folder / "profiles" / "default")
+        profile = Path("profiles") / "default"
+        shutil.copytree(find_home() / profile, folder / profile, copy_function=copy_file)
     return notes
 
 

@@ -1,0 +1,175 @@
+# ruff: noqa: E501
+"""Spoiled URDF, own code and archives, and what is no plain file."""
+
+import hashlib
+import io
+import json
+import os
+import random
+import socket
+import tarfile
+from pathlib import Path
+
+from hostile.samples import JOINT, LINK
+from hostile.tables import spoil_parquet
+from hostile.trees import spoil_bytes, spoil_json, spoil_yaml
+
+
+def spoil_urdf(content: bytes, draw: random.Random) -> tuple[bytes, str]:
+    text, how = content.decode(), draw.random()
+    if how < 0.55:
+        parts = text.split('"')
+        k = 2 * draw.randrange(len(parts) // 2) + 1
+        parts[k] = draw.choice(["", "0", "-1", "nan", "inf", "1e308", "1e31", "-1e-320", "0 0 0", "1 2", "a", "x" * 9000,
+                                "one", "base", "j1", "../x", "&amp;#27;", "\u202e", "{x}", "fixed", "floating", "planar",
+                                "0x10", "1,5", "1 2 3 4", "&lt;", "9" * 6000])  # fmt: skip
+        return '"'.join(parts).encode(), f"value {k} is {parts[k][:20]!r}"
+    ways = {
+        "entities": '<!DOCTYPE r [<!ENTITY a "aaaa">' + "".join(
+            f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+        ) + "]>" + text.replace('name="duo"', 'name="&i;"'),
+        "a file": '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + text.replace("</robot>", "&x;</robot>"),
+        "an include": text.replace("</robot>", '<x:include xmlns:x="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'),
+        "a loop": text.replace('<parent link="base"/>', '<parent link="two"/>'),
+        "no joint": '<robot name="x"><link name="base"/></robot>',
+        "many links": text.replace("</robot>", "".join(LINK.format(f"x{k}", 1) for k in range(7000)) + "</robot>"),
+        "a long chain": text.replace("</robot>", "".join(
+            LINK.format(f"x{k}", 1) + JOINT.format(f"y{k}", f"x{k - 1}" if k else "two", f"x{k}", 1) for k in range(300)
+        ) + "</robot>"),
+        "a mimic": text.replace("<limit", '<mimic joint="j1" multiplier="2"/><limit'),
+        "a mesh": text.replace("<inertial>", '<visual><geometry><mesh filename="package://../../etc/passwd"/></geometry></visual><inertial>'),
+        "xacro": text.replace("<robot", '<robot xmlns:xacro="http://x"').replace('value="4"', 'value="${open(1)}"'),
+        "two joints of a name": text.replace('"j2"', '"j1"'),
+        "odd names": text.replace('"j1"', draw.choice(['"yes"', '"1"', '"null"', '"*a"', '"a: b"', '"x #y"', '"é"', '"-"',
+                                                        '"a&#10;b"', '"~"', '"[1"', '"=x"', '"a&quot;b"', '"."'])),
+        "no limits": text.replace("<limit", "<nolimit"),
+        "light": text.replace('<mass value="2"/>', '<mass value="1e-12"/>'),
+        "no inertia": text.replace("inertial", "inert"),
+        "latin-1": text.replace("one", "ünë"),
+        "prismatic": text.replace("revolute", "prismatic"),
+        "continuous": text.replace("revolute", "continuous"),
+    }  # fmt: skip
+    if how < 0.8:
+        what = draw.choice(list(ways))
+        return ways[what].encode("latin-1" if what == "latin-1" else "utf-8"), what
+    return spoil_bytes(content, draw)
+
+
+def spoil_code(content: bytes, draw: random.Random) -> tuple[bytes, str]:
+    """Files of own code that are none, or break the agreement; what endless code does, `time_limit` bounds."""
+    if draw.random() < 0.3:
+        made, told = spoil_bytes(content, draw)
+        return made.replace(b"'ran'", b"'own'"), told  # which the command names, so that it runs
+    text = content.decode()
+    name = text.partition(" = ")[0].splitlines()[-1] if " = " in text else "x"
+    ways = {
+        "a stray indent": text + "\n  x = 1",
+        "an import of nothing": "import nothing_of_this_name\n" + text,
+        "an exit": "import sys; sys.exit(3)\n",
+        "an exception": "raise KeyError('\\x1b[2J\\n')\n",
+        "an odd exception": "class E(Exception):\n    def __str__(self):\n        raise E\nraise E\n",
+        "no name in it": "x = 1\n",
+        "another kind": f"{name} = 3\n",
+        "deep": "x = " + "(" * 500 + ")" * 500,
+        "a bare class": text.replace("def ", "def _"),
+        "recursion": "def f():\n    f()\nf()\n",
+        "returned nothing": text.replace("return ", "return None and "),
+        "returned text": text.replace("return ", "return 'x' or "),
+        "returned NaN": text.replace("return ", "return float('nan') * "),
+    }
+    what = draw.choice(list(ways))
+    return ways[what].encode(), what
+
+
+def spoil_archive(content: bytes, draw: random.Random) -> tuple[bytes, str]:
+    how = draw.random()
+    if how < 0.3:
+        return spoil_bytes(content, draw)
+    with tarfile.open(fileobj=io.BytesIO(content)) as tar:
+        members = [(one.name, tar.extractfile(one).read()) for one in tar]
+    k = draw.randrange(len(members))
+    told, suffix = "", ""
+    out = io.BytesIO()
+    if how < 0.6:
+        spoil = {".json": spoil_json, ".yaml": spoil_yaml, ".parquet": spoil_parquet}
+        k = 0 if draw.random() < 0.5 else k
+        made, told = spoil.get(Path(members[k][0]).suffix, lambda one, draw: spoil_bytes(one, draw))(
+            members[k][1], draw
+        )
+        members[k] = (members[k][0], made)
+        if draw.random() < 0.8:
+            sign(members)
+    elif how < 0.8:
+        name = draw.choice(["../ran", "/tmp/ran", "a/../../ran", "x" * 300, "a\nb", "\x1b[2J", "evil.py", "-rf", "\u202e",
+                            ".bashrc", "results/../x", "a\\b", "", ".", "config.yaml/x", "nul\x00", "é" * 90])  # fmt: skip
+        members[k] = (name, members[k][1])
+        told = f"named {name[:20]!r}"
+        if draw.random() < 0.7:
+            sign(members)
+    else:
+        suffix = draw.choice(["gz", "bz2", "xz"])
+        told = f"packed as {suffix}"
+    with tarfile.open(fileobj=out, mode=f"w:{suffix}", format=draw.choice([0, 1, 2])) as tar:
+        for i, (name, one) in enumerate(members):
+            member = tarfile.TarInfo(name)
+            member.size = len(one)
+            if how > 0.8 and i == k and not suffix:
+                member.type, member.linkname, member.size = (
+                    draw.choice([b"1", b"2", b"3", b"5", b"6"]),
+                    "/etc/passwd",
+                    0,
+                )
+            try:
+                tar.addfile(member, io.BytesIO(one))
+            except (ValueError, UnicodeError):
+                continue
+    return out.getvalue(), told
+
+
+def sign(members: list[tuple[str, bytes]]) -> None:
+    """Checksums such as whoever packs an archive can make them."""
+    try:
+        manifest = json.loads(members[0][1])
+        manifest["files"] = {
+            name: {"sha256": hashlib.sha256(one).hexdigest(), "bytes": len(one)}
+            for name, one in members[1:]
+            if name != "MANIFEST.sha256"
+        }
+        text = json.dumps(manifest).encode()
+    except (ValueError, TypeError, KeyError):
+        text = members[0][1]
+    members[0] = (members[0][0], text)
+    for i, (name, _) in enumerate(members):
+        if name == "MANIFEST.sha256":
+            members[i] = (name, f"{hashlib.sha256(text).hexdigest()}  MANIFEST.json\n".encode())
+
+
+def spoil_place(path: Path, draw: random.Random) -> str:
+    """What is no plain file where one should be."""
+    content = path.read_bytes()
+    path.unlink()
+
+    def listen():
+        here = os.getcwd()
+        os.chdir(path.parent)
+        try:
+            with socket.socket(socket.AF_UNIX) as server:
+                server.bind(path.name)
+        finally:
+            os.chdir(here)
+
+    ways = {
+        "gone": lambda: None,
+        "a folder": path.mkdir,
+        "a pipe": lambda: os.mkfifo(path),
+        "a socket": listen,
+        "a link to itself": lambda: path.symlink_to(path),
+        "a link to nowhere": lambda: path.symlink_to("nothing"),
+        "a link to zeros": lambda: path.symlink_to("/dev/zero"),
+        "a link outside": lambda: path.symlink_to("/etc/passwd"),
+        "a large hole": lambda: (path.touch(), os.truncate(path, 30 << 30)),
+        "unreadable": lambda: (path.write_bytes(content), path.chmod(0)),
+    }
+    what = draw.choice(list(ways))
+    ways[what]()
+    return what

@@ -1,0 +1,153 @@
+"""Runs commands of the platform, each in a process of its own with bounds on time and memory."""
+
+import importlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+#: Bounds of one command: processor and wall time [s], memory [bytes].
+SECONDS, WAITED, MEMORY = 10, 120, 2 << 30
+#: What spoiled files would make if anything in them ran.
+RAN = "ran"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended.
+
+    Attributes
+    ----------
+    code : int
+        Exit status, negative for a signal.
+    output : str
+    seconds : float
+        Of processor.
+    memory : int
+        Largest [bytes].
+    """
+
+    code: int
+    output: str
+    seconds: float
+    memory: int
+
+
+class Runner:
+    """Runs commands of the platform, each in a process forked from one that has imported them."""
+
+    def __enter__(self) -> "Runner":
+        self.server = subprocess.Popen(
+            [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        return self
+
+    def __call__(self, arguments: tuple[str, ...], folder: Path) -> Outcome:
+        print(json.dumps([arguments, str(folder)]), file=self.server.stdin, flush=True)
+        return Outcome(**json.loads(self.server.stdout.readline()))
+
+    def __exit__(self, *error: object) -> None:
+        with self.server:  # closes both ends, and waits
+            pass
+
+
+def serve() -> None:
+    """Run each command line of the standard input; tell how it ended."""
+    from wearscope.cli.main import COMMANDS
+
+    for place in {*COMMANDS.values(), "new_robot:", "new_dataset:"}:
+        importlib.import_module(f"wearscope.cli.{place.split(':')[0]}")
+    checks = [f"checking.{kind}" for kind in ("dataset", "robot", "study", "own_code")]
+    for module in ("archive", "integrity", "model_errors", "starters.conversion", "starters.robot", *checks):
+        importlib.import_module(f"wearscope.{module}")
+    importlib.import_module("wearscope.checking.robot").check_robot_folder("medium")  # compiles
+    for line in sys.stdin:
+        arguments, folder = json.loads(line)
+        print(json.dumps(asdict(run_forked(arguments, folder))), flush=True)
+
+
+def run_forked(arguments: list[str], folder: str) -> Outcome:
+    """Run one command line in a child."""
+    said = Path(f"{folder}.said")
+    child = os.fork()
+    if not child:
+        try:
+            act(arguments, folder, said)
+        finally:
+            os._exit(99)
+    end = time.monotonic() + WAITED
+    while not (ended := os.wait4(child, os.WNOHANG))[0]:
+        if time.monotonic() > end or measure_memory(child) > MEMORY:
+            os.killpg(child, signal.SIGKILL)
+            ended = os.wait4(child, 0)
+            break
+        time.sleep(0.02)
+    _, status, used = ended
+    with said.open("rb") as file:
+        text = file.read(1_000_000).decode("utf-8", "backslashreplace")
+    said.unlink()
+    return Outcome(
+        os.waitstatus_to_exitcode(status), text, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024
+    )
+
+
+def measure_memory(process: int) -> int:
+    """Resident memory [bytes]; address space tells nothing, as JavaScript's engine reserves some of it."""
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def act(arguments: list[str], folder: str, said: Path) -> None:
+    os.setsid()
+    os.chdir(folder)
+    handle = os.open(said, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
+    null = os.open(os.devnull, os.O_RDONLY)
+    for old, new in ((null, 0), (handle, 1), (handle, 2)):
+        os.dup2(old, new)
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 2, SECONDS + 3))
+    code = 98
+    try:
+        if arguments[0] in ("archive", "integrity"):
+            code = importlib.import_module(f"wearscope.{arguments[0]}").main(arguments[1:])
+        else:
+            from wearscope.cli import main
+
+            sys.argv = ["wearscope", *arguments]
+            main.main()
+            code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def judge(made: Sequence[str], outcome: Outcome, folder: Path) -> str:
+    """What is wrong with how a command ended that makes some files; empty where nothing is."""
+    text = outcome.output
+    if (folder / RAN).exists() or (folder.parent / RAN).exists() or Path("/tmp", RAN).exists():
+        return "code ran"
+    if outcome.code not in (0, 1, 2) or "Traceback (most recent" in text:
+        return f"exit status {outcome.code}: {text[-700:]}"
+    if outcome.seconds > SECONDS or outcome.memory > MEMORY:
+        return f"{outcome.seconds:.1f} s, {outcome.memory / 2**30:.2f} GiB"
+    if not text.replace("\n", "").isprintable():
+        return f"steers the terminal: {text[-300:]!r}"
+    if outcome.code and not text.strip():
+        return "ends without a word"
+    left = [one for one in made if os.path.lexists(folder / one)] if outcome.code else []
+    left += [str(one) for one in folder.glob("**/.*.part")]
+    return f"leaves {', '.join(left)} and ends with {outcome.code}: {text[-300:]}" if left else ""
+
+
+if __name__ == "__main__":
+    serve()

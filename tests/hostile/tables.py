@@ -1,0 +1,121 @@
+# ruff: noqa: E501
+"""Spoiled tables: CSV and Parquet."""
+
+import io
+import random
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from hostile.trees import put, spoil_bytes
+
+
+def spoil_csv(content: bytes, draw: random.Random) -> tuple[bytes, str]:
+    if draw.random() < 0.3:
+        return spoil_bytes(content, draw)
+    lines = content.decode().splitlines()
+    cells = [line.split(",") for line in lines]
+    row, column = draw.randrange(len(cells)), draw.randrange(len(cells[0]))
+    odd = draw.choice(["", "nan", "inf", "-inf", "1e308", "1e400", "x", "2024-01-01", "True", "0x10", "1_0", '"a\nb"',
+                       "\x1b[2J", "=cmd|' /C calc'!A0", "9" * 500, "-", "1.2.3", "1,5", "'", '"', "\u202e1", "\u0661", "#"])  # fmt: skip
+
+    def whole(change):
+        for one in cells[1:]:
+            one[column] = change(one[column])
+
+    def order():
+        rows = cells[1:]
+        draw.shuffle(rows)
+        cells[1:] = rows
+
+    ways = {
+        "a cell": lambda: put(cells, (row, column), odd),
+        "a header": lambda: put(cells, (0, column), draw.choice(["t", "q_j1", "", "a\x1b[2J", "é", "T", "q_j1 [deg]", odd])),
+        "a column of one": lambda: whole(lambda one: odd),
+        "a column of zeros": lambda: whole(lambda one: "0"),
+        "a large column": lambda: whole(lambda one: one + draw.choice(["e29", "e200", "e9"])),
+        "a column less": lambda: [one.pop(column) for one in cells],
+        "a column more": lambda: [one.append("1") for one in cells[1:]],
+        "a ragged row": lambda: cells[row].append("1"),
+        "a short row": lambda: cells[row].pop(),
+        "shuffled": order,
+        "time back": lambda: put(cells, (row, 0), "-5" if row else "t"),
+        "time stands": lambda: [put(one, (0,), "1") for one in cells[1:]],
+        "time in years": lambda: [put(one, (0,), str(float(one[0]) * 1e9)) for one in cells[1:]],
+        "rows twice": lambda: cells.extend(cells[1:]),
+        "no rows": lambda: cells.__delitem__(slice(1, None)),
+        "few rows": lambda: cells.__delitem__(slice(1 + draw.randrange(5), None)),
+        "many columns": lambda: [one.extend(["1"] * 2500) for one in cells],
+        "no header": lambda: cells.pop(0),
+        "open quote": lambda: put(cells, (row, column), '"1'),
+        "comments": lambda: cells.insert(row, ["# a"]),
+        "a blank row": lambda: cells.insert(row, [""]),
+        "one column": lambda: [one.__delitem__(slice(1, None)) for one in cells],
+    }  # fmt: skip
+    what = draw.choice([*ways, "a cell", "a cell"])
+    ways[what]()
+    separator = draw.choice([",", ",", ",", ";", "\t", "|", " ", ", "])
+    return "\n".join(map(separator.join, cells)).encode(
+        "utf-8", "surrogatepass"
+    ), f"{what} ({separator!r}, {odd[:20]!r})"
+
+
+def spoil_parquet(content: bytes, draw: random.Random) -> tuple[bytes, str]:
+    if draw.random() < 0.35:
+        return spoil_bytes(content, draw)
+    table = pq.read_table(io.BytesIO(content))
+    name = draw.choice(table.column_names)
+    k, n = table.column_names.index(name), len(table)
+    kinds = {
+        "text": pa.array(["x"] * n),
+        "numbers as text": pa.array(["1.5"] * n),
+        "lists": pa.array([[1.0]] * n),
+        "structs": pa.array([{"a": 1}] * n),
+        "nothing": pa.nulls(n),
+        "truths": pa.array([True] * n),
+        "bytes": pa.array([b"\xff"] * n),
+        "dates": pa.array([2**60] * n, pa.timestamp("ns")),
+        "dates of a zone": pa.array([1] * n, pa.timestamp("ns", tz="Mars/Base")),
+        "decimals": pa.array([1] * n, pa.decimal128(30, 2)),
+        "a dictionary": pa.array(["x"] * n).dictionary_encode(),
+        "huge": pa.array([1e308] * n),
+        "NaN": pa.array([float("nan")] * n),
+        "large whole numbers": pa.array([2**63 - 1] * n),
+        "a hole": pa.array([None if i == 5 else 1.0 for i in range(n)]),
+        "times": pa.array([1] * n, pa.time64("us")),
+        "half": pa.array(np.ones(n, dtype=np.float16)),
+    }
+    what = draw.choice(
+        [*kinds, "no rows", "gone", "twice", "odd names", "bomb", "odd pandas", "wide", "nested names"]
+    )
+    out = io.BytesIO()
+    if what in kinds:
+        table = table.set_column(k, name, kinds[what])
+    elif what == "no rows":
+        table = table[:0]
+    elif what == "gone":
+        table = table.remove_column(k)
+    elif what == "twice":
+        table = table.append_column(name, table[name])
+    elif what == "odd names":
+        table = table.rename_columns(
+            [
+                draw.choice(["", "\x1b[2J", "a\nb", "\u202e", "__index_level_0__"]) + str(i)
+                for i in range(table.num_columns)
+            ]
+        )
+    elif what == "odd pandas":
+        table = table.replace_schema_metadata({b"pandas": b'{"index_columns": ["x"], "columns": [{}]}'})
+    elif what == "wide":
+        table = pa.table({f"c{i}": pa.array([1.0]) for i in range(4000)})
+    elif what == "nested names":
+        table = table.append_column("a.b", table[name])
+    if what == "bomb":
+        with pq.ParquetWriter(out, pa.schema([("t", pa.float64())])) as writer:
+            zeros = pa.table({"t": pa.array(np.zeros(5_000_000))})
+            for _ in range(60):
+                writer.write_table(zeros)
+    else:
+        pq.write_table(table, out)
+    return out.getvalue(), f"{what} at {name}"
