@@ -64,36 +64,22 @@ def _leave_rests(problem: Any, after: Any, first: int, names: Any) -> tuple[Any,
     return after, [list(own) for own in names]
 
 
-def _drift_alone(own: Any, assembly: Any, e: Any, able: Any, tried: int) -> bool:
-    return own.drifts(assembly, e, tried)
-
-
 JUDGE, REFINE = rule.judge, search.refine_reversals
 Place = tuple[Any, str, Callable[..., Any]]
 MECHANISMS: dict[str, list[Place]] = {
-    "hum": [(answer, "find_hum", _give(None))],
     "pairs": [(stepwise, "find_pair", _give([]))],
-    "fifths": [(stepwise, "weigh_by_fifths", _give([]))],
-    "laws": [(answer, "suit_laws", _keep(1))],
-    "single_joints": [(answer, "prefer_single_joints", _keep(1))],
     "forms": [(search.Search, "passes_beside_forms", _give(False))],
     "bodies": [(search.Search, "find_losses_beside_bodies", lambda own, beside: own.standard_losses)],
     "drifts": [(search, "does_drift_explain", _give(False))],
-    "drift of what is contained": [(search.Search, "_is_drift", _drift_alone)],
     "delays": [(search.Search, "is_delay", _give(True))],
     "slow delays": [(search, "lags_slow_torque", _give(True))],
-    "past": [(generic, "doubt_for_past", lambda own, found: (found, {}))],
     "generic doubts names": [(generic, "doubt", _keep(2))],
-    "structure drops names": [(generic, "drop_explained", _keep(1))],
-    "share_with_friction": [(generic, "share_with_friction", _keep(1))],
-    "generic stage": [(answer, "explain_rest", lambda own, terms, found: (found, {}, {}))],
+    "generic stage": [(answer, "explain_rest", lambda own, terms, found: (found, {}))],
     "restore_standard": [(stepwise, "restore_standard", _keep(1)), (generic, "restore_standard", _keep(1))],
-    "is_much": [(revision, "is_much", _give(False))],
     "is_refined": [(revision, "is_refined", _give(False))],
     "absorb": [(revision, "absorb", _keep(2))],
     "find_better": [(revision, "find_better", _give(None))],
     "offsets first": [(revision, "_stands_for_weight", _give(False))],
-    "unbelievable": [(answer, "find_unbelievable", _give({}))],
     "dependence": [(answer, "find_dependence", _give({}))],
     "overturns": [(search.rule, "judge", _judge_without_overturns)],
     "relieves": [(rule, "relieves", _give(False))],
@@ -106,7 +92,6 @@ MECHANISMS: dict[str, list[Place]] = {
     "may_coincide": [(rule, "may_coincide", _give(False))],
     "fit_alike": [(rule, "fit_alike", lambda tied, policy: list(tied))],
     "gravity": [(naming, "opposes_gravity", _give(False))],
-    "may_name": [(naming, "_may_name", _give(True))],
     "confidence set": [(naming, "find_confidence_set", _separated_only)],
     "name_terms": [(answer, "name_terms", lambda own, found: (found, [[] for _ in found]))],
     "form of reversals": [(search, "refine_reversals", _fit_reversals_by_width)],

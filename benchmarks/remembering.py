@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from wearscope.closed_loop.selection import drifting, evidence, fifths, generic, revision, search, standard
+from wearscope.closed_loop.selection import drifting, evidence, generic, revision, search, standard
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
@@ -191,9 +191,10 @@ def remember() -> Iterator[Memory]:
     def reverse_once(prepared: Any, assembly: Any, forms: bool = True) -> Any:
         return take(("reverse", assembly, forms), lambda: refine_reversals(prepared, assembly, forms))
 
-    def list_once(problem: Problem, assembly: Any, joints: Any) -> Any:
+    def list_once(problem: Problem, assembly: Any, joints: Any, asks: Any) -> Any:
         key = ("list", problem, assembly, tuple(joints))
-        return list(take(key, lambda: list_candidates(problem, assembly, joints)))
+        every = take(key, lambda: list_candidates(problem, assembly, joints))
+        return [c for c in every if asks(c.effect, c.joint)]
 
     def generic_once(terms: Any, assembly: Any, joints: Any, policy: Policy) -> Any:
         key = ("generic", terms, assembly, tuple(joints), policy.large_share, *tell_read(policy))
@@ -207,7 +208,6 @@ def remember() -> Iterator[Memory]:
         return take(key, lambda: _scale_of(problem, chosen, sigma))
 
     scale, reverse_over, remake = Search.scale, Problem.reverse_over, Problem.remake
-    take_out = Problem.take_out
 
     def scale_once(own: Search, found: Any) -> Any:
         key = ("scale", own.problem, tell_chosen(f.chosen for f in found))
@@ -217,22 +217,18 @@ def remember() -> Iterator[Memory]:
         key = ("over", problem, reversals.width.tobytes(), reversals.form.tobytes())
         return take(key, lambda: reverse_over(problem, reversals))
 
-    def take_out_once(problem: Problem, hum: Any) -> Problem:
-        return take(("without", problem, hum.torque.tobytes()), lambda: take_out(problem, hum))
-
     def remake_once(problem: Problem, chosen: Chosen) -> Chosen:
         return take(("remake", problem, *tell_chosen([chosen])), lambda: remake(problem, chosen))
 
     instead = [
         (search, "Assembly", assemble), (standard, "Assembly", assemble), (evidence, "Assembly", assemble),
         (search, "weigh", weigh_once), (standard, "weigh", weigh_once), (revision, "weigh", weigh_once),
-        (fifths, "weigh", weigh_once),
         (search, "refine", refine_once), (drifting, "drift_p_value", drift_once),
         (drifting, "Assembly", assemble), (drifting, "weigh", weigh_once),
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
         (generic, "try_generic", generic_once),
         (standard, "_scale_of", scale_standard_once), (Search, "scale", scale_once),
-        (Problem, "reverse_over", reverse_over_once), (Problem, "take_out", take_out_once),
+        (Problem, "reverse_over", reverse_over_once),
         (Problem, "remake", remake_once),
     ]  # fmt: skip
     with ExitStack() as stack:

@@ -141,21 +141,6 @@ def test_alike_is_up_to_its_factor():
 
 
 @pytest.mark.parametrize(
-    ("changed", "explains"),
-    [
-        ({"refusal": Refusal.IMMATERIAL, "share": -13.0}, True),
-        ({"refusal": Refusal.DISAGREES}, True),
-        ({"refusal": Refusal.IMMATERIAL, "fitted": 0.69}, False),
-        ({"refusal": Refusal.IMMATERIAL, "by_fifths": True}, False),
-        ({"refusal": Refusal.BOUNDS}, False),
-        ({"refusal": Refusal.NONE}, False),
-    ],
-)
-def test_what_held_out_runs_refuse_is_asked_by_fifths_if_it_explains_the_fit(changed, explains):
-    assert rule.explains_fit(evidence(**({"fitted": 0.7} | changed)), POLICY) is explains
-
-
-@pytest.mark.parametrize(
     ("name", "changed", "why"),
     [
         ("warm_up_drift", {}, Refusal.NONE),

@@ -9,7 +9,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.drifting import count_kinds
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, weigh
+from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.naming import opposes_gravity
 from wearscope.closed_loop.selection.offers import list_subsets
 from wearscope.closed_loop.selection.policy import Policy
@@ -183,26 +183,6 @@ def test_a_chosen_form_has_the_columns_of_its_subset(problem):
     candidate = problem.candidate(load_effect("gravity_counterbalance"), 0)
     own = Chosen(candidate.at(0), (1,)).rows[0]
     np.testing.assert_array_equal(own, candidate.rows[0][:, [1]])
-
-
-def test_a_term_that_contains_a_drift_is_none_in_its_place(record, pose):
-    """A spring holds an offset; where that one is a drift, the spring with nothing more to say is one too."""
-    folder = record([(0, "torque_offset", {"offset": 4.0})], seed=6, runs=4, duration=6.0)
-    search = Search(pose(folder), POLICY)
-    search.sigma = search.scale(())
-    search.standard_losses = np.zeros((2, len(search.sigma)))
-    assembly = search.assemble(())
-    problem = search.problem
-    offered = [problem.candidate(load_effect(name), 0) for name in ("torque_offset", "joint_spring")]
-    able = [e for e in search.weigh_all(assembly, offered) if e.refusal is Refusal.NONE]
-    assert {e.term.effect.name for e in able} == {"torque_offset", "joint_spring"}
-    search.drifts = lambda _, e, tried: False
-    assert search.choose(assembly, able).term.effect.name == "torque_offset"
-    search.drifts = lambda _, e, tried: e.term.effect.name == "torque_offset"
-    assert search.choose(assembly, able) is None
-    # One that stands on its own stays.
-    spring = next(e for e in able if e.term.effect.name == "joint_spring")
-    assert search.choose(assembly, [spring]) is not None
 
 
 def test_what_every_drive_has_is_asked_among_its_own(record, pose):

@@ -215,7 +215,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    notes = answer.notes + [one.describe(prepared.dataset.joints) for one in impossible]
+    notes = [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
         "model gives its drive an inertia of its own, which is no name."

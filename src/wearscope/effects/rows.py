@@ -71,7 +71,7 @@ def stack_rows(row: Callable, *arguments) -> np.ndarray:
     return _stack(hold_rows((row,)), *arguments)
 
 
-# All shapes in one pass, since a sample's views cost more than a row.
+# All shapes in one pass. A view costs more than a copy of its few values.
 @njit(
     _MATRIX(
         ROWS, types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _MATRIX, types.int64, types.int64
@@ -81,20 +81,26 @@ def stack_rows(row: Callable, *arguments) -> np.ndarray:
 )  # fmt: skip
 def _stack(rows, j, t, dt, sign, q, v, a, load, temperature, wear, shapes, n_states, p):
     """Regressors (N, S*p) of several shapes (S, k) side by side; the rest as `ROW` has it, by sample."""
-    row = rows[0]
+    row, n, size = rows[0], sign.shape[1], shapes.shape[1]
     out = np.empty((len(t), len(shapes) * p))
-    state = np.zeros((len(shapes), max(n_states, 1)))
-    next_state = np.zeros((len(shapes), max(n_states, 1)))
+    states = np.zeros((len(shapes), max(n_states, 1)))
+    signi, qi, vi, ai = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    loadi, temperaturei, weari = np.empty(n), np.empty(n), np.empty(n)
+    shape, state, own = np.empty(size), np.zeros(max(n_states, 1)), np.empty(p)
+    next_state = np.zeros(max(n_states, 1))
     for i in range(len(t)):
-        signi, qi, vi, ai, loadi = sign[i], q[i], v[i], a[i], load[i]
-        temperaturei, weari = temperature[i], wear[i]
-        for s in range(len(shapes)):
-            row(
-                j, t[i], dt, signi, qi, vi, ai, loadi, temperaturei, weari,
-                shapes[s], state[s], next_state[s], out[i, s * p : (s + 1) * p],
-            )  # fmt: skip
         # One by one: the assignment of a whole array takes seconds more to compile.
+        for k in range(n):
+            signi[k], qi[k], vi[k], ai[k] = sign[i, k], q[i, k], v[i, k], a[i, k]
+            loadi[k], temperaturei[k], weari[k] = load[i, k], temperature[i, k], wear[i, k]
         for s in range(len(shapes)):
+            for k in range(size):
+                shape[k] = shapes[s, k]
             for c in range(n_states):
-                state[s, c] = next_state[s, c]
+                state[c] = states[s, c]
+            row(j, t[i], dt, signi, qi, vi, ai, loadi, temperaturei, weari, shape, state, next_state, own)
+            for c in range(n_states):
+                states[s, c] = next_state[c]
+            for c in range(p):
+                out[i, s * p + c] = own[c]
     return out

@@ -67,7 +67,7 @@ class Outcome:
     full : list of str
         Joints that reached the most terms asked for.
     notes : list of str
-        On a hum that was left out.
+        On parameters beyond what is possible, and on inertias that are no name.
     problem : Problem
     events : list of dict
         Short events, as ``verdict.json`` has them, whose rows are left out.

@@ -7,14 +7,8 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
-from wearscope.closed_loop.diagnostics.run_differences import (
-    SIGNALS,
-    compare_offsets,
-    gain_by_halves,
-    list_train_repeats,
-    see_repeats,
-)
+from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_lines, see_shifts
+from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import predict_full
 from wearscope.closed_loop.model.regression import Regression
@@ -61,8 +55,8 @@ def judge_joints(
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
-    Autocorrelated noise is noise; what repeats with the motion, depends on a signal or on time, or makes the
-    test runs' error larger than the training runs', is not.
+    Autocorrelated noise is noise; what depends on a signal or on time, or makes the test runs' error larger
+    than the training runs', is not.
 
     Parameters
     ----------
@@ -72,7 +66,7 @@ def judge_joints(
     named : sequence of ModelTerm
         Of the corrected model.
     left : mapping of int to Evidence
-        By joint, generic structure that could not be added, or a name whose parameters are unbelievable.
+        By joint, generic structure that could not be added.
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
@@ -86,7 +80,6 @@ def judge_joints(
     test = prepared.runs_for("test")
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
-    repeats = list_train_repeats(prepared)
     states, moving, band = [], int(prepared.moving.sum()), prepared.band
     for j in range(prepared.n):
         corrected = any(term.joint == j for term in named)
@@ -100,9 +93,7 @@ def judge_joints(
             *_from_withdrawn(prepared, withdrawn, j),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
-            *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
-            *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
             *see_lines([x[:, j] for x in full], train, own, keep, band.rate, band.torque, moving, policy),
@@ -147,23 +138,7 @@ def _from_left(prepared: Prepared, left: Mapping[int, Evidence], joint: int) -> 
     e = left[joint]
     effect, joints = e.term.effect, prepared.dataset.joints
     depends = list(dict.fromkeys(effect.name_signals(e.term.shape, joints, joint)))
-    if effect.empirical:
-        return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
-    beyond = _list_beyond(e, prepared, joint) or [e.refusal.value]
-    return [Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
-
-
-def _list_beyond(e: Evidence, prepared: Prepared, joint: int) -> list[str]:
-    """Its parameters that no such machine has, in words."""
-    effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
-    parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
-    told = []
-    values, bounds = (*e.beta.tolist(), *e.term.shape), prepared.bound(parameters, joint)
-    for parameter, value, (low, high) in zip(parameters, values, bounds, strict=True):
-        if not low <= value <= high:
-            of = parameter.unit_at(unit, prepared.dataset.torque_unit[joint])
-            told.append(f"{parameter.name} {value:.3g} {of}, not believed beyond {low:g} to {high:g}")
-    return told
+    return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
 
 
 def _from_dependence(dependence: Mapping[int, Dependence], joint: int) -> list[Seen]:

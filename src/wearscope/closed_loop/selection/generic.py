@@ -1,6 +1,6 @@
 """The generic term, `unknown`: what no name explains, as a spline of one or two signals at a joint."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,10 +16,8 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.motion_dependence import Dependence
-from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, restore_standard
+from wearscope.closed_loop.selection.revision import drop_superfluous, restore_standard
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.sums import Sums
 from wearscope.effects.base import Effect, Signals
@@ -183,7 +181,7 @@ def choose_plainest(able: list[Evidence], policy: Policy) -> Evidence:
 
 def explain_rest(
     search: Search, terms: GenericTerms, found: list[Found]
-) -> tuple[list[Found], dict[int, Evidence], dict[int, Dependence]]:
+) -> tuple[list[Found], dict[int, Evidence]]:
     """Add generic terms where no name explains what is left; drop names that they make superfluous.
 
     Returns
@@ -191,10 +189,8 @@ def explain_rest(
     found : list of Found
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
-    depends : dict of int to Dependence
-        By joint, what was named and depends on what the motion has been.
     """
-    found, depends = doubt_for_past(search, doubt(search, terms, found))
+    found = doubt(search, terms, found)
     joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
     left: dict[int, Evidence] = {}
     while joints:
@@ -217,10 +213,6 @@ def explain_rest(
                 best = next((e for e in rest if not search.drifts(assembly, e)), None)
                 if best is not None:
                     left[joint] = best
-                    fewer = drop_explained(search, found, best)
-                    if len(fewer) < len(found):
-                        found = fewer
-                        joints.append(joint)
         search.record(weighed, taken)
         for e in taken:
             search.progress(
@@ -231,62 +223,7 @@ def explain_rest(
             new, there = {id(e.chosen) for e in taken}, {e.joint for e in taken}
             found = drop_superfluous(search, found, there, new)
             found = restore_standard(search, found, there)
-            found = share_with_friction(search, found, there)
-    return found, left, depends
-
-
-def share_with_friction(search: Search, found: list[Found], joints: Iterable[int]) -> list[Found]:
-    """The terms found, with the plain friction of joints that generic terms there are smaller by.
-
-    A spline holds what plain friction does, so that held-out runs do not tell; what every joint has is no
-    structure, and stands for as much of a spline as it can. Where the spline is no smaller beside it, or by
-    negative friction alone, there is none.
-    """
-    search.sigma = search.scale(found)
-    for joint in sorted(joints):
-        beside = search.assemble(found, standard=True)
-        for candidate in search.candidates(beside, found, [joint]):
-            if not candidate.effect.is_plain_friction:
-                continue
-            own = weigh(beside, candidate, tuple(range(candidate.count)), search.policy)
-            least = search.policy.large_share * measure_generic(beside, joint)
-            if own.relief > least > 0.0 and search.is_believable(own):
-                search.progress(f"{own.term.label}: structure without a name is smaller beside it")
-                found = [*found, Found(own.chosen, own)]
-                beside = search.assemble(found, standard=True)
-        for f in [f for f in found if f.joint == joint and f.effect.is_plain_friction]:
-            others = [k for k in found if k is not f]
-            beside = search.assemble(others, standard=True)
-            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
-            needed = search.is_needed(beside, own) or is_refined(search, f, others)
-            if not needed and (own.relief <= 0.0 or not search.is_believable(own)):
-                search.progress(
-                    f"{own.term.label} is dropped: structure without a name is no smaller beside it"
-                )
-                found = others
-    return found
-
-
-def measure_generic(assembly: Assembly, joint: int) -> float:
-    """Squared size of the generic terms of a joint in a model, as their penalty measures it."""
-    size = 0.0
-    for term, span in zip(assembly.chosen, assembly.spans, strict=True):
-        if term.candidate.effect.empirical and term.candidate.joint == joint:
-            theta = assembly.theta[span]
-            size += float(theta @ assembly.prior[span, span] @ theta)
-    return size
-
-
-def drop_explained(search: Search, found: list[Found], e: Evidence) -> list[Found]:
-    """The terms found without doubted names, where structure that cannot be added explains as much."""
-    if min(e.share, e.fitted) < search.policy.beyond_chance or e.agreement < 1.0:
-        return found
-    added = Found(e.chosen, e)
-    sure = {
-        id(f.chosen) for f in found if f.effect.standard or f.evidence.share >= search.policy.beyond_doubt
-    }
-    kept = drop_superfluous(search, [*found, added], {e.joint}, {id(e.chosen), *sure})
-    return [f for f in kept if f is not added]
+    return found, left
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:

@@ -7,7 +7,6 @@ from arch.bootstrap import MCS
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
@@ -69,12 +68,8 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         others = [k for k in found if k is not f]
         beside = search.assemble(others)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
-        last = search.problem.prepared.n - 1
-        offered = [
-            c
-            for c in search.candidates(beside, others, sorted({*joints, last}), every=True)
-            if set(c.joints) & set(joints) and not (f.effect.standard and c.effect.spread)
-        ]
+        offered = search.list_rivals(beside, others, joints)
+        offered = [c for c in offered if not (f.effect.standard and c.effect.spread)]
         own = search.refine(beside, search.weigh_again(beside, f))
         weighed = search.weigh_all(beside, offered, match_gain(beside, own))
         weighed = [e for e in weighed if e.refusal in _OPEN and search.is_delay(beside, e, settled=True)]
@@ -89,9 +84,6 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         opposing = [e for e in able if opposes_gravity(search.problem, e)]
         naming = [] if f.effect.standard else list(able)
         name = rule.simplest(naming, opposing) if naming else own
-        while not (name is own or _may_name(search, beside, others, name)):
-            naming = [e for e in naming if e is not name]
-            name = rule.simplest(naming, opposing) if naming else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
         if f.effect.standard:
@@ -99,32 +91,6 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent
-
-
-def _may_name(search: Search, beside: Assembly, others: Sequence[Found], e: Evidence) -> bool:
-    """Whether a term may give its name, and not only stand beside one.
-
-    What was left out may not, nor one beside which another name's parameters are none that a machine has, nor
-    what a drift explains.
-    """
-    if e.term.effect.name in search.left_out or search.drifts(beside, e):
-        return False
-    felt = set(e.chosen.candidate.joints)
-    near = [f for f in others if set(f.chosen.candidate.joints) & felt]
-    near = [f for f in near if not (f.effect.standard or f.effect.empirical)]
-    if not near:
-        return True
-    both = Assembly(beside.layout, beside.target, (*beside.chosen, e.chosen), beside.sigma)
-    for f in near:
-        span = next(s for s, c in zip(both.spans, both.chosen, strict=True) if c is f.chosen)
-        believable = search.problem.bounds(f.evidence.term)[: len(f.chosen.subset)]
-        if not _all_within(both.theta[span], believable) and _all_within(f.evidence.beta, believable):
-            return False
-    return True
-
-
-def _all_within(values: np.ndarray, bounds: Sequence[tuple[float, float]]) -> bool:
-    return all(low <= x <= high for x, (low, high) in zip(values, bounds, strict=True))
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:

@@ -1,6 +1,6 @@
 """What may be asked beside a model, and what an answer depends on."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Assembly
@@ -8,11 +8,16 @@ from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Effect, MeasurementEffect
 
 
-def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int]) -> list[Candidate]:
+def list_candidates(
+    problem: Problem,
+    assembly: Assembly,
+    joints: Iterable[int],
+    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+) -> list[Candidate]:
     """What may be asked beside a model: not there, not contained, with its parents, where it applies.
 
     In a single run temperature is a function of time, so that beside one term that goes with either another
-    would be its form.
+    would be its form. Nothing is made of an effect at a joint that `asks` leaves out.
     """
     n, declared = problem.prepared.n, {id(c.candidate) for c in problem.base}
     present: list[list[Effect]] = [list(problem.given) for _ in range(n)]
@@ -27,6 +32,8 @@ def list_candidates(problem: Problem, assembly: Assembly, joints: Iterable[int])
     for joint in joints:
         for effect in problem.effects:
             there = present[joint]
+            if not asks(effect, joint):
+                continue
             if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                 continue
             if not effect.has_parent(there) or (thermal[joint] and effect.is_thermal):

@@ -58,8 +58,7 @@ class Policy(BaseModel):
 
     beyond_doubt: float = Field(0.7, gt=0)
     """The same in two runs, and in parts of a single one, which resemble each other more than runs do, and of
-    what goes with time or temperature or is constant, as a torque that drifts is in few runs. What held-out
-    runs refuse and removes as much of the fit is asked by fifths of the runs. A name that
+    what goes with time or temperature or is constant, as a torque that drifts is in few runs. A name that
     removes less is given up where a generic term in its place does better, and what gains less than this
     share of the best alternative does not stand beside a name."""
 
@@ -86,8 +85,7 @@ class Policy(BaseModel):
 
     alike: float = Field(1.5, ge=1)
     """Factor within which two sizes of one thing are alike: errors (RMS) on the rows that are fitted of terms
-    that held-out runs do not tell apart, and held out of names of single joints in the place of one of the
-    whole robot; a delay with and without a joint's reversals; the test runs' error
+    that held-out runs do not tell apart; a delay with and without a joint's reversals; the test runs' error
     and the training runs', from which a model does not carry over to other motions."""
 
     away: float = Field(0.2, gt=0, lt=1)
@@ -111,8 +109,8 @@ class Policy(BaseModel):
 
     structure_share: float = Field(0.2, gt=0, lt=1)
     """Least share of the variance that the corrected model leaves at a joint that makes it `unexplained`,
-    where it depends on the motion, trees predict it, it repeats or it is a line: less is a tenth of the RMS
-    error. As `material_share`, for the generic term."""
+    where it depends on the motion or on time, or differs from run to run: less is a tenth of the RMS error.
+    As `material_share`, for the generic term."""
 
     most_terms: int = Field(8, ge=1)
     """Most named terms of a joint, standard ones not counted, and most generic ones; reaching it is said in

@@ -1,7 +1,8 @@
 """What is asked of a prepared data set: the torque to explain, the declared terms, and all candidates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +21,13 @@ from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.layout import Layout
 from wearscope.closed_loop.selection.reversal import make_reversal
-from wearscope.effects.base import Effect, MeasurementEffect, load_effect
+from wearscope.effects.base import (
+    Effect,
+    MeasurementEffect,
+    RigidBodyEffect,
+    TransmissionEffect,
+    load_effect,
+)
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
 #: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
@@ -32,30 +39,6 @@ _LAGS = (0.0, 0.08, 0.2, 0.4)
 _PEAKS, _MOST_ROWS = 8, 4000
 
 
-@dataclass(frozen=True)
-class Hum:
-    """Sines in time that a model leaves.
-
-    Attributes
-    ----------
-    torque : ndarray (M, n)
-        At the rows of the training runs, a phase and an amplitude to each run and joint.
-    frequencies : dict of int to list of float
-        Of each joint that has some [Hz].
-    """
-
-    torque: np.ndarray
-    frequencies: dict[int, list[float]]
-
-    def describe(self, joints: Sequence[str]) -> list[str]:
-        """A note for each joint."""
-        return [
-            f"{joints[j]}: a torque of {', '.join(f'{f:.3g}' for f in sorted(own))} Hz in time, whatever the "
-            "motion, is left out of what the search compares; it stays in every error."
-            for j, own in sorted(self.frequencies.items())
-        ]
-
-
 class Problem:
     """A prepared data set with its candidates.
 
@@ -65,26 +48,13 @@ class Problem:
     declared : sequence of Effect
     own : sequence of Effect
         The user's own, candidates beside the vocabulary.
-    hum : Hum, optional
-        Torque that is not to be explained.
     """
 
-    def __init__(
-        self,
-        prepared: Prepared,
-        declared: Sequence[Effect],
-        own: Sequence[Effect] = (),
-        hum: Hum | None = None,
-    ) -> None:
-        self.prepared = prepared
+    def __init__(self, prepared: Prepared, declared: Sequence[Effect], own: Sequence[Effect] = ()) -> None:
+        train = prepared.runs_for("train")
         self.layout = Layout.of(prepared)
-        self.train = prepared.runs_for("train")
-        self.known = np.concatenate([run.reduce(run.known) for run in self.train])
-        self.target = np.concatenate([run.measured for run in self.train]) - self.known
-        self.hum = hum
-        if hum is not None:
-            self.target -= hum.torque
-        self.joined = join_signals(run.signals for run in self.train)
+        self.known = np.concatenate([run.reduce(run.known) for run in train])
+        self.target = np.concatenate([run.measured for run in train]) - self.known
         fields = prepared.dataset.fields
         self.declared, self.own = list(declared), list(own)
         self.inertial = fields.robot.inertials == "approximate"
@@ -94,28 +64,14 @@ class Problem:
         if fields.robot.inertials == "trusted":
             fixed.add("rigid_body")
         self.effects = candidate_effects(self.declared, own, fixed, prepared.n)
-        self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
+        self._take_signals(prepared)
         self._made: dict[tuple, Candidate | None] = {}
         self._waves: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def base(self) -> tuple[Chosen, ...]:
         """The declared model's terms, inertial deviations first."""
-        chosen = []
-        if self.inertial:
-            columns = [
-                run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
-                for run in self.train
-                for s in [run.signals]
-            ]
-            rows = np.concatenate(columns)
-            joints = tuple(range(self.prepared.n))
-            penalty = inertial_penalty(self.prepared)
-            effect = load_effect("rigid_body")
-            candidate = Candidate(
-                effect, self.prepared.n - 1, ((),), joints, tuple(rows[:, j] for j in joints), penalty
-            )
-            chosen.append(Chosen(candidate, tuple(range(len(penalty)))))
+        chosen = [self._deviations] if self.inertial else []
         for term in self.declared_terms:
             candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
             chosen.append(Chosen(candidate, term.subset))
@@ -123,21 +79,32 @@ class Problem:
             chosen.append(make_reversal(self.prepared, joint))
         return tuple(chosen)
 
+    @cached_property
+    def _deviations(self) -> Chosen:
+        """Deviations of all inertial parameters, which no direction of motion changes."""
+        signals = [run.signals for run in self.train]
+        columns = [s.rigid_body.inertial_regressor(s.q, s.v, s.a) for s in signals]
+        rows = np.concatenate([run.reduce(x) for run, x in zip(self.train, columns, strict=True)])
+        joints, penalty = tuple(range(self.prepared.n)), inertial_penalty(self.prepared)
+        each = tuple(rows[:, j] for j in joints)
+        candidate = Candidate(load_effect("rigid_body"), joints[-1], ((),), joints, each, penalty)
+        return Chosen(candidate, tuple(range(len(penalty))))
+
     def reverse_over(self, reversals: Reversals) -> "Problem":
-        """The same problem with frictions that reverse in another way."""
-        old = self.prepared.reversals
-        other = Problem(self.prepared.reverse_over(reversals), self.declared, self.own, self.hum)
-        same = set(np.flatnonzero(~reversals.differ(old)).tolist())
-        other._waves = self._waves
-        for key, made in self._made.items():
-            alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
-            if key[1] in same and alone:
-                other._made[key] = made
+        """The same problem with frictions that reverse in another way; what does not feel that is kept."""
+        same = set(np.flatnonzero(~reversals.differ(self.prepared.reversals)).tolist())
+        other = copy(self)
+        other.__dict__.pop("base", None)
+        other._take_signals(self.prepared.reverse_over(reversals))
+        other._made = {key: made for key, made in self._made.items() if _keeps(made, key[1], same)}
         return other
 
-    def take_out(self, hum: Hum) -> "Problem":
-        """The same problem without a torque that is not to be explained."""
-        return Problem(self.prepared, self.declared, self.own, hum)
+    def _take_signals(self, prepared: Prepared) -> None:
+        """Go along a prepared data set's signals."""
+        self.prepared = prepared
+        self.train = prepared.runs_for("train")
+        self.joined = join_signals(run.signals for run in self.train)
+        self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
 
     def forget(self) -> None:
         """Let go of candidates, which are made again when they are asked for."""
@@ -276,6 +243,17 @@ class Problem:
         """Whether a term's shape may stand for any function of its signals."""
         asks = term.effect.resembles_any
         return asks is not None and asks(self.joined, term.joint, term.shape)
+
+
+def _keeps(made: Candidate | None, joint: int, same: set[int]) -> bool:
+    """Whether a candidate at a joint is what it was where only some joints reverse in the same way.
+
+    Neither a gear's deflection nor a body has the direction of motion.
+    """
+    if made is not None and isinstance(made.effect, TransmissionEffect | RigidBodyEffect):
+        return True
+    alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
+    return alone and joint in same
 
 
 def _solve_bent(

@@ -25,9 +25,10 @@ from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_reversals
+from wearscope.closed_loop.selection.reversal import is_exact, refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.effects.base import Effect
 
 #: Share of the best term's gain from which another one's shape is refined before they are compared; share of
 #: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
@@ -61,7 +62,6 @@ class Search:
         self.rows: list[dict] = []
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
-        self.left_out: frozenset[str] = frozenset()
         self._step = 0
         self.standard_losses = np.zeros((2, problem.prepared.n))
         self._forget_evidence()
@@ -85,30 +85,34 @@ class Search:
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))
 
-    def assemble(self, found: Iterable[Found], standard: bool = False, held: bool = False) -> Assembly:
-        """Normal equations of the declared model with the terms found, to ask about standard terms or not.
-
-        Where reversals are `held`, without the errors of their width and form.
-        """
+    def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
+        """Normal equations of the declared model with the terms found, to ask about standard terms or not."""
         layout = self.problem.layout.for_standard if standard else self.problem.layout
-        chosen = self._chosen(found)
-        if held:
-            chosen = tuple(c for c in chosen if c.candidate.effect is not REVERSAL)
-        return Assembly(layout, self.problem.target, chosen, self.sigma)
+        return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
 
     def candidates(
-        self, assembly: Assembly, found: Sequence[Found], joints: Iterable[int], every: bool = False
+        self,
+        assembly: Assembly,
+        found: Sequence[Found],
+        joints: Iterable[int],
+        asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
     ) -> list[Candidate]:
-        """What may be asked beside a model; a joint with the most terms is left out, and remembered.
-
-        Nothing that was left out for names with fewer parameters, unless `every` name is asked.
-        """
+        """What may be asked beside a model; a joint with the most terms is left out, and remembered."""
         own = [f.joint for f in found if not f.effect.standard]
         asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
-        made = list_candidates(self.problem, assembly, sorted(asked - full))
-        return [c for c in made if every or c.effect.name not in self.left_out]
+        return list_candidates(self.problem, assembly, sorted(asked - full), asks)
+
+    def list_rivals(
+        self, beside: Assembly, others: Sequence[Found], joints: Sequence[int]
+    ) -> list[Candidate]:
+        """What may be asked in the place of a term that is felt at joints, of the whole robot too."""
+        last = self.problem.prepared.n - 1
+        made = self.candidates(
+            beside, others, {*joints, last}, lambda effect, joint: joint in joints or effect.per_robot
+        )
+        return [c for c in made if set(c.joints) & set(joints)]
 
     def weigh_all(
         self,
@@ -237,13 +241,6 @@ class Search:
         self._forget_evidence()
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
-    def adopt(self, other: "Search") -> None:
-        """Go on with another search's problem, and with what it has asked."""
-        self.problem = other.problem
-        self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
-        self.left_out = other.left_out
-        self._forget_evidence()
-
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
@@ -281,8 +278,8 @@ class Search:
             Models beside which the same was asked.
         """
         assembly, able = on_same_folds(assembly, able, self.policy)
-        able = every = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
-        while able and self._is_drift(assembly, able[0], every, tried):
+        able = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
+        while able and self.drifts(assembly, able[0], tried):
             able = able[1:]
         if not able:
             return None
@@ -301,12 +298,6 @@ class Search:
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
         return does_drift_explain(self.problem, self.policy, self.flips, assembly, e, tried)
-
-    def _is_drift(self, assembly: Assembly, e: Evidence, able: Sequence[Evidence], tried: int) -> bool:
-        """Whether a drift explains a term, or one among others that it contains and is not told from."""
-        inside = [o for o in able if o.term.effect.name in e.term.effect.contains and rule.touches(o, e)]
-        tied = [o for o in inside if not rule.separates(e, o, self.policy)]
-        return any(self.drifts(assembly, one, tried) for one in (*tied, e))
 
     def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
         """Whether a term that delays its joint's torque is one; True of other terms.

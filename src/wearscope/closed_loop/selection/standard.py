@@ -20,7 +20,8 @@ def find_standard(search: Search) -> list[Found]:
     """
     problem = search.problem
     base = search.assemble(())
-    offered = [c for c in search.candidates(base, (), range(problem.prepared.n)) if c.effect.standard]
+    joints = range(problem.prepared.n)
+    offered = search.candidates(base, (), joints, lambda effect, _: effect.standard)
     kept = [Chosen(c, tuple(int(k) for k in c.effect.subsets()[0])) for c in offered]
     worst: dict[int, tuple[float, Chosen]] = {}
     evidence: dict[int, Evidence] = {}
