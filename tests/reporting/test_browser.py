@@ -111,6 +111,12 @@ def test_detection_at_one_s_own_false_alarm(file, asked):
         check_equal(shown, table[wanted][[*KEYS, "p_d", "threshold"]], KEYS)
         assert page.locator("#roc [data-key=p_f] + output").inner_text() == "5 %"
         assert len(rows_of(page, "roc")) == 3 * len(shown)
+        thin = page.locator("#roc .view path[stroke-width='1']")
+        assert thin.count() < len(shown)
+        page.select_option("#roc [data-key=lines]", "cells")
+        page.wait_for_function(
+            f"document.querySelectorAll(\"#roc .view path[stroke-width='1']\").length >= {len(shown)}"
+        )
 
 
 def test_filters_reach_charts_and_tables(file, asked):

@@ -3,6 +3,7 @@ import gzip
 import json
 import re
 
+import altair as alt
 import numpy as np
 import pandas as pd
 import pytest
@@ -70,7 +71,11 @@ def test_filters_are_what_the_study_has(asked):
     }  # fmt: skip
     labels = study_labels(asked)
     assert labels["factor"]["w3"] == "temperature [°C]" and labels["factor.name"]["f"] == "wear"
-    assert labels["fda.y"] == {"A": "y of A", "B": "y of B", "C": "y of C [N m]"}
+    assert labels["fda.y"] == {
+        "A": "test quantity of Residual energy (A)",
+        "B": "test quantity of Distribution distance (B)",
+        "C": "test quantity of Friction fit (C) [N m]",
+    }
 
 
 def test_robots_stand_side_by_side_with_all_together(asked):
@@ -87,6 +92,7 @@ def test_every_source_of_a_chart_is_a_table_of_the_page(asked):
     assert len(definitions) >= 11
     for text in definitions:
         definition = json.loads(text)
+        alt.Chart.from_dict(definition["spec"])  # keeps to Vega-Lite's schema
         for name, source in definition["sources"].items():
             assert source["table"] in tables
             assert f'"name":"{name}"' in json.dumps(definition["spec"], separators=(",", ":"))

@@ -49,7 +49,7 @@ def test_the_conclusion_is_plain_sentences_with_units(told, found):
 
 def test_it_is_only_as_certain_as_its_parts(told, found):
     tied = replace(found, tied_with=["A"])
-    assert "not told apart from that of Residual energy (A). It finds" in conclude(told, tied)
+    assert "Friction fit (C), not told apart from Residual energy (A). It finds" in conclude(told, tied)
     assert certainty(tied) == "unsure" and "not told apart at 95 %" in qualify(told, tied)[0]
     some = replace(found, cells_sure=5)
     assert "20 or more, in 5 of 8 cells." in conclude(told, some) and certainty(some) == "unsure"

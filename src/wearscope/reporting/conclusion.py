@@ -127,7 +127,7 @@ def certainty(one: Conclusion) -> str:
 def _tie(study: Study, one: Conclusion) -> str:
     """The detectors that it is not told apart from."""
     others = join_words([study.detector_name(name) for name in one.tied_with], "or")
-    return f", whose signal-to-noise ratio is not told apart from that of {others}" if others else ""
+    return f", not told apart from {others}" if others else ""
 
 
 def _bound(study: Study, bound: Bound) -> str:

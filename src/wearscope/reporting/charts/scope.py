@@ -61,9 +61,9 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
                 alt.Tooltip("passing:Q", title="cells that meet it"),
                 *surely,
                 alt.Tooltip("cells:Q", title="of"),
-                alt.Tooltip("lowest:Q", title="lowest P_d", format=".3f"),
+                alt.Tooltip("lowest:Q", title="lowest probability of detection", format=".3f"),
                 alt.Tooltip("at:N", title="which is at"),
-                alt.Tooltip("highest:Q", title="highest P_d", format=".3f"),
+                alt.Tooltip("highest:Q", title="highest probability of detection", format=".3f"),
             ],
         )
     )
@@ -74,9 +74,9 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
         "Share of cells that detect wear, by size of the change and variation of a factor.",
         counted.properties(width="container", height=max(240, min(420, 14 * n_delta))),
         {"scope": Source("scope", {"factor": "factor", **_BY})},
-        f"Meets the requirement: P_d ≥ {setting['p_d']:g} at P_f ≤ {setting['p_f']:g} with the factor "
-        "normally distributed about nominal, all else nominal. Filter to one robot, test-cycle and axis for "
-        "the scope of a cell; the pointer tells which cell of a group is worst.",
+        f"Meets the requirement: at least {100 * setting['p_d']:g} % detected at {100 * setting['p_f']:g} % "
+        "false alarms, with the factor normally distributed about nominal, all else nominal. Filter to one "
+        "robot, test-cycle and axis for the scope of a cell. The pointer tells the worst cell.",
         [Choice("factor", "Varying", [(name, factor_name(study.factor(name))) for name in names])],
         ["fda"],
         {"fda": detector} if detector else {},
@@ -119,7 +119,7 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
         ),
         Choice(
             "p_f",
-            "Your P_f",
+            "Your false-alarm rate",
             [(one, f"{100 * one:g} %") for one in alarms],
             _nearest(alarms, study.config["scope"]["p_f"]),
             slides=True,
@@ -145,33 +145,36 @@ def _nearest(values: list[float], wanted: float) -> float:
 
 
 def chart_roc(study: Study, choices: list[Choice]) -> Chart:
-    """P_d over P_f of every cell."""
+    """Probability of detection over that of false alarm: medians, and every cell where a reader asks."""
     names = sorted(study.snr["fda"].unique())
     base = named("roc").encode(
         x=alt.X(
             "p_f:Q",
-            title="probability of false alarm P_f",
+            title="probability of false alarm",
             scale=alt.Scale(type="log"),
             axis=alt.Axis(format="~%", tickCount=4),
         ),
         y=alt.Y(
             "p_d:Q",
-            title="probability of detection P_d",
+            title="probability of detection",
             scale=alt.Scale(domain=[0, 1]),
             axis=alt.Axis(format="%"),
         ),
         color=alt.Color("fda:N", **colour("detector", names)),
         detail=["robot:N", "cycle:N", "axis:N"],
     )
-    told = [*cell_tips(), *tips("p_f:Q|P_f|.2~%; p_d:Q|P_d|.2%; threshold:Q||.4")]
+    told = [*cell_tips(), *tips("p_f:Q|false alarms|.2~%; p_d:Q|detected|.2%; threshold:Q||.4")]
     upper = f"indexof({json.dumps(study.upper())}, datum.fda) >= 0"
-    lines = base.mark_line(opacity=0.18, strokeWidth=1, point=alt.OverlayMarkDef(size=9, opacity=0.3))
+    asked = alt.param(name="lines", value="medians")
+    lines = base.transform_filter("lines == 'cells'").mark_line(
+        opacity=0.18, strokeWidth=1, point=alt.OverlayMarkDef(size=9, opacity=0.3)
+    )
     medians = (
         named("roc")
         .mark_line(strokeWidth=3)
         .encode(
             x="p_f:Q",
-            y=alt.Y("median(p_d):Q", title="probability of detection P_d"),
+            y=alt.Y("median(p_d):Q", title="probability of detection"),
             color=alt.Color("fda:N", **colour("detector", names)),
             strokeDash=alt.condition(upper, alt.value([6, 4]), alt.value([1, 0])),
         )
@@ -188,38 +191,41 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         "Detection against false alarms",
         "ROC curves: probability of detection over probability of false alarm of every cell.",
         alt.layer(lines.encode(tooltip=told), medians, rule)
-        .add_params(own)
+        .add_params(own, asked)
         .properties(width="container", height=320),
         {"roc": Source("detection", {"case": "case", "change": "change", **_BY})},
-        "Thick: the median of each detector's cells; thin: every cell. Choose how large the change of wear "
-        "is, what varies and by how much, and your own P_f (dashed).",
-        choices,
+        "Thick: the median of each detector's cells; thin: every cell, where asked. Choose how large the "
+        "change of wear is, what varies and by how much, and your own false-alarm rate (dashed).",
+        [Choice("lines", "Show", [("medians", "medians"), ("cells", "every cell too")]), *choices],
     )
 
 
 def chart_power(study: Study) -> Chart:
-    """P_d and threshold of every cell at the P_f chosen."""
+    """Probability of detection and threshold of every cell at the false-alarm rate chosen."""
     names = sorted(study.snr["fda"].unique())
     bars = (
         named("power")
         .mark_bar(cornerRadius=2)
         .encode(
             x=alt.X(
-                "p_d:Q", title="P_d at your P_f", scale=alt.Scale(domain=[0, 1]), axis=alt.Axis(format="%")
+                "p_d:Q",
+                title="detected at your false-alarm rate",
+                scale=alt.Scale(domain=[0, 1]),
+                axis=alt.Axis(format="%"),
             ),
             y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
             yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
             color=alt.Color("fda:N", **colour("detector", names)),
-            tooltip=[*cell_tips(), *tips("p_d:Q|P_d|.2%; p_f:Q|P_f|.2~%; threshold:Q||.4")],
+            tooltip=[*cell_tips(), *tips("p_d:Q|detected|.2%; p_f:Q|false alarms|.2~%; threshold:Q||.4")],
         )
     )
     by = {"case": "case", "change": "change", "p_f": "p_f", **_BY}
     return Chart(
         "power",
-        "Detected at your P_f",
+        "Detected at your false-alarm rate",
         "Probability of detection of every cell at the probability of false alarm that was chosen.",
         bars.properties(width="container", height={"step": 9}),
         {"power": Source("detection", by)},
-        "Follows the choices of the chart before. The threshold that gives this P_f is under the pointer and "
-        "in the numbers, in the unit of the test quantity.",
+        "Follows the choices of the chart before. The threshold that gives this rate is under the "
+        "pointer and in the numbers, in the unit of the test quantity.",
     )

@@ -14,6 +14,7 @@ from wearscope.reporting.labels import (
     term_factors,
     term_name,
     unit_text,
+    with_unit,
     words,
 )
 from wearscope.reporting.study import Study
@@ -46,9 +47,13 @@ def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
         "cycle": cycles,
         "axis": {str(axis): f"axis {axis}" for axis in study.snr["axis"].unique()},
         "fda": {name: study.detector_name(name) for name in units},
-        "fda.y": {name: f"y of {name}" + (f" [{unit}]" if unit else "") for name, unit in units.items()},
+        "fda.y": {
+            name: with_unit(f"test quantity of {study.detector_name(name)}", unit)
+            for name, unit in units.items()
+        },
         "column": {
-            "fda": "detector", "cycle": "test-cycle", "p_d": "P_d", "p_f": "P_f", "y_held": "y, others held",
+            "fda": "detector", "cycle": "test-cycle", "p_d": "detected", "p_f": "false alarms",
+            "y_held": "y, others held",
             "natural": "level", "snr": "SNR", "sigma": "standard deviation", "change": "change of wear",
             "place": "cell",
         },

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -97,8 +96,7 @@ def _cells(rows: pd.DataFrame) -> int:
 
 def _draw_grid(ax: Axes, sigma: Matrix, delta: Matrix, values: Matrix, **options: Any) -> None:
     """Heat map whose first cell lies at the origin, with ticks in coded units."""
-    sns.heatmap(values, ax=ax, cbar=False, xticklabels=False, yticklabels=False, rasterized=True, **options)
-    ax.set_ylim(0, len(delta))
+    ax.pcolormesh(values, rasterized=True, **options)
     for axis, grid in ((ax.xaxis, sigma), (ax.yaxis, delta)):
         ticks = MaxNLocator(4).tick_values(grid[0], grid[-1])
         ticks = ticks[(ticks >= grid[0] - 1e-9) & (ticks <= grid[-1] + 1e-9)]

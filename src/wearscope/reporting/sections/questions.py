@@ -134,8 +134,8 @@ class Scope(StudySection):
             columns={"cycle": "test-cycle", "fda": "detector", "threshold": name}
         )
         note = (
-            "Alarm above it: at most the P_f asked, for variations up to those of the conclusion, with the "
-            "largest threshold that any of the factors needs."
+            "Alarm above it: at most the false-alarm rate asked, for variations up to those of the "
+            "conclusion, with the largest threshold that any of the factors needs."
         )
         by = {"robot": "robot", "test-cycle": "cycle", "axis": "axis", "detector": "fda"}
         return render_table(shown.drop(columns="key"), note, digits=4, filter_by=by)
