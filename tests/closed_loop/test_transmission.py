@@ -94,15 +94,15 @@ def test_prediction_along_the_motion_does_not_see_the_recorded_torque(soft_model
     np.testing.assert_array_equal(predict_full(model, theta, run), before)
 
 
-def lost_motion_of(folder, bounded):
+def lost_motion_of(folder, bounded, seconds):
     """Verdict on the board's arm, whose load changes sign as the small arm's never does; the planted gap."""
-    recipe = Recipe(duration=12.0, bounded=bounded)
+    recipe = Recipe(duration=seconds, bounded=bounded)
     truth = generate_dataset(folder / "arm", "arm3", [Planted("backlash", "elbow", 6.0)], 11, recipe)
     return close_loop(folder / "arm", folder / "out", light=True), truth["planted"][0]["parameters"]["gap"]
 
 
 def test_lost_motion_is_named_and_measured(tmp_path):
-    verdict, gap = lost_motion_of(tmp_path, bounded=True)
+    verdict, gap = lost_motion_of(tmp_path, bounded=True, seconds=8.0)
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("elbow", "backlash")]
     assert verdict["verdict"][0]["parameters"]["lost_motion"]["value"] == pytest.approx(
         gap["value"], rel=0.25
@@ -139,7 +139,7 @@ def test_a_gear_for_small_loads_is_named_though_softer_than_those_for_large_ones
     strict=True, reason="a lost motion of 1.3 deg, which no gear has, is answered payload_error of -0.1 g"
 )
 def test_a_lost_motion_beyond_belief_is_no_payload(tmp_path):
-    verdict, _ = lost_motion_of(tmp_path, bounded=False)
+    verdict, _ = lost_motion_of(tmp_path, bounded=False, seconds=12.0)
     assert {e["effect"] for e in verdict["verdict"]} <= {"backlash", "unknown"}
 
 
