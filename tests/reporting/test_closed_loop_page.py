@@ -173,9 +173,9 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     text = text_of(html)
     assert "The test runs confirm it: it removes 62 % (95 %: 55 to 70) of the residual variance at a." in text
     assert "The test runs refute it: it adds 12 % (95 %: 4 to 20) to the residual variance at b." in text
-    assert "Depends on qd_a and sign_qd_a." in text
-    assert "cannot be told from concave_viscous on these runs" in text
-    assert "Structure that no named effect explains. Depends on q_a and sign_qd_b." in text
+    assert "Depends on speed of a and direction of a." in text
+    assert "cannot be told from concave viscous on these runs" in text
+    assert "Structure that no named effect explains. Depends on position of a and direction of b." in text
     assert "8 heights of a spline −3 to 4" in text
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
     assert "80 % of the gap to the noise floor closed" in text
@@ -198,11 +198,11 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
     headings = ["Refuted by the test runs (1)", "Confirmed by the test runs (1)", "Not confirmed (1)"]
     places = [html.index(text) for text in (headings[0], "Stopped. ", *headings[1:])]
     assert places == sorted(places)
-    cards = re.findall(r'<div class="card (\w+)"><h3>(\w+): <span class="badge (\w+)">(\w+)<', html)
+    cards = re.findall(r'<div class="card (\w+)"><h3>(\w+): <span class="badge (\w+)">([\w ]+)<', html)
     assert cards == [
         ("bad", "b", "bad", "unknown"),
         ("good", "a", "good", "stribeck"),
-        ("unsure", "a", "unsure", "viscous_asymmetry"),
+        ("unsure", "a", "unsure", "viscous asymmetry"),
     ]
     said = "The test runs neither confirm nor refute it: it removes 0.4 % (95 %: −1.0 to 2.0)"
     assert said in text_of(html)
@@ -241,7 +241,7 @@ def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path
     assert "None: the declared model suffices" not in text
     said = "Nothing was named, and the declared model does not suffice: b is left unexplained."
     assert f'<div class="alarm">{said}</div>' in html
-    assert "0.8 N m RMS, depending on q_a and t" in text
+    assert "0.8 N m RMS, depending on position of a and time" in text
     loop = read_closed_loop(tmp_path)
     assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
     verdict["joints"]["b"]["depends_on"] = []

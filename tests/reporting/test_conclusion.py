@@ -1,3 +1,4 @@
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from wearscope.reporting.conclusion import (
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study_page import render_study
+from wearscope.reporting.trust import ask_moved
 
 
 @pytest.fixture
@@ -123,21 +125,20 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     arm = {"arm": ["URDF given; friction assumed"]}
     study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
     assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
-    assert "is not judged; ask wearscope run small --set 'direct.mismatch=" in study_strip(study).caveat
+    assert "is not judged; the page's Conclusion has the command." in study_strip(study).caveat
     row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     path = "effects.friction_wear_temperature.all.eta0 %"
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
-    caveat = study_strip(study).caveat
-    assert (
+    assert study_strip(study).caveat.endswith(
         "With Coulomb friction changed by +100 %, C has a signal-to-noise ratio of 4 instead of 9 "
-        "(a, axis 1). For half of it ask wearscope run small --set" in caveat
+        "(a, axis 1)."
     )
-    setting = yaml.safe_load(caveat.partition("direct.mismatch=")[2].rstrip("'."))
-    assert setting == {path: -50}
-    assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == setting
+    command = ask_moved(study)[0].striptags().partition("Ask ")[2].partition(" what moves")[0]
+    setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
+    assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == {path: 100}
     given = replace(study, sources={"arm": ["paper"]})
-    assert study_strip(given).answer.endswith("The robot's numbers are given.")
+    assert study_strip(given).answer.endswith("The robot's numbers are given.") and not ask_moved(given)
 
 
 def test_a_direct_value_that_disagrees_is_the_answer(told, found):

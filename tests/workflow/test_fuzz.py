@@ -150,7 +150,7 @@ def test_any_file_that_is_shown(count, kind, tmp_path):
     frame = pd.DataFrame({"a": [1.0, 2.0], "b": ["x", "\x1b[2J"]})
     good = {
         "csv": frame.to_csv().encode(), "json": frame.to_json().encode(), "parquet": frame.to_parquet(),
-        "png": (ROOT / "docs" / "figures" / "scope_w3.png").read_bytes()[:3000],
+        "png": (ROOT / "docs" / "figures" / "page_study.png").read_bytes()[:3000],
     }[kind]  # fmt: skip
 
     def attempt(content):

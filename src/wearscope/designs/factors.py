@@ -205,7 +205,7 @@ def level_table(factors: Sequence[Factor]) -> pd.DataFrame:
     -------
     DataFrame
         ``factor``, ``description``, ``unit``, ``level`` (-2..2), ``natural`` (identification),
-        ``validation_natural`` and ``validation_coded`` (what the level stands for in the validation design).
+        ``validation_natural`` and ``validation_coded`` (the level in the validation design).
     """
     rows = []
     for factor in factors:

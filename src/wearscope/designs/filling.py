@@ -149,7 +149,7 @@ def question_lines(
         worn = names.index(worn_factor(factors, axis))
         for k in range(points):
             if axis == axes[0] and k == 0:
-                continue  # z0 stands for it
+                continue  # z0 is it
             row = z0.copy()
             varied = names.index(questions[k % len(questions)])
             row[varied] = spread[k, varied]

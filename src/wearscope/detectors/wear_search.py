@@ -88,7 +88,7 @@ def _add_worn(law, nodes, wear, temperature, factor, curve):
         shape, state, next_state = law.shapes[m, : law.size[m]], np.zeros(states), np.zeros(states)
         for k in range(len(nodes)):
             one[0], direction[0] = nodes[k], np.sign(nodes[k])
-            # These effects see nothing but the axis: one joint stands for it.
+            # These effects see nothing but the axis: one joint represents it.
             row(
                 0,
                 0.0,

@@ -182,7 +182,7 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """What stands for the effect in a model file: its path, or its name in the vocabulary."""
+        """What a model file calls the effect: its path, or its name in the vocabulary."""
         return self.reference or self.name
 
     @property

@@ -36,7 +36,7 @@ class Signals:
     bandwidth : float
         Frequency [Hz] above which the signals are not used.
     factor : int
-        How many of the recording's samples one of these stands for.
+        How many of the recording's samples one of these represents.
     transmitted : ndarray (N, n) or None
         Torque through each gear, where more is known of it than `load`.
     lag : ndarray (n,) or None

@@ -13,7 +13,7 @@ from wearscope.robots.urdf_file import OPEN_LIMIT, Link, Tree, parse_urdf
 
 #: Body and link that the declared payload is.
 PAYLOAD = "payload"
-#: Inertia that stands for a point mass, which formats refuse [kg m^2].
+#: Inertia given to a point mass, as formats refuse zero [kg m^2].
 _LEAST = 1e-9
 
 

@@ -176,6 +176,19 @@ _SIGNAL_NAMES = {
 }
 
 
+def name_signal(name: str) -> str:
+    """A signal of a verdict in words.
+
+    >>> name_signal("qd_axis_2"), name_signal("sign_qd_axis_2"), name_signal("t")
+    ('speed of axis_2', 'direction of axis_2', 'time')
+    """
+    signal = name.removeprefix("sign_")
+    code, _, joint = signal.partition("_")
+    if code not in _SIGNAL_NAMES or not joint:
+        return "time" if name == "t" else name
+    return f"{'direction' if signal != name else _SIGNAL_NAMES[code][0]} of {joint}"
+
+
 def signal_label(loop: ClosedLoop, signal: str) -> str:
     """Name and unit of a signal, for an axis."""
     if signal == "t":

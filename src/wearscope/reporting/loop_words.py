@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wearscope.effects.vocabulary import list_effects
-from wearscope.reporting.closed_loop import gap_closed, number
+from wearscope.reporting.closed_loop import gap_closed, name_signal, number
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words, words
 from wearscope.reporting.page import format_number
 
@@ -193,7 +193,7 @@ def tell_left(one: Verdict) -> str:
     share = number(one.get("left_percent"))
     told = f"{share:.2g} % of the torque" if np.isfinite(share) else ""
     if one["state"] == "unexplained":
-        on = one["depends_on"]
+        on = [*map(name_signal, one["depends_on"])]
         depends = f"depending on {join_words(on)}" if on else "on what it depends is not known"
         size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS, {depends}"
         told = f"{size}; in all {told}" if told else size

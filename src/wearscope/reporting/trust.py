@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from wearscope.reporting.labels import count_text, factor_name, join_words, words
 from wearscope.reporting.page import format_number, interval_text
@@ -172,19 +173,23 @@ def tell_moved(study: Study, detector: str) -> str:
     table = study.mismatch
     rows = table[table["fda"] == detector] if table is not None else None
     if rows is None or rows.empty:
-        return f"Whether it moves if friction is doubled is not judged; ask {_ask(study, 100)}."
+        return "Whether it moves if friction is doubled is not judged; the page's Conclusion has the command."
     row = next(rows.itertuples())
-    doubled = study.config["direct"]["mismatch"].get(_COULOMB) == 100
     return (
         f"With {tell_mismatch(study)}, {detector} has a signal-to-noise ratio of "
         f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)} "
-        f"({words(row.cycle)}, axis {row.axis})." + f" For half of it ask {_ask(study, -50)}." * doubled
+        f"({words(row.cycle)}, axis {row.axis})."
     )
 
 
-def _ask(study: Study, percent: int) -> str:
-    """Command that asks the direct question of a robot whose Coulomb friction differs."""
-    return f"wearscope run {study.config['study']} --set 'direct.mismatch={{\"{_COULOMB}\": {percent}}}'"
+def ask_moved(study: Study) -> list[Markup]:
+    """Commands that ask what half or double the friction changes, where it is assumed; [] else."""
+    if not assumed_robots(study):
+        return []
+    setting = f'direct.mismatch={{"{_COULOMB}": SHARE}}'
+    command = f"wearscope run {study.config['study']} --set '{setting}'"
+    text = "Friction is assumed. Ask {} what moves, with 100 for double, −50 for half."
+    return [Markup(text).format(Markup("<code>{}</code>").format(command.replace("SHARE", "100")))]
 
 
 def contradicted(study: Study, detector: str) -> str:

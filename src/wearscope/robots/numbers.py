@@ -165,7 +165,7 @@ def _set_field(
 
 
 def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], number: Number) -> Any:
-    """What stands for a field that the model does not state."""
+    """Value of a field that the model does not state."""
     if key in ZERO_WHERE_UNKNOWN and not number.relative:
         return [0.0] * model.n
     if section == "drive" and not place and not number.relative:

@@ -180,7 +180,7 @@ def _rank(words: Sequence[str]) -> int:
 
 
 def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str) -> Group:
-    """Columns of a pattern in which ``*`` stands for the joint's name or number.
+    """Columns of a pattern in which ``*`` is the joint's name or number.
 
     Raises
     ------

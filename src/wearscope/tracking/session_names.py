@@ -40,7 +40,7 @@ class Sessions:
 
 
 def read_moment(session: str) -> datetime | None:
-    """Date and time that a session's ISO 8601 label stands for; None for any other label."""
+    """Date and time of a session's ISO 8601 label; None for any other label."""
     try:
         moment = datetime.fromisoformat(session)
     except ValueError:

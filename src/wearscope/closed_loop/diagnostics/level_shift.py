@@ -2,7 +2,7 @@
 
 Noise with a memory wanders, and the best placed step holds much of it. A shift is told by its one moment:
 with the residual made white by an autoregression, a step is a lone pulse, which wandering does not have (Tsay
-1988, Journal of Forecasting 7: level shifts in time series). A line that bends stands for what drifts.
+1988, Journal of Forecasting 7: level shifts in time series). A line that bends models what drifts.
 """
 
 from dataclasses import dataclass

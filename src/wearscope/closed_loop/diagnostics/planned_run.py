@@ -15,7 +15,7 @@ from wearscope.robots.dynamics import Payload, RigidBody
 
 #: A joint counts as at rest below this share of its highest recorded speed.
 _REST = 0.01
-#: File that stands for a planned run.
+#: File that a planned run is given.
 PLANNED = "planned"
 
 

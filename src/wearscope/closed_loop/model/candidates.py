@@ -26,7 +26,7 @@ class Candidate:
     effect : Effect
     joint : int
     shapes : tuple of tuple of float
-        Shape of the model term that each alternative stands for.
+        Shape of the model term of each alternative.
     joints : tuple of int
         Joints at which the effect is felt.
     rows : sequence of ndarray (M, S*m)

@@ -129,7 +129,7 @@ class Evidence:
 
     @property
     def term(self) -> ModelTerm:
-        """Model term that it stands for."""
+        """Model term that it represents."""
         return self.chosen.candidate.term(0, self.chosen.subset)
 
     @property

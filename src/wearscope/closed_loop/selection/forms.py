@@ -16,7 +16,7 @@ from wearscope.effects.base import Effect
 from wearscope.effects.unknown import COARSE, MODULATORS, SIGNALS
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Signals that the direction of motion stands for.
+#: Signals that the direction of motion represents.
 _DIRECTION = ("sign_qd", "reversal")
 
 

@@ -168,7 +168,7 @@ def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept:
 def restore_standard(search: Search, found: list[Found], joints: Collection[int]) -> list[Found]:
     """The terms found, with standard ones of joints that were dropped while what hid them had no term yet.
 
-    They are asked as they were at first, and come before what is built on them or stands for them.
+    They are asked as they were at first, and come before what is built on them or represents them.
     """
     for joint in sorted(joints):
         beside = search.assemble(found, standard=True)

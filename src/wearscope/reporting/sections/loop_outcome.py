@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.reporting.closed_loop import ClosedLoop, number
+from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
 from wearscope.reporting.labels import UNKNOWN, join_words, unit_text, words
 from wearscope.reporting.loop_words import (
     PROMISED,
@@ -95,9 +95,9 @@ def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
     if entry["effect"] == UNKNOWN:
         lines.append("Structure that no named effect explains.")
     if entry["depends_on"]:
-        lines.append(f"Depends on {join_words(entry['depends_on'])}.")
-    names = {"joint": entry["joint"], "effect": entry["effect"]}
-    return names | {"lines": lines, "equivalent": join_words(entry["equivalent"], "or")}
+        lines.append(f"Depends on {join_words([*map(name_signal, entry['depends_on'])])}.")
+    names = {"joint": entry["joint"], "effect": words(entry["effect"])}
+    return names | {"lines": lines, "equivalent": words(join_words(entry["equivalent"], "or"))}
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:

@@ -35,7 +35,7 @@ class Summary(StudySection):
         alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
         alarms += [] if study.failures.empty else [trust.failed_points(study)]
         return {
-            "qualifiers": say(qualify(study, first)) if first else [],
+            "qualifiers": [*(say(qualify(study, first)) if first else []), *trust.ask_moved(study)],
             "alarms": say(alarms),
             "cards": [(title, say(said[:MOST]), link, more) for title, said, link, more in cards],
             "robots": self._robots(),
