@@ -179,7 +179,7 @@ def test_gear_ratio_names_the_remedy(tmp_path):
 def test_gravity_must_be_that_of_the_recording(tmp_path):
     folder = swing(tmp_path / "p", 1.0)
     change_fields(folder, lambda d: d["robot"].update(gravity=[0, 0, 9.81]))
-    refuse(folder, "gravity acts opposite to robot.gravity")
+    refuse(folder, r"gravity acts along \[0, 0, -9.81\] in the base frame")
     change_fields(folder, lambda d: d["robot"].update(gravity=[0, 0, -1.0]))
     refuse(folder, r"gravity is not 1 m/s\^2 strong")
 
@@ -191,6 +191,22 @@ def test_limits_of_the_urdf_tell_degrees(tmp_path):
     check(folder)
     change_runs(folder, scale("q_pivot", 180 / np.pi), use="test")
     refuse(folder, r"2\.parquet: column 'q_pivot' reaches \d+, where the URDF's limits are -2\.9 to 2\.9 rad")
+
+
+@pytest.mark.parametrize("count", [2.0, 6.0])
+def test_a_coarse_torque_is_not_frozen(tmp_path, count):
+    folder = swing(tmp_path / "p", 0.3, friction=3.0)
+    change_runs(folder, lambda table: table.assign(tau_pivot=count * np.round(table["tau_pivot"] / count)))
+    assert not [note for note in check(folder).notes if "does not change" in note]
+
+
+def test_a_run_with_the_drive_off_does_not_spoil_the_others(tmp_path):
+    folder = swing(tmp_path / "p", 0.5, runs=4)
+    change_runs(
+        folder, lambda table: table.assign(tau_pivot=0.01 * np.round(table.index % 7 == 0)), "train", True
+    )
+    prepared = check(folder)
+    assert not prepared.runs[0].keep.any() and prepared.runs[1].keep.mean() > 0.8
 
 
 def test_a_lag_may_be_declared(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -332,6 +333,93 @@ def test_radians_stated_as_degrees_are_noted(tmp_path, truth):
     columns |= {f"tau_{j}": tau[:, k] for k, j in enumerate(JOINTS)}
     path = tmp_path / "monday.csv"
     pd.DataFrame(columns).to_csv(path, index=False)
-    told = "read as degrees, as stated, though none exceeds"
-    assert any(told in note for note in convert(path, position_unit="deg").notes)
-    assert not any(told in note for note in convert(path, position_unit="rad").notes)
+    told = "read as deg, as stated, though none exceeds"
+    assert any(told in note for note in convert(path, position_units=["deg"]).notes)
+    assert not any(told in note for note in convert(path, position_units=["rad"]).notes)
+
+
+MIXED = """<robot name="m"><link name="a"/><link name="b"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="c"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="no" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+<joint name="2" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="0.4" effort="9" velocity="9"/></joint></robot>"""
+
+
+def mixed(folder, names, *factors, whole=False, **mapped):
+    """Recording of a joint that turns and one that slides, as it is and as it is read."""
+    (folder / "m.urdf").write_text(MIXED)
+    t = np.arange(1500) / 100.0
+    q = np.column_stack([0.9 * np.sin(t), 0.2 + 0.1 * np.cos(2.0 * t)])
+    kept = q * factors
+    if whole:
+        kept = np.mod(np.round(kept), 4096.0)
+    table = dict(zip(["time", *names, "tau_1", "tau_2"], np.column_stack([t, kept, q]).T, strict=True))
+    pd.DataFrame(table).to_csv(folder / "a.csv", index=False)
+    made = convert_recordings([folder / "a.csv"], folder / "m.urdf", Mapped(**mapped))
+    frame = made.runs[0].frame
+    return q[: len(frame)], frame[["q_no", "q_2"]].to_numpy(), made
+
+
+@pytest.mark.parametrize(
+    ("names", "factors", "stated"),
+    [
+        (("pos_1_deg", "pos_2_mm"), (57.29578, 1e3), ()),
+        (("pos_1", "pos_2"), (1.0, 1e3), ("rad", "mm")),
+        (("pos_1", "pos_2"), (57.29578, 1e3), ()),
+        (("pos_1", "pos_2"), (57.29578, 1.0), ("deg",)),
+        (("pos_1", "pos_2"), (1.0, 1e3), ("mm",)),
+    ],
+)
+def test_a_slides_unit_is_not_that_of_a_joint_that_turns(tmp_path, names, factors, stated):
+    q, read, _ = mixed(tmp_path, names, *factors, position_units=stated)
+    np.testing.assert_allclose(read, q, rtol=1e-6, atol=1e-9)
+
+
+def test_counters_that_begin_again_are_unwrapped(tmp_path):
+    turns, metre = 60_000.0, 90_000.0
+    with pytest.raises(
+        InputError, match=r"whole numbers of up to 409\d, as counts .* give --counts-per-turn"
+    ):
+        mixed(tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True)
+    counts = {"counts_per_turn": [turns, metre]}
+    q, read, _ = mixed(tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True, **counts)
+    np.testing.assert_allclose(read - read[0], q - q[0], atol=1.1e-4)
+
+
+def test_names_that_yaml_takes_for_something_else(tmp_path):
+    _, _, made = mixed(tmp_path, ("pos_1", "pos_2"), 1.0, 1.0)
+    mapped = Mapped(gravity=[0.0, -9.81, 0.0], readings={"": "motor", "2": "none"})
+    (tmp_path / "off").mkdir()
+    write_dataset(tmp_path / "off", "off", tmp_path / "m.urdf", made, mapped)
+    fields = yaml.safe_load((tmp_path / "off" / "dataset.yaml").read_text())
+    assert fields["name"] == "off" and fields["robot"]["joints"] == ["no", "2"]
+    assert fields["robot"]["gravity"] == [0.0, -9.81, 0.0] and fields["torque"] == {
+        "no": "motor",
+        "2": "none",
+    }
+
+
+def test_a_count_of_rows_is_no_clock():
+    counts = pd.Series(np.arange(500))
+    with pytest.raises(InputError, match=r"counts the rows.*give --rate"):
+        to_seconds(counts, "f: column 'sample'", name="sample")
+    for name in ("time", "t_ms"):
+        assert find_rate(to_seconds(counts, "f", name=name)[0]) == 1000.0
+    assert find_rate(to_seconds(100 * counts, "f", name="time_us")[0]) == 10_000.0
+
+
+@pytest.mark.parametrize(("option", "factor"), [((), 1.0), ((0.001,), 0.001)])
+def test_torques_in_another_unit_take_its_size(truth, tmp_path, option, factor):
+    table(truth, "t", "q{}", "tau{}", tau=1.0 / factor).to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv", torque_constant=option), truth)
+
+
+def test_velocities_may_be_left_out(truth, tmp_path):
+    frame = table(truth, "t", "q{}", "tau{}")
+    frame[[f"qd{k + 1}" for k in range(6)]] = 100.0 * truth[2]
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    assert "qd_axis_1" in whole(convert(tmp_path / "log.csv"))
+    assert "qd_axis_1" not in whole(convert(tmp_path / "log.csv", patterns={"velocity": "none"}))

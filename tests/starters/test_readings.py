@@ -124,6 +124,24 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
+@pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), (3, -0.7854), (3, 3.14159)])
+def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path, n, angle):
+    """The recordings are of a chain that hangs; the URDF has its base turned about its y."""
+    bench = Bench(tmp_path, n, 2.0)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 2.0, 0.3) + rub(v, 0.2, 0.3) + rng.normal(0, 0.02, q.shape)
+    )
+    turned = '<link name="w"/><joint name="m" type="fixed"><parent link="w"/><child link="base"/>'
+    turned += f'<origin rpy="0 {angle} 0"/></joint></robot>'
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace("</robot>", turned))
+    said = re.search(r"give --gravity (\S+?);", bench.refuse())
+    assert said is not None
+    want = 9.81 * np.array([-np.sin(angle), 0.0, -np.cos(angle)])
+    np.testing.assert_allclose([float(one) for one in said[1].split(",")], want, atol=0.3)
+    bench.accept("--gravity", said[1])
+
+
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
     bench = Bench(tmp_path, 2, 4.0)
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 4.0, 0.3, gravity=0.0) + rng.normal(0, 0.02, q.shape))

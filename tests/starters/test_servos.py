@@ -77,7 +77,7 @@ def test_goals_have_the_unit_of_the_positions(tmp_path):
     given = table()
     given[["position", "goal_position"]] *= 180.0 / np.pi
     given.to_csv(tmp_path / "run.csv", index=False)
-    mapped = Mapped(servo=read_servo_option("mx64,gain=3"), position_unit="deg")
+    mapped = Mapped(servo=read_servo_option("mx64,gain=3"), position_units=["deg"])
     converted = convert_recordings([tmp_path / "run.csv"], write_urdf(tmp_path, ["arm"]), mapped)
     np.testing.assert_allclose(converted.runs[0].frame["goal_arm"], table()["goal_position"][:700])
 
@@ -157,7 +157,7 @@ def write_lerobot(folder, with_effort=True, layout="v3.0"):
 def test_lerobot_episodes_become_runs(layout, tmp_path):
     state, effort, _ = write_lerobot(tmp_path / "set", layout=layout)
     converted = convert_recordings(
-        [tmp_path / "set"], write_urdf(tmp_path, JOINTS), Mapped(position_unit="rad")
+        [tmp_path / "set"], write_urdf(tmp_path, JOINTS), Mapped(position_units=["rad"])
     )
     assert [(run.name, run.use) for run in converted.runs] == [
         ("episode_000000", "train"),
@@ -175,7 +175,7 @@ def test_lerobot_without_effort_needs_a_servo(tmp_path):
     urdf = write_urdf(tmp_path, JOINTS)
     with pytest.raises(InputError, match=r"holds no effort, torque or current .* give the servo's law"):
         convert_recordings([tmp_path / "set"], urdf, Mapped())
-    mapped = Mapped(servo=read_servo_option("mx64,gain=2,volts=12"), position_unit="rad")
+    mapped = Mapped(servo=read_servo_option("mx64,gain=2,volts=12"), position_units=["rad"])
     converted = convert_recordings([tmp_path / "set"], urdf, mapped)
     np.testing.assert_array_equal(converted.runs[1].frame["goal_elbow"], goal[1, :, 1])
 

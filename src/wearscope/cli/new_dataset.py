@@ -9,9 +9,12 @@ import yaml
 from wearscope.cli.new_robot import Numbers
 from wearscope.errors import InputError
 
+READINGS = ("motor", "link", "without_gravity", "none")
+
 
 def _pattern(kind: str):  # type: ignore[no-untyped-def]
-    text = f"Columns of the {kind}, '*' for the joint's name or number."
+    left_out = ", or 'none'" if kind in ("velocity", "temperature") else ""
+    text = f"Columns of the {kind}, '*' for the joint's name or number{left_out}."
     return click.option(f"--{kind}", metavar="'NAME_*'", help=text)
 
 
@@ -45,7 +48,18 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
     "--rate", type=click.FloatRange(min=0.0, min_open=True), help="Samples a second, where there is no clock."
 )
 @click.option(
-    "--position-unit", type=click.Choice(["rad", "deg", "m", "mm"]), help="Told by name or size if left out."
+    "--position-unit",
+    "position_units",
+    multiple=True,
+    type=click.Choice(["rad", "deg", "m", "mm"]),
+    help="Told by name or size if left out; twice where joints turn and slide.",
+)
+@click.option(
+    "--counts-per-turn",
+    type=Numbers(),
+    default=(),
+    metavar="X,X,...",
+    help="Positions are counts: in a turn, or in a metre where a joint slides.",
 )
 @click.option(
     "--side", type=click.Choice(["joint", "motor"]), default="joint", show_default=True, help="Of positions."
@@ -65,12 +79,14 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
     type=Numbers(),
     default=(),
     metavar="X,X,...",
-    help="N m/A, to have torque of current.",
+    help="N m/A of currents, or N m by unit of the torque columns.",
 )
 @click.option("--turn", "turned", default="", metavar="A,B,...",
               help="Columns of the data set (q_JOINT, tau_JOINT) that are turned round.")  # fmt: skip
-@click.option("--reading", type=click.Choice(["motor", "link", "without_gravity"]),
-              help="What the torques are.")  # fmt: skip
+@click.option("--reading", "readings", multiple=True, metavar="[JOINT=]READING",
+              help="What the torques are: motor, link, without_gravity or none.")  # fmt: skip
+@click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
+              help="In the base frame [m/s^2]; 0,0,-9.81 if left out.")  # fmt: skip
 @click.option("--session", "sessions", multiple=True, metavar="FILE=LABEL", help="Session of a recording.")
 @click.option("--payload-of", "payloads", multiple=True, metavar="FILE=KG[,X,Y,Z]",
               help="Payload of one recording, and its centre.")  # fmt: skip
@@ -125,6 +141,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             file: Numbers().convert(one, None, None)
             for file, one in _by_file("payload-of", stated.pop("payloads"), recordings).items()
         },
+        readings=_read_readings(stated.pop("readings")),
         servo=None if servo is None else read_servo_option(servo),
         **stated,
     )
@@ -149,6 +166,17 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
+def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
+    """Readings by joint; that of all joints under an empty name."""
+    found = {}
+    for entry in entries:
+        joint, _, reading = entry.rpartition("=")
+        if reading not in READINGS:
+            raise InputError(f"--reading {entry}: is no reading; give one of {', '.join(READINGS)}.")
+        found[joint] = reading
+    return found
+
+
 def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]) -> dict[str, str]:
     """Values of an option that is given as FILE=VALUE, by the file's name."""
     found = {}
@@ -167,8 +195,20 @@ def _name_option(problem: str) -> str:
         problem = problem.replace(turn[0], f"give --turn {turn[1].replace(' ', '')}")
     problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
 
+    problem = re.sub(r'write "gravity: \[(.*?)\]" below robot in dataset.yaml', _give_gravity, problem)
+    problem = problem.replace("or leave the column out", "or leave it out with --velocity none")
+    unit = "give torque on the joint side of the gear in N m (or N)"
+    problem = problem.replace(unit, f"{unit}, by --torque-constant or --torque-side motor")
+    joint = re.search(r"'tau_(\S+)'", problem)
+    if joint is not None:
+        problem = problem.replace("leave the joint out", f"leave it out with --reading {joint[1]}=none")
+
     def give(match: re.Match[str]) -> str:
         codes = yaml.safe_load(f"[{match[2]}]")
         return "give " + " ".join(f"--accept '{code}'" for code in codes)
 
     return re.sub(r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml', give, problem)
+
+
+def _give_gravity(match: re.Match[str]) -> str:
+    return f"give --gravity {match[1].replace(' ', '')}"

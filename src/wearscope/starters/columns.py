@@ -5,7 +5,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from wearscope.errors import InputError
+from wearscope.robots.spatial import Array
 
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
@@ -40,6 +43,7 @@ _UNITS_OF = {
     "current": {"ma", "a"},
     "temperature": set(),
 }
+_SUFFIX = re.compile(r"_([A-Za-z]+)$")
 
 
 @dataclass(frozen=True)
@@ -52,18 +56,20 @@ class Group:
         Of `KINDS`.
     columns : tuple of str
         In the joints' order.
-    unit : str
-        As the names say it; empty where they do not.
     """
 
     kind: str
     columns: tuple[str, ...]
-    unit: str = ""
 
     @property
-    def factor(self) -> float:
-        """Factor to rad, m, rad/s, N m, N or A; 1 where the names have no unit."""
-        return _FACTORS.get(self.unit, 1.0)
+    def units(self) -> list[str]:
+        """Units that the names say, each once."""
+        return [unit for unit in dict.fromkeys(find_unit(one, self.kind) for one in self.columns) if unit]
+
+    @property
+    def factors(self) -> Array:
+        """Factors (n,) to rad, m, rad/s, N m, N or A; 1 where a name has no unit."""
+        return np.array([_FACTORS.get(find_unit(one, self.kind), 1.0) for one in self.columns])
 
 
 def split_name(name: str) -> list[str]:
@@ -73,9 +79,11 @@ def split_name(name: str) -> list[str]:
 
 
 def find_unit(name: str, kind: str) -> str:
-    """Unit that a column's name ends with or has in brackets; empty where it has none."""
+    """Unit that a column's name ends with, or has in brackets or as a word; empty where it has none."""
     bracketed = re.findall(r"[\[(]([^\])]*)[\])]", name)
-    for text in [*bracketed, *re.findall(r"_([A-Za-z]+)$", name)]:
+    # Single letters within a name are more often a joint's or an axis's.
+    inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
+    for text in [*bracketed, *_SUFFIX.findall(name), *inner]:
         word = re.sub(r"[^a-z]", "", text.lower().split("/")[0])
         if word in _UNITS_OF.get(kind, set()):
             return word
@@ -84,7 +92,8 @@ def find_unit(name: str, kind: str) -> str:
 
 def _without_unit(name: str, kind: str) -> str:
     name = re.sub(r"[\[(][^\])\d]*[\])]", " ", name)
-    return re.sub(r"_([A-Za-z]+)$", " ", name) if find_unit(name, kind) else name
+    suffix = _SUFFIX.findall(name)
+    return _SUFFIX.sub(" ", name) if suffix and suffix[0].lower() in _UNITS_OF.get(kind, set()) else name
 
 
 def tell_kind(words: Sequence[str]) -> str | None:
@@ -160,7 +169,7 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen]))
-    return [Group(kind, chosen, find_unit(chosen[0], kind)) for chosen in ranked]
+    return [Group(kind, chosen) for chosen in ranked]
 
 
 def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
@@ -189,14 +198,14 @@ def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], k
     """
     if "*" not in pattern:
         if len(joints) == 1 and pattern in columns:
-            return Group(kind, (pattern,), find_unit(pattern, kind))
+            return Group(kind, (pattern,))
         raise InputError(
             f"--{kind} {pattern}: has no '*' for the joint's name or number; write e.g. 'actual_q_*'."
         )
     for parts in (joints, [str(k) for k in range(len(joints))], [str(k + 1) for k in range(len(joints))]):
         chosen = tuple(pattern.replace("*", part) for part in parts)
         if all(one in columns for one in chosen):
-            return Group(kind, chosen, find_unit(pattern, kind))
+            return Group(kind, chosen)
     literal = pattern.replace("[", "[[]")
     near = [column for column in columns if fnmatch.fnmatchcase(column, literal)]
     told = f"it fits {', '.join(near[:8])}" if near else f"the columns are {', '.join(columns[:30])}"
@@ -219,6 +228,11 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
     exact = [c for c, w in words.items() if w and w[0] in _TIME and len(w) <= 2]
     loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
     return tuple([*exact, *loose][:1])
+
+
+def says_time(name: str) -> bool:
+    """Whether a column's name has a word of time."""
+    return bool(set(split_name(name)) & _TIME)
 
 
 def is_commanded(group: Group) -> bool:

@@ -18,7 +18,7 @@ from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
-from wearscope.starters.units import choose_unit, position_unit, read_torque, take_ratios
+from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
 from wearscope.starters.uses import Recorded, choose_uses, find_common_rate
 
 
@@ -76,7 +76,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     read = list(open_recordings(files, mapped.topic, mapped.servo is not None))
     if not mapped.joints and "position" not in mapped.patterns:
         _propose_joints(urdf, joints, read)
-    mapped = replace(mapped, position_unit=choose_unit(read, ordered, mapped))
+    mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
     for file, frame, told in read:
         opened.append(file)
         run, rate = _convert(file, frame, ordered, mapped, told)
@@ -151,13 +151,15 @@ def _convert(
     gear = take_option("gear-ratio", mapped.gear_ratio, len(joints), -np.inf)
     unit = position_unit(file, groups["position"], values["position"], ordered, mapped, notes)
     ratio = take_ratios(gear, "--side motor", len(joints)) if mapped.side == "motor" else np.ones(len(joints))
-    speed = unit if "velocity" not in groups or not groups["velocity"].unit else groups["velocity"].factor
+    speed = groups["velocity"].factors if "velocity" in groups and groups["velocity"].units else unit
+    if mapped.counts_per_turn:
+        values |= {kind: unwrap_counts(values[kind]) for kind in ("position", "goal") if kind in values}
     for kind, prefix, factor in (("position", "q", unit / ratio), ("velocity", "qd", speed / ratio)):
         if kind in values:
             columns |= {
                 f"{prefix}_{name}": one for name, one in zip(joints, (values[kind] * factor).T, strict=True)
             }
-    values |= {kind: values[kind] * groups[kind].factor for kind in ("torque", "current") if kind in values}
+    values |= {kind: values[kind] * groups[kind].factors for kind in ("torque", "current") if kind in values}
     if "goal" in values:
         values["goal"] = values["goal"] * unit / ratio
     if mapped.servo is None:
@@ -189,7 +191,7 @@ def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]
         seconds, rest = (pd.to_numeric(frame[name], errors="coerce") for name in names)
         t, told = to_seconds((seconds - seconds.min()) * 1e9 + rest, where, "ns")
     else:
-        t, told = to_seconds(frame[names[0]], where, mapped.time_unit)
+        t, told = to_seconds(frame[names[0]], where, mapped.time_unit, names[0])
     rows, kept, more = order_rows(t, where)
     notes += [one.replace(str(file), file.name) for one in [*told, *more]]
     if len(rows) < 2:

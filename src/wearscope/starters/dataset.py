@@ -4,6 +4,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import yaml
+
 from wearscope import tables
 from wearscope.files import copy_file
 from wearscope.starters.conversion import Converted
@@ -50,7 +52,7 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     n = len(converted.joints)
     lines = ["# Made by 'wearscope new dataset'. What was guessed:"]
     lines += [f"#   {note}" for note in converted.notes]
-    lines += [f"name: {name}", "robot:", "  urdf: robot.urdf", f"  joints: [{', '.join(converted.joints)}]"]
+    lines += [f"name: {_quote(name)}", "robot:", "  urdf: robot.urdf", f"  joints: {_list(converted.joints)}"]
     told = "assumed: refitted where the runs determine them; trusted keeps the URDF's"
     lines.append(
         f"  inertials: {mapped.inertials} # {told if mapped.inertials == 'approximate' else 'given'}"
@@ -58,6 +60,8 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     if mapped.gear_ratio:
         values = list(mapped.gear_ratio) * (n if len(mapped.gear_ratio) == 1 else 1)
         lines.append(f"  gear_ratio: [{', '.join(f'{one:g}' for one in values)}]")
+    if mapped.gravity:
+        lines.append(f"  gravity: [{', '.join(f'{one:g}' for one in mapped.gravity)}]")
     lines.append(f"sample_rate: {converted.rate:g}")
     if mapped.servo is not None:
         constants = mapped.servo.model_dump(exclude_none=True, exclude_defaults=True)
@@ -70,18 +74,32 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
         )
         q, tau = (f"[{', '.join(one)}]" for one in kinds) if mixed else ("m", "N")
         lines.append(f"units: {{q: {q}, tau: {tau}}}")
-    lines.append(f"declared_effects: [{', '.join(mapped.declared)}] # what the model has to begin with")
-    if mapped.reading is not None:
-        lines.append(f"torque: {mapped.reading}")
+    lines.append(f"declared_effects: {_list(mapped.declared)} # what the model has to begin with")
+    if mapped.readings:
+        common = mapped.readings.get("", "motor")
+        every = {joint: mapped.readings.get(joint, common) for joint in converted.joints}
+        parts = ", ".join(f"{_quote(joint)}: {reading}" for joint, reading in every.items())
+        told = next(iter(every.values())) if len(set(every.values())) == 1 else f"{{{parts}}}"
+        lines.append(f"torque: {told}")
     if mapped.turned:
-        lines.append(f"turned: [{', '.join(mapped.turned)}]")
+        lines.append(f"turned: {_list(mapped.turned)}")
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {one}" for one in mapped.accept]
     lines.append("runs:")
-    common = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
-    lines += [_describe_run(run, mapped, common) for run in converted.runs]
+    payload = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
+    lines += [_describe_run(run, mapped, payload) for run in converted.runs]
     return "\n".join(lines) + "\n"
+
+
+def _quote(text: str) -> str:
+    """A name as YAML reads it back."""
+    plain = not set(text) & set("[]{},:#&*!|>'\"%@`") and yaml.safe_load(text) == text
+    return text if plain else json.dumps(text)
+
+
+def _list(names: Sequence[str]) -> str:
+    return f"[{', '.join(map(_quote, names))}]"
 
 
 def _describe_run(run: Recorded, mapped: Mapped, common: Sequence[float] | None) -> str:

@@ -8,6 +8,9 @@ from wearscope.starters.columns import KINDS, Group, find_groups, is_commanded, 
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.servos import choose_servo_groups
 
+#: Pattern of a kind whose columns are left out.
+NONE = "none"
+
 
 def choose_groups(
     file: Path, columns: Sequence[str], joints: Sequence[str], mapped: Mapped
@@ -21,6 +24,8 @@ def choose_groups(
     """
     groups: dict[str, Group] = {}
     for kind in KINDS:
+        if mapped.patterns.get(kind) == NONE:
+            continue
         if kind in mapped.patterns:
             groups[kind] = match_pattern(mapped.patterns[kind], columns, joints, kind)
             continue
@@ -37,7 +42,7 @@ def choose_groups(
         groups.pop("torque", None)
         groups.pop("current", None)
         return groups | choose_servo_groups(file, columns, joints, mapped.servo, mapped.patterns)
-    if "current" in mapped.patterns:
+    if mapped.patterns.get("current", NONE) != NONE:
         groups.pop("torque", None)
     if "torque" in groups:
         groups.pop("current", None)

@@ -21,12 +21,14 @@ class Mapped:
     time, time_unit, topic : str or None
     rate : float or None
         [Hz]; from the clock where left out.
-    position_unit : str or None
-        ``rad``, ``deg``, ``m`` or ``mm``.
+    position_units : sequence of str
+        ``rad`` or ``deg`` of joints that turn, ``m`` or ``mm`` of those that slide.
+    counts_per_turn : sequence of float
+        Counts of the encoders in a turn, or in a metre where a joint slides.
     side, torque_side : str
         ``joint`` or ``motor``: where positions, and torques, are measured.
     gear_ratio, torque_constant : sequence of float
-        Motor turns per joint turn; N m/A of the motor, at its shaft.
+        Motor turns per joint turn; N m by ampere, or by unit of the torque columns.
     declared, accept, test : sequence of str
         Effects; refusals that are overruled; recordings that are only scored.
     inertials : str
@@ -38,8 +40,10 @@ class Mapped:
         Whose law gives the torque.
     turned : sequence of str
         Columns of the data set that are turned round.
-    reading : str or None
-        What the torques are, as `torque` in dataset.yaml has it.
+    readings : mapping of str to str
+        What the torques are, by joint, as `torque` in dataset.yaml has it; under an empty name for all.
+    gravity : sequence of float
+        In the base frame [m/s^2]; of a robot that stands upright where empty.
     sessions : mapping of str to str
         Label of a recording's session, by file name.
     payloads : mapping of str to sequence of float
@@ -52,7 +56,8 @@ class Mapped:
     time_unit: str | None = None
     topic: str | None = None
     rate: float | None = None
-    position_unit: str | None = None
+    position_units: Sequence[str] = ()
+    counts_per_turn: Sequence[float] = ()
     side: str = "joint"
     torque_side: str = "joint"
     gear_ratio: Sequence[float] = ()
@@ -65,6 +70,7 @@ class Mapped:
     payload_com: Sequence[float] = (0.0, 0.0, 0.0)
     servo: ServoFields | None = None
     turned: Sequence[str] = ()
-    reading: str | None = None
+    readings: Mapping[str, str] = field(default_factory=dict)
+    gravity: Sequence[float] = ()
     sessions: Mapping[str, str] = field(default_factory=dict)
     payloads: Mapping[str, Sequence[float]] = field(default_factory=dict)

@@ -82,7 +82,7 @@ def choose_servo_groups(
         found = find_groups(columns, joints, "position" if kind == "goal" else kind)
         found = [one for one in found if is_commanded(one) == (kind == "goal")]
         if found:
-            groups[kind] = Group(kind, found[0].columns, found[0].unit)
+            groups[kind] = Group(kind, found[0].columns)
         elif kind in COLUMNS[servo.law]:
             raise InputError(
                 f"{file}: servo law {servo.law} needs the {kind} of each of {', '.join(joints)}; name its "

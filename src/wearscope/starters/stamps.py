@@ -5,9 +5,17 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
+from wearscope.starters.columns import says_time, split_name
 
 #: Seconds in units that recorders write.
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: What else a column's name calls them.
+_NAMES = {
+    "s": {"sec", "secs", "seconds"},
+    "ms": {"msec", "msecs", "millis", "milliseconds"},
+    "us": {"usec", "usecs", "micros", "microseconds", "µs"},
+    "ns": {"nsec", "nsecs", "nanosec", "nanos", "nanoseconds"},
+}
 #: Sampling rates of robots [Hz]: a unit that gives another is not the clock's.
 _SLOWEST, _FASTEST = 5.0, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
@@ -15,7 +23,9 @@ _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6
 
 
-def to_seconds(stamps: pd.Series, where: str, unit: str | None = None) -> tuple[Array, list[str]]:
+def to_seconds(
+    stamps: pd.Series, where: str, unit: str | None = None, name: str = "t"
+) -> tuple[Array, list[str]]:
     """Time (N,) in seconds from the first row, with notes on what was taken for what.
 
     Parameters
@@ -25,7 +35,9 @@ def to_seconds(stamps: pd.Series, where: str, unit: str | None = None) -> tuple[
     where : str
         File and column, for messages.
     unit : str, optional
-        Of `UNITS`; guessed from the step where left out.
+        Of `UNITS`; told by name and step where left out.
+    name : str
+        Of the column.
 
     Raises
     ------
@@ -47,23 +59,33 @@ def to_seconds(stamps: pd.Series, where: str, unit: str | None = None) -> tuple[
     first = stamps.dropna().iloc[0] if stamps.notna().any() else 0
     t = (stamps - first).to_numpy(dtype=float)
     if unit is None:
-        unit = _guess_unit(t, where)
+        unit, why = _guess_unit(t, where, name)
         if unit != "s":
-            notes.append(f"{where}: taken as {unit}, by its step.")
+            notes.append(f"{where}: taken as {unit}, by its {why}.")
     if abs(float(first)) * UNITS[unit] > 1e8:
         notes.append(f"{where}: counts since the epoch.")
     return t * UNITS[unit], notes
 
 
-def _guess_unit(t: Array, where: str) -> str:
+def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
+    """Unit, and what tells it."""
     steps = np.diff(t[np.isfinite(t)])
     steps = steps[steps > 0.0]
     if not len(steps):
         raise InputError(f"{where}: does not increase; name another column with --time, or give --rate.")
     step = float(np.median(steps))
-    for name, size in UNITS.items():
-        if _SLOWEST <= 1.0 / (step * size) <= _FASTEST:
-            return name
+    units = [name for name, size in UNITS.items() if _SLOWEST <= 1.0 / (step * size) <= _FASTEST]
+    words = split_name(column)
+    for unit in units:
+        if set(words) & {unit, *_NAMES[unit]}:
+            return unit, "name"
+    if not says_time(column) and np.all(np.diff(t) == 1.0):
+        raise InputError(
+            f"{where}: counts the rows, so that it tells no time; give --rate without it, or --time-unit ms "
+            "where it is milliseconds."
+        )
+    if units:
+        return units[0], "step"
     raise InputError(
         f"{where}: steps by {step:.6g}, which gives no robot's rate in s, ms, us or ns; name another column "
         "with --time, or give --rate."

@@ -1,6 +1,7 @@
 """Units and sides of positions and torques, told by names and sizes where the user does not say them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,37 +16,64 @@ from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.groups import choose_groups
 from wearscope.starters.mapped import Mapped
 
-#: Positions are in degrees where they go so far [rad], or so far beyond the URDF's limits, as radians.
-_FARTHEST, _BEYOND = 4.0 * np.pi, 1.2
+
+@dataclass(frozen=True)
+class _Scale:
+    """Units of the positions of joints of one kind: the platform's and a smaller one."""
+
+    slides: bool
+    base: str
+    small: str
+    factor: float
+    farthest: float
 
 
-def choose_unit(
+#: Positions are in the smaller unit where they go so far in the other, or so far beyond the URDF's limits.
+_SCALES = (
+    _Scale(False, "rad", "deg", np.pi / 180.0, 4.0 * np.pi),
+    _Scale(True, "m", "mm", 1e-3, 30.0),
+)
+_BEYOND = 1.2
+#: Whole numbers that go so far are counts of an encoder.
+_COUNTS = 1440.0
+
+
+def choose_units(
     read: Sequence[tuple[Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
-) -> str | None:
-    """Unit of the positions of all recordings, where their size tells it of some: a recorder has one unit."""
-    turning = [k for k, joint in enumerate(ordered) if joint.kind != "prismatic"]
-    if mapped.position_unit is not None or mapped.side != "joint" or not turning:
-        return mapped.position_unit
-    degrees, largest = [], []
-    for file, frame, _ in read:
-        group = choose_groups(file, [str(c) for c in frame.columns], [one.name for one in ordered], mapped)
-        if group["position"].unit:
-            return None
-        values = frame[[group["position"].columns[k] for k in turning]]
-        size = values.apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
-        degrees.append(_are_degrees(size, [ordered[k] for k in turning]))
-        largest.append(float(np.abs(size).max(initial=0.0)))
-    if all(degrees) or not any(degrees):
-        return None
-    if np.mean(degrees) > 0.5:
-        return "deg"
-    worst = int(np.argmax(largest))
-    if largest[worst] > _FARTHEST:
-        raise InputError(
-            f"{read[worst][0]}: its positions reach {largest[worst]:.3g}, as degrees do, and those of most "
-            "others do not; give --position-unit rad or --position-unit deg, or leave the file out."
-        )
-    return "rad"
+) -> tuple[str, ...]:
+    """Units of the positions of all recordings, where their size tells them of some: a recorder has one."""
+    units = tuple(mapped.position_units)
+    for scale in _SCALES:
+        own = _pick(ordered, scale)
+        stated = {scale.base, scale.small} & set(units)
+        if stated or mapped.side != "joint" or mapped.counts_per_turn or not own:
+            continue
+        small, largest = [], []
+        for file, frame, _ in read:
+            group = choose_groups(
+                file, [str(c) for c in frame.columns], [one.name for one in ordered], mapped
+            )
+            if group["position"].units:
+                return units
+            values = frame[[group["position"].columns[k] for k in own]]
+            size = values.apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
+            small.append(_are_small(size, [ordered[k] for k in own], scale))
+            largest.append(float(np.abs(size).max(initial=0.0)))
+        if all(small) or not any(small):
+            continue
+        worst = int(np.argmax(largest))
+        if np.mean(small) <= 0.5 and largest[worst] > scale.farthest:
+            raise InputError(
+                f"{read[worst][0]}: its positions reach {largest[worst]:.3g}, as {scale.small} do, and those "
+                f"of most others do not; give --position-unit {scale.base} or --position-unit {scale.small}, "
+                "or leave the file out."
+            )
+        units = (*units, scale.small if np.mean(small) > 0.5 else scale.base)
+    return units
+
+
+def _pick(ordered: Sequence[Joint], scale: _Scale) -> list[int]:
+    return [k for k, joint in enumerate(ordered) if (joint.kind == "prismatic") == scale.slides]
 
 
 def position_unit(
@@ -57,44 +85,63 @@ def position_unit(
     notes: list[str],
 ) -> Array:
     """Factor (n,) from the recorded positions to rad or m, on the side that they are of."""
-    turns = np.array([joint.kind != "prismatic" for joint in ordered])
-    unit = np.ones(len(ordered))
-    if mapped.position_unit is not None:
-        unit[:] = {"rad": 1.0, "deg": np.pi / 180.0, "m": 1.0, "mm": 1e-3}[mapped.position_unit]
-        largest = np.abs(values[:, turns]).max() if values[:, turns].size else 0.0
-        if mapped.position_unit == "deg" and mapped.side == "joint" and largest < 2.0 * np.pi:
-            notes.append(
-                f"{file.name}: positions are read as degrees, as stated, though none exceeds {largest:.3g}, "
-                "which is the size of rad (else --position-unit rad)."
+    counts = take_option("counts-per-turn", mapped.counts_per_turn, len(ordered), positive=True)
+    if counts is not None:
+        notes.append(f"{file.name}: positions are counts of encoders, as stated.")
+        turns = np.array([joint.kind != "prismatic" for joint in ordered])
+        return np.where(turns, 2.0 * np.pi, 1.0) / counts.values
+    if group.units and not mapped.position_units:
+        notes.append(f"{file.name}: positions are in {' and '.join(group.units)}, by their names.")
+        return group.factors
+    unit, taken = np.ones(len(ordered)), []
+    for scale in _SCALES:
+        own = _pick(ordered, scale)
+        if not own:
+            continue
+        stated = [one for one in mapped.position_units if one in (scale.base, scale.small)]
+        part = values[:, own]
+        largest = float(np.abs(part).max(initial=0.0))
+        if stated:
+            unit[own] = scale.factor if stated[0] == scale.small else 1.0
+            if stated[0] == scale.small and mapped.side == "joint" and largest < scale.farthest / 2.0:
+                notes.append(
+                    f"{file.name}: positions are read as {scale.small}, as stated, though none exceeds "
+                    f"{largest:.3g}, which is the size of {scale.base} (else --position-unit {scale.base})."
+                )
+            continue
+        if largest > _COUNTS and np.all(part == np.round(part)):
+            raise InputError(
+                f"{file}: its positions are whole numbers of up to {largest:.6g}, as counts of an encoder "
+                "are; give --counts-per-turn (with --side motor those of a motor's turn), or "
+                f"--position-unit {scale.small}."
             )
-    elif group.unit:
-        unit[:] = group.factor
-        notes.append(f"{file.name}: positions are in {group.unit}, by their names.")
-    elif mapped.side == "joint" and _are_degrees(
-        values[:, turns], [one for one in ordered if one.kind != "prismatic"]
-    ):
-        unit[turns] = np.pi / 180.0
-        notes.append(f"{file.name}: positions are taken as degrees, by their size.")
-    else:
-        notes.append(f"{file.name}: positions are taken as rad (m where a joint slides).")
+        small = mapped.side == "joint" and _are_small(part, [ordered[k] for k in own], scale)
+        unit[own] = scale.factor if small else 1.0
+        taken.append(f"{scale.small}, by their size" if small else scale.base)
+    if taken:
+        notes.append(f"{file.name}: positions are taken as {' and '.join(taken)}.")
     return unit
 
 
-def _are_degrees(values: Array, ordered: Sequence[Joint]) -> bool:
+def _are_small(values: Array, ordered: Sequence[Joint], scale: _Scale) -> bool:
     if not values.size:
         return False
-    if np.abs(values).max() > _FARTHEST:
+    if np.abs(values).max() > scale.farthest:
         return True
     for k, joint in enumerate(ordered):
         limit = max(abs(joint.lower), abs(joint.upper))
         farthest = float(np.abs(values[:, k]).max())
-        if (
-            limit < OPEN_LIMIT
-            and farthest > 2.0 * _BEYOND * limit
-            and farthest * np.pi / 180.0 <= _BEYOND * limit
-        ):
+        most = _BEYOND * limit
+        if 0.0 < limit < OPEN_LIMIT and farthest > 2.0 * most and farthest * scale.factor <= most:
             return True
     return False
+
+
+def unwrap_counts(counts: Array) -> Array:
+    """Counts (N, n) of counters that begin again at a power of two, without their jumps."""
+    reach = np.maximum(np.ptp(counts, axis=0), 1.0)
+    period = 2.0 ** np.ceil(np.log2(reach + 1.0))
+    return np.column_stack([np.unwrap(one, period=own) for one, own in zip(counts.T, period, strict=True)])
 
 
 def take_ratios(gear: Figures | None, why: str, n: int) -> Array:
@@ -110,15 +157,18 @@ def read_torque(
     file: Path, values: Mapping[str, Array], mapped: Mapped, gear: Figures | None, n: int
 ) -> tuple[Array, list[str]]:
     """Torque (N, n) on the joint side."""
+    constant = take_option("torque-constant", mapped.torque_constant, n)
+    told = "" if constant is None else ", times --torque-constant"
+    factor = np.ones(n) if constant is None else constant.values
     if "torque" in values:
         if mapped.torque_side == "motor":
-            return values["torque"] * take_ratios(gear, "--torque-side motor", n), [
-                f"{file.name}: torques at the motor, times the gear ratio."
+            ratio = take_ratios(gear, "--torque-side motor", n)
+            return values["torque"] * factor * ratio, [
+                f"{file.name}: torques at the motor, times the gear ratio{told}."
             ]
-        return values["torque"], [
-            f"{file.name}: torques are taken as those at the joint (else --torque-side motor)."
+        return values["torque"] * factor, [
+            f"{file.name}: torques are taken as those at the joint{told} (else --torque-side motor)."
         ]
-    constant = take_option("torque-constant", mapped.torque_constant, n)
     if constant is None:
         raise InputError(
             f"{file}: has currents and no torques; give --torque-constant (N m/A at the motor) and "
@@ -126,4 +176,4 @@ def read_torque(
         )
     ratio = np.ones(n) if gear is None else take_ratios(gear, "--current", n)
     told = "times --torque-constant" + ("" if gear is None else " and --gear-ratio")
-    return values["current"] * constant.values * ratio, [f"{file.name}: torques are the currents {told}."]
+    return values["current"] * factor * ratio, [f"{file.name}: torques are the currents {told}."]

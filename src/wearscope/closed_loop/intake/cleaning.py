@@ -29,6 +29,8 @@ _ABRUPT = 0.75
 _SLIDES = 6
 #: Most spikes of one channel that are still bridged, as a share of its rows.
 _MOST = 0.01
+#: A torque is frozen for so many times what 95 % of its stretches of one value last, where there are many.
+_LONG, _MANY = 4.0, 20
 #: Share of a run over which a frozen torque is a dead channel.
 _MOST_FROZEN = 0.8
 #: Steps of the encoder that a difference may be off by; a joint rests where its usual range is below this
@@ -266,7 +268,12 @@ def _find_frozen(run: Run, j: int) -> np.ndarray:
     tau = run.tau[:, j]
     shortest = max(_FROZEN_ROWS, int(_FROZEN_TIME / float(np.median(np.diff(run.t)))))
     frozen = np.zeros(len(tau), dtype=bool)
-    for low, high in find_stretches(np.diff(tau) == 0.0):
+    stretches = find_stretches(np.diff(tau) == 0.0)
+    if len(stretches) > _MANY:
+        # A coarse torque keeps a count for a while.
+        usual = float(np.percentile([high + 1 - low for low, high in stretches], 95))
+        shortest = max(shortest, int(_LONG * usual))
+    for low, high in stretches:
         if high + 1 - low >= shortest and _travels(run.q[low : high + 2, j], run.q[:, j]):
             frozen[low : high + 2] = True
     return frozen

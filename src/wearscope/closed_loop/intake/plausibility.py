@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import interpolate
 
+from wearscope.closed_loop.intake.asked import Asked, Reading
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import SMALL, Asked, Reading, find_reading, say_factors
+from wearscope.closed_loop.intake.readings import SMALL, find_reading, say_factors
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY

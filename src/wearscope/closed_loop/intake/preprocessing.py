@@ -37,6 +37,8 @@ from wearscope.robots.urdf_file import parse_urdf, write_urdf
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
+#: Share of a run that is no measurement of a joint from which none of it is.
+_ALL = 0.8
 #: Share of the largest speed of any joint below which one is still, of which no encoder's step is known.
 _STILL = 1e-6
 #: Ends of a recording that are left out, in periods of the motion filter's cut-off.
@@ -149,6 +151,8 @@ def bridge_gaps(
                 "rows; they do not count."
             )
         faulty = source.faulty | clipped
+        # What is left of a drive that is off is no measurement either; it biases no other run.
+        faulty[:, faulty.mean(axis=0) > _ALL] = True
         tau = bridge_torque(source.run.tau, predicted, faulty)
         bridged.append(replace(source, run=replace(source.run, tau=tau), faulty=faulty))
         seen.append(replace(run, tau=decimate(tau, factor), faulty=_thin_marks(faulty, factor)))
@@ -161,13 +165,18 @@ def _check_share(
 ) -> None:
     """Refuse a joint of whose training torque in motion too much is clipped or frozen: the rest is biased."""
     count, faulty = np.zeros((2, len(dataset.joints)))
+    never = np.zeros(len(dataset.joints), dtype=bool)
     for source, run in zip(sources, runs, strict=True):
         if run.use == "train":
             off = np.zeros_like(source.faulty) if source.run.off is None else source.run.off
             asked = ~(run.slow | _thin_marks(off, factor))
-            count += asked.sum(axis=0)
-            faulty += (run.faulty & asked).sum(axis=0)
-    share, readings = faulty / np.maximum(count, 1.0), dataset.fields.readings()
+            lost = (run.faulty & asked).sum(axis=0)
+            silent = run.faulty.all(axis=0)
+            count += ~silent * asked.sum(axis=0)
+            faulty += ~silent * lost
+            never |= silent
+    share = np.where(never & (count == 0), 1.0, faulty / np.maximum(count, 1.0))
+    readings = dataset.fields.readings()
     for joint, part in zip(dataset.joints, share, strict=True):
         if part > _MOST_FAULTY and readings[joint] != "none":
             limited = "" if dataset.fields.robot.torque_limit is None else "correct robot.torque_limit, "

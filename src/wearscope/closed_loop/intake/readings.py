@@ -5,13 +5,15 @@ another joint's torque, a delayed channel. The one that clearly leaves least of 
 the data set's.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
+from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
+from wearscope.closed_loop.intake.gravity import read_gravity
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
 
 _MOTION = ("q", "v", "a", "sign")
@@ -34,68 +36,6 @@ _FIRST_LOOK, _LEAST_DEGREES, _LEAST_MM = 900, 1.0, 5.0
 #: runs that must show it, at most; delays of two runs that differ by less are alike.
 _LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Rows as stated, and what their fit leaves.
-
-    Attributes
-    ----------
-    rows : Rows
-    slides : list of bool
-        Whether a joint is prismatic.
-    joints : list of str
-    torque_at : callable
-        ``torque_at(delay)`` gives the torques (N, n) so many seconds later.
-    room : ndarray (N,)
-        Time to the nearer end of a row's recording [s].
-    swapped : callable
-        ``swapped(j)`` gives the rows with position and torque of a joint exchanged.
-    gear_ratio : list of float or None
-    """
-
-    rows: Rows
-    slides: list[bool]
-    joints: list[str]
-    torque_at: Callable[[float], np.ndarray]
-    room: np.ndarray
-    swapped: Callable[[int], Rows]
-    gear_ratio: list[float] | None
-
-    def names(self, joints: list[int] | np.ndarray, kind: str = "tau") -> list[str]:
-        """Columns of joints."""
-        return [f"{kind}_{self.joints[j]}" for j in joints]
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A reading, and what it leaves.
-
-    Attributes
-    ----------
-    told : str
-        What is wrong and the remedy, to follow the name of the data set or file.
-    codes : tuple of str
-        Under which a data set overrules it.
-    joints : tuple of int
-        Joints that it concerns.
-    fit : Fit
-    any_size : bool
-        Whether a body of any size is no rival of it.
-    """
-
-    told: str
-    codes: tuple[str, ...]
-    joints: tuple[int, ...]
-    fit: Fit
-    any_size: bool = False
-
-
-def say_columns(names: list[str]) -> str:
-    """Columns as a list in words."""
-    quoted = [f"'{name}'" for name in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
 
 def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading | None:
@@ -131,7 +71,7 @@ def _list_readings(
 ) -> Iterator[Reading]:
     """Readings from the likeliest to the unlikeliest: of those alike the first is taken."""
     rows, heard = asked.rows, tuple(asked.rows.products.heard)
-    yield from _read_gravity(asked, heard)
+    yield from read_gravity(asked, heard)
     yield from _read_factors(asked, stated, factor, loose, without)
     turned = _turn_torques(rows)
     if turned is not None:
@@ -144,29 +84,6 @@ def _list_readings(
     yield from _read_units(asked, heard)
     yield from _read_turned_positions(asked)
     yield from _read_exchanges(asked, stated)
-
-
-def _read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
-    rows = asked.rows
-    gravity = np.array(rows.bodies[0].gravity)
-    size = float(np.linalg.norm(gravity))
-    if not size:
-        return
-    none = replace(rows, gravity=0.0).products.fit()
-    friction = np.nanmean(none.shares[list(heard), 0]) if heard else 0.0
-    what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
-    told = (
-        f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '
-        "motors' whole torque."
-    )
-    yield Reading(told, ("without_gravity tau",), heard, none)
-    opposite = replace(rows, gravity=-1.0).products.fit()
-    told = "gravity acts opposite to robot.gravity; give gravity in the base frame."
-    yield Reading(told, ("sign gravity",), heard, opposite)
-    if not 9.7 < size < 9.9:
-        told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
-        fit = replace(rows, gravity=9.81 / size).products.fit()
-        yield Reading(told, ("size gravity",), heard, fit, True)
 
 
 def _read_factors(
@@ -197,7 +114,7 @@ def say_factors(asked: Asked, at: np.ndarray, factor: np.ndarray) -> tuple[str, 
         hint = "it looks like motor-side torque: multiply it with the gear ratio"
     elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
         hint += ", and that q is in rad"
-    elif 0.7 < abs(middle) * 1000.0 < 1.4 and all(asked.slides[j] for j in at):
+    elif all(asked.slides[j] and np.ptp(asked.rows.q[:, j]) > _LEAST_MM for j in at):
         hint += ", and that q is in m"
     names = asked.names(at)
     sizes = ", ".join(f"{one:.3g}" for one in factor[at])

@@ -1,0 +1,70 @@
+"""What the readings of the columns are asked of, and what one of them leaves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope.closed_loop.intake.joint_fit import Fit, Rows
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Rows as stated, and what their fit leaves.
+
+    Attributes
+    ----------
+    rows : Rows
+    slides : list of bool
+        Whether a joint is prismatic.
+    joints : list of str
+    torque_at : callable
+        ``torque_at(delay)`` gives the torques (N, n) so many seconds later.
+    room : ndarray (N,)
+        Time to the nearer end of a row's recording [s].
+    swapped : callable
+        ``swapped(j)`` gives the rows with position and torque of a joint exchanged.
+    gear_ratio : list of float or None
+    """
+
+    rows: Rows
+    slides: list[bool]
+    joints: list[str]
+    torque_at: Callable[[float], np.ndarray]
+    room: np.ndarray
+    swapped: Callable[[int], Rows]
+    gear_ratio: list[float] | None
+
+    def names(self, joints: list[int] | np.ndarray, kind: str = "tau") -> list[str]:
+        """Columns of joints."""
+        return [f"{kind}_{self.joints[j]}" for j in joints]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A reading, and what it leaves.
+
+    Attributes
+    ----------
+    told : str
+        What is wrong and the remedy, to follow the name of the data set or file.
+    codes : tuple of str
+        Under which a data set overrules it.
+    joints : tuple of int
+        Joints that it concerns.
+    fit : Fit
+    any_size : bool
+        Whether a body of any size is no rival of it.
+    """
+
+    told: str
+    codes: tuple[str, ...]
+    joints: tuple[int, ...]
+    fit: Fit
+    any_size: bool = False
+
+
+def say_columns(names: list[str]) -> str:
+    """Columns as a list in words."""
+    quoted = [f"'{name}'" for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"

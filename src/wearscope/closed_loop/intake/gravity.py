@@ -1,0 +1,70 @@
+"""Readings of gravity: none in the torque, along another direction of the base, of another size."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.asked import Asked, Reading
+from wearscope.closed_loop.intake.joint_fit import Rows
+
+#: Rows on which a direction is sought; part of gravity along an axis below which there is none.
+_FEW, _LEVEL = 300, 0.03
+#: Cosine of the angle to the stated direction from which there is no other.
+_AS_STATED = 0.9
+
+
+def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
+    """Readings from the likeliest on."""
+    rows = asked.rows
+    gravity = np.array(rows.bodies[0].gravity)
+    size = float(np.linalg.norm(gravity))
+    if not size:
+        return
+    none = replace(rows, gravity=0.0).products.fit()
+    friction = np.nanmean(none.shares[list(heard), 0]) if heard else 0.0
+    what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
+    told = (
+        f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '
+        "motors' whole torque."
+    )
+    yield Reading(told, ("without_gravity tau",), heard, none)
+    direction = _find_gravity(rows)
+    if direction is not None:
+        along = ", ".join(f"{one + 0.0:.3g}" for one in size * direction)
+        told = (
+            f"gravity acts along [{along}] in the base frame, as of a robot that is mounted so; write "
+            f'"gravity: [{along}]" below robot in dataset.yaml.'
+        )
+        fit = _with_gravity(rows, size * direction).products.fit()
+        yield Reading(told, ("sign gravity",), heard, fit)
+    if not 9.7 < size < 9.9:
+        told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
+        fit = replace(rows, gravity=9.81 / size).products.fit()
+        yield Reading(told, ("size gravity",), heard, fit, True)
+
+
+def _with_gravity(rows: Rows, gravity: np.ndarray) -> Rows:
+    return replace(rows, bodies=tuple(body.with_gravity(gravity.tolist()) for body in rows.bodies))
+
+
+def _find_gravity(rows: Rows) -> np.ndarray | None:
+    """Direction (3,) of gravity that leaves least; None where it is as stated."""
+    few = rows.thin(_FEW)
+    stated = np.array(rows.bodies[0].gravity)
+    size = np.linalg.norm(stated)
+
+    def miss(direction: np.ndarray) -> float:
+        gravity = size * direction / max(np.linalg.norm(direction), 1e-9)
+        return _with_gravity(few, gravity).products.fit().total
+
+    every = np.array([one for one in np.ndindex(3, 3, 3) if one != (1, 1, 1)], dtype=float) - 1.0
+    start = min(every, key=miss)
+    start = start / np.linalg.norm(start)
+    if start @ stated > _AS_STATED * size:
+        return None
+    found = optimize.minimize(miss, start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 1e-3}).x
+    found = found / np.linalg.norm(found)
+    found = np.where(np.abs(found) < _LEVEL, 0.0, found)
+    return np.asarray(found / np.linalg.norm(found))
