@@ -240,7 +240,7 @@ def test_a_data_set_has_one_unit(tmp_path, far, unit):
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.6, 0.3), position=reach)
     done = bench.take("--accept", "unrelated tau")
     text = done.output + str(done.exception)
-    assert ("as degrees, by their size" in text) == (unit != 1.0)
+    assert ("as deg, by their size" in text) == (unit != 1.0)
 
 
 @pytest.mark.parametrize("toggles", [False, True])
