@@ -25,7 +25,7 @@ def push(at, size, width):
 
 @pytest.fixture
 def look(record, pose):
-    def found(**options):
+    def found(named=None, **options):
         problem = pose(record(runs=3, duration=8.0, **options))
         model = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
@@ -33,7 +33,11 @@ def look(record, pose):
         predicted = predict_runs(problem.prepared, model, model)
         runs, left = [p.run for p in predicted], [p.run.measured - p.after for p in predicted]
         p, joints = problem.prepared, problem.prepared.dataset.joints
-        events = find_events(runs, left, joints, p.moving, p.top_speed)
+        added = None
+        if named is not None:
+            added = [named(run.t, np.zeros_like(run.measured), None, None, None) for run in runs]
+            left = [x - y for x, y in zip(left, added, strict=True)]
+        events = find_events(runs, left, joints, p.moving, p.top_speed, added)
         return events, suggest_thresholds(runs, left, events, joints)
 
     return found
@@ -48,6 +52,19 @@ def test_a_push_in_every_run_is_found_where_it_is(look, at, size, width):
         assert e["size"] == pytest.approx(size, rel=0.3)
     # A push of that size is seen by a detector with the threshold.
     assert thresholds["a"]["threshold"] < 0.7 * abs(size)
+
+
+@pytest.mark.parametrize(("step", "hidden"), [(30.0, True), (3.0, False)])
+def test_a_step_of_a_named_effect_at_another_moment_is_no_event(look, step, hidden):
+    """As a lost motion that is crossed a little earlier; a smaller step hides no push."""
+    made = push(3.0, 25.0, 0.15)
+    events, _ = look(extra_torque=made, seed=21, named=push(3.2, step, 0.15))
+    assert {e["joint"] for e in events} == (set() if hidden else {"a"})
+
+
+def test_what_is_small_against_the_joint_s_torque_is_no_event(look):
+    events, _ = look(extra_torque=push(3.0, 0.5, 0.15), seed=21, noise=0.01)
+    assert events == []
 
 
 def test_noise_and_friction_are_no_events(look):

@@ -120,6 +120,7 @@ def test_lost_motion_is_found_where_the_motor_jumps_across_it(tmp_path):
     assert [(e["joint"], e["effect"], e["status"]) for e in verdict["verdict"]] == [
         ("j2", "backlash", "confirmed")
     ]
+    assert verdict["events"] == []
 
 
 def test_a_gear_for_small_loads_is_named_though_softer_than_those_for_large_ones(tmp_path):

@@ -158,7 +158,8 @@ def list_events(diagnosis: Diagnosis) -> list[Event]:
     prepared = diagnosis.prepared
     runs = [p.run for p in diagnosis.predicted]
     left = [p.run.measured - p.after for p in diagnosis.predicted]
-    return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed)
+    change = [p.after - p.before for p in diagnosis.predicted]
+    return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed, change)
 
 
 def pose_problem(

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
@@ -25,6 +26,8 @@ _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
 _SLOW = 0.05
 #: Fewest passes of a place with an event, of more than half of all, that make it the machine's own.
 _COMES_BACK = 3
+#: Share of the joint's torque, RMS, that an event has at least.
+_SMALL = 0.01
 #: Passes of a robust fit.
 _PASSES = 5
 #: Speeds over which friction falls, over the largest one.
@@ -39,8 +42,12 @@ def find_events(
     joints: Sequence[str],
     moving: np.ndarray,
     top_speed: np.ndarray,
+    change: Sequence[np.ndarray] | None = None,
 ) -> list[Event]:
     """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
+
+    What is smaller than a step of the named effects next to it may be that step at another moment, and is no
+    event: a lost motion is crossed a little earlier or later than a model says.
 
     Parameters
     ----------
@@ -50,6 +57,8 @@ def find_events(
     joints : sequence of str
     moving : ndarray (n,) of bool
     top_speed : ndarray (n,)
+    change : sequence of ndarray (M, n), optional
+        Torque of each run that the named effects add to the declared model.
 
     Returns
     -------
@@ -66,12 +75,19 @@ def find_events(
             continue
         sizes = [np.where(k, np.abs(x[:, j]), 0.0) / scale for x, k in zip(left, kept, strict=True)]
         parts = [_find_stretches(run, size, j, top_speed[j]) for run, size in zip(runs, sizes, strict=True)]
-        calm, limit = every / scale, np.inf
+        torque = np.concatenate([run.measured[k, j] for run, k in zip(runs, kept, strict=True)])
+        calm, limit, small = every / scale, np.inf, _SMALL * float(np.sqrt(np.mean(torque**2))) / scale
+        if change is not None:
+            parts = [
+                [part for part in own if size[part].max() * scale > _find_step(run.t, added[:, j], part)]
+                for run, size, added, own in zip(runs, sizes, change, parts, strict=True)
+            ]
         for _ in range(_PASSES):
             # Events stand in the tail that they are judged by, so that the next pass is without them.
             limit = min(limit, _find_limit(calm))
+            least = max(limit, small)
             found = [
-                [p for p in own if size[p].max() > limit] for size, own in zip(sizes, parts, strict=True)
+                [p for p in own if size[p].max() > least] for size, own in zip(sizes, parts, strict=True)
             ]
             outside = [k.copy() for k in kept]
             for k, own in zip(outside, found, strict=True):
@@ -87,6 +103,12 @@ def find_events(
                 where = {"run": run.file, "joint": joints[j], "t": float(t[0])}
                 events.append(where | {"seconds": float(t[-1] - t[0]), "size": peak})
     return events
+
+
+def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
+    """How far a torque departs from a line about a stretch, from lowest to highest."""
+    near = (t >= t[part.start] - _GAP) & (t <= t[part.stop - 1] + _GAP)
+    return float(np.ptp(signal.detrend(added[near])))
 
 
 def _find_limit(size: np.ndarray) -> float:
