@@ -8,7 +8,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.charts.base import Chart, Source
-from wearscope.reporting.charts.encoding import named
+from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.labels import count_text, join_words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
@@ -194,13 +194,7 @@ def _chart_sides(names: Names, title: str, quantity: str, thing: str, caption: s
         y=alt.Y("thing:N", title=None, sort=None),
         yOffset=alt.YOffset("side:N", scale=alt.Scale(domain=list(names))),
         color=alt.Color("side:N", title=None, scale=scale, legend=alt.Legend(labelLimit=260, columns=1)),
-        tooltip=[
-            alt.Tooltip("thing:N", title=thing),
-            alt.Tooltip("side:N", title="in"),
-            alt.Tooltip("value:Q", title=quantity, format=".4"),
-            alt.Tooltip("low:Q", title="95 % from", format=".4"),
-            alt.Tooltip("high:Q", title="to", format=".4"),
-        ],
+        tooltip=tips(f"thing:N|{thing}; side:N|in; value:Q|{quantity}|.4; low:Q|95 % from|.4; high:Q|to|.4"),
     )
     x = alt.X("value:Q", title=quantity, scale=SYMLOG, axis=symlog_axis((1, 3)))
     spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)

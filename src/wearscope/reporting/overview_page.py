@@ -22,7 +22,14 @@ from wearscope.reporting.labels import (
     term_name,
     unit_text,
 )
-from wearscope.reporting.page import Section, embed_figure, render_page, render_table, render_template
+from wearscope.reporting.page import (
+    Section,
+    describe_study,
+    embed_figure,
+    render_page,
+    render_table,
+    render_template,
+)
 from wearscope.reporting.sections.background import Provenance
 from wearscope.reporting.sections.base import say
 from wearscope.reporting.strips import study_strip
@@ -43,11 +50,6 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     """
     robots = overview["robot"].nunique()
     config = study.config
-    subtitle = (
-        f"{count_text(len(config['detectors']), 'detector')}, {count_text(robots, 'robot')}, "
-        f"{count_text(len(config['cycles']), 'test-cycle')}, "
-        f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}"
-    )
     sections = [
         Section("Conclusion", _summarise(study, overview), "summary"),
         Section("Robots and test-cycles", _tabulate(study, overview, pages), "robots"),
@@ -67,7 +69,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     return render_page(
         f"Study {config['study']}",
         sections,
-        subtitle,
+        describe_study(config, robots),
         "Made by wearscope from its tables.",
         filters,
         strip=study_strip(study, pages=True),

@@ -146,6 +146,18 @@ def render_page(
     )
 
 
+def describe_study(config: Mapping[str, Any], robots: int) -> str:
+    """Subtitle of a study's page: how many of each it has."""
+    counts = (
+        count_text(len(config["detectors"]), "detector"),
+        count_text(robots, "robot"),
+        count_text(len(config["cycles"]), "test-cycle"),
+        count_text(len(config["axes"]), "axis", "axes"),
+        count_text(len(config["factors"]), "factor"),
+    )
+    return ", ".join(counts)
+
+
 def _read(name: str) -> Markup:
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
 

@@ -6,7 +6,7 @@ from wearscope.reporting.charts.scope import detection_cases
 from wearscope.reporting.charts.study import study_filters, study_labels, study_tables
 from wearscope.reporting.findings import Finding
 from wearscope.reporting.labels import count_text
-from wearscope.reporting.page import render_page
+from wearscope.reporting.page import describe_study, render_page
 from wearscope.reporting.sections.background import Paper, Provenance, Simulated, Trust
 from wearscope.reporting.sections.base import StudySection
 from wearscope.reporting.sections.loops import Correction, Loops
@@ -34,16 +34,11 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     if study.detection is not None:
         tables["detection"] = detection_cases(study)[0]
     config = study.config
-    subtitle = (
-        f"{count_text(len(config['detectors']), 'detector')}, {count_text(len(config['robots']), 'robot')}, "
-        f"{count_text(len(config['cycles']), 'test-cycle')}, "
-        f"{count_text(len(config['axes']), 'axis', 'axes')}, {count_text(len(study.factors), 'factor')}; "
-        f"{count_text(len(study.snr), 'cell')}"
-    )
+    cells = count_text(len(study.snr), "cell")
     return render_page(
         f"Study {config['study']}",
         [part.render() for part in parts if part.is_wanted()],
-        subtitle,
+        f"{describe_study(config, len(config['robots']))}; {cells}",
         "Made by wearscope from its tables.",
         study_filters(study),
         tables,

@@ -188,7 +188,7 @@ def ask_moved(study: Study) -> list[Markup]:
         return []
     setting = f'direct.mismatch={{"{_COULOMB}": SHARE}}'
     command = f"wearscope run {study.config['study']} --set '{setting}'"
-    text = "Friction is assumed. Ask {} what moves, with 100 for double, −50 for half."
+    text = "Some numbers are assumed. {} asks what double the friction moves; −50 asks half of it."
     return [Markup(text).format(Markup("<code>{}</code>").format(command.replace("SHARE", "100")))]
 
 

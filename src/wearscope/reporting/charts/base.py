@@ -19,6 +19,8 @@ import pandas as pd
 #: Digits that a number keeps on its way to a chart; the Parquet files hold them all.
 DIGITS = 5
 CELL_KEYS = ("robot", "cycle", "axis", "fda")
+#: Columns of a cell, by the filters of the same names.
+BY_CELL = {key: key for key in CELL_KEYS}
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import json
 import altair as alt
 import numpy as np
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.base import BY_CELL, Chart, Source
 from wearscope.reporting.charts.encoding import cell_tips, name_labels, named, tips
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
 from wearscope.reporting.charts.study import together
@@ -64,7 +64,6 @@ def chart_snr(study: Study) -> Chart:
         x=alt.X("median:Q", title="signal-to-noise ratio"), tooltip=told
     )
     zero = alt.Chart(alt.InlineData([{"snr": 0}])).mark_rule(color="var(--soft)").encode(x="snr:Q")
-    by = {key: key for key in CELL_KEYS}
     return Chart(
         "snr",
         "Signal-to-noise ratio of every cell",
@@ -72,7 +71,7 @@ def chart_snr(study: Study) -> Chart:
         alt.layer(zero, cells, spans, medians, bound).properties(
             width="container", height={"step": max(16, 54 // len(shown))}
         ),
-        {"snr": Source("snr", by), "rankings": Source("rankings", {"robot": "robot", "fda": "fda"})},
+        {"snr": Source("snr", BY_CELL), "rankings": Source("rankings", {"robot": "robot", "fda": "fda"})},
         "A point is a cell; marks and bars: medians with 95 % intervals over all test-cycles and axes of the "
         "study. Below 0 the test quantity falls with wear."
         + (" Dashed: an upper bound; it is told the simulator's own law." if study.upper() else ""),
@@ -125,7 +124,7 @@ def chart_snr_cells(study: Study) -> Chart:
         "Cell by cell",
         "SNR of every cell by detector, robot, test-cycle and axis.",
         alt.layer(cells, text).properties(width="container", height={"step": 20}),
-        {"snr": Source("snr", {key: key for key in CELL_KEYS})},
+        {"snr": Source("snr", BY_CELL)},
         "Test-cycle, axis and robot down. Empty: the detector always says the same, or the robot's model has "
         "no noise." + (" Without colour: an upper bound." if upper else ""),
     )

@@ -2,7 +2,7 @@
 
 import altair as alt
 
-from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.base import BY_CELL, Chart, Choice, Source
 from wearscope.reporting.charts.encoding import add_zoom, cell_tips, colour, named, tips
 from wearscope.reporting.labels import factor_name
 from wearscope.reporting.study import Study
@@ -39,10 +39,7 @@ def chart_weights(study: Study) -> Chart:
         x=alt.X("median(weight):Q", title="coefficient relative to that of wear"),
         color=alt.value("var(--ink)"),
         detail="fda:N",
-        tooltip=[
-            alt.Tooltip("median(weight):Q", format=".3", title="median"),
-            alt.Tooltip("fda:N", title="detector"),
-        ],
+        tooltip=tips("median(weight):Q|median|.3; fda:N|detector"),
     )
     spec = alt.layer(band.encode(x="low:Q", x2="high:Q"), points, median)
     return Chart(
@@ -50,7 +47,7 @@ def chart_weights(study: Study) -> Chart:
         "How much each factor weighs relative to wear",
         "Normalised coefficients of every cell by factor and detector.",
         spec.properties(width="container", height={"step": 13 if len(names) > 2 else 18}),
-        {"weights": Source("weights", {"kind": "kind", **{k: k for k in ("robot", "cycle", "axis", "fda")}})},
+        {"weights": Source("weights", {"kind": "kind", **BY_CELL})},
         "A point is a cell: what a step of the factor does to y, over what the same step of wear does. "
         "Dark ticks: medians of what is shown. Beyond the grey band a factor weighs more than wear; the "
         "scale turns logarithmic there.",
@@ -89,7 +86,7 @@ def chart_response(study: Study, detector: str = "") -> Chart:
         )
     )
     layered, fields = add_zoom(alt.layer(band, line, points).add_params(held), "natural", "low")
-    by = {"factor": "factor", **{key: key for key in ("robot", "cycle", "axis", "fda")}}
+    by = {"factor": "factor", **BY_CELL}
     return Chart(
         "response",
         "The test quantity over each factor",

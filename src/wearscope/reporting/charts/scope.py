@@ -5,13 +5,11 @@ import json
 import altair as alt
 import pandas as pd
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source
+from wearscope.reporting.charts.base import BY_CELL, Chart, Choice, Source
 from wearscope.reporting.charts.encoding import cell_tips, colour, named, tips
 from wearscope.reporting.charts.study import detection_cells
 from wearscope.reporting.labels import factor_name, quantity_text, unit_text
 from wearscope.reporting.study import Study
-
-_BY = {key: key for key in CELL_KEYS}
 
 
 def chart_scope(study: Study, detector: str = "") -> Chart:
@@ -19,7 +17,7 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
     names = study.config["scope"]["factors"]
     n_delta = study.config["scope"]["grid"][0]
     known = study.scope["confidence"].notna().any()
-    surely = [alt.Tooltip("surely:Q", title="of them with 95 % confidence")] if known else []
+    surely = "surely:Q|of them with 95 % confidence; " if known else ""
     counted = (
         named("scope")
         .transform_aggregate(
@@ -55,16 +53,12 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
                 scale=alt.Scale(domain=[0, 1], scheme="cividis"),
                 legend=alt.Legend(format=".0%", gradientLength=180, titleLimit=300),
             ),
-            tooltip=[
-                alt.Tooltip("change:Q", title="change of wear", format=".3"),
-                alt.Tooltip("sigma:Q", title="standard deviation of ⟦factor⟧", format=".3"),
-                alt.Tooltip("passing:Q", title="cells that meet it"),
-                *surely,
-                alt.Tooltip("cells:Q", title="of"),
-                alt.Tooltip("lowest:Q", title="lowest probability of detection", format=".3f"),
-                alt.Tooltip("at:N", title="which is at"),
-                alt.Tooltip("highest:Q", title="highest probability of detection", format=".3f"),
-            ],
+            tooltip=tips(
+                "change:Q|change of wear|.3; sigma:Q|standard deviation of ⟦factor⟧|.3; "
+                f"passing:Q|cells that meet it; {surely}cells:Q|of; "
+                "lowest:Q|lowest probability of detection|.3f; at:N|which is at; "
+                "highest:Q|highest probability of detection|.3f"
+            ),
         )
     )
     setting = study.config["scope"]
@@ -73,7 +67,7 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
         "Where it works",
         "Share of cells that detect wear, by size of the change and variation of a factor.",
         counted.properties(width="container", height=max(240, min(420, 14 * n_delta))),
-        {"scope": Source("scope", {"factor": "factor", **_BY})},
+        {"scope": Source("scope", {"factor": "factor", **BY_CELL})},
         f"Meets the requirement: at least {100 * setting['p_d']:g} % detected at {100 * setting['p_f']:g} % "
         "false alarms, with the factor normally distributed about nominal, all else nominal. Filter to one "
         "robot, test-cycle and axis for the scope of a cell. The pointer tells the worst cell.",
@@ -193,7 +187,7 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         alt.layer(lines.encode(tooltip=told), medians, rule)
         .add_params(own, asked)
         .properties(width="container", height=320),
-        {"roc": Source("detection", {"case": "case", "change": "change", **_BY})},
+        {"roc": Source("detection", {"case": "case", "change": "change", **BY_CELL})},
         "Thick: the median of each detector's cells; thin: every cell, where asked. Choose how large the "
         "change of wear is, what varies and by how much, and your own false-alarm rate (dashed).",
         [Choice("lines", "Show", [("medians", "medians"), ("cells", "every cell too")]), *choices],
@@ -219,7 +213,7 @@ def chart_power(study: Study) -> Chart:
             tooltip=[*cell_tips(), *tips("p_d:Q|detected|.2%; p_f:Q|false alarms|.2~%; threshold:Q||.4")],
         )
     )
-    by = {"case": "case", "change": "change", "p_f": "p_f", **_BY}
+    by = {"case": "case", "change": "change", "p_f": "p_f", **BY_CELL}
     return Chart(
         "power",
         "Detected at your false-alarm rate",

@@ -2,11 +2,9 @@
 
 import altair as alt
 
-from wearscope.reporting.charts.base import CELL_KEYS, Chart, Source
+from wearscope.reporting.charts.base import BY_CELL, Chart, Source
 from wearscope.reporting.charts.encoding import cell_tips, colour, named, tips
 from wearscope.reporting.study import Study
-
-_BY = {key: key for key in CELL_KEYS}
 
 
 def chart_fits(study: Study) -> Chart:
@@ -27,7 +25,7 @@ def chart_fits(study: Study) -> Chart:
         "How well the surrogates fit",
         "Fit of every cell's surrogate by detector, with the ceiling that the noise of a run leaves.",
         alt.layer(ceilings, points).properties(width="container", height={"step": 20}),
-        {"fits": Source("fits", _BY)},
+        {"fits": Source("fits", BY_CELL)},
         "A point is a cell, a row a robot; 100 % is perfect, a constant has 0 %. Ticks: what a perfect "
         "surrogate would have, as the noise of single runs leaves the rest.",
     )
@@ -67,7 +65,7 @@ def chart_audit(study: Study) -> Chart:
         "Surrogates against direct simulation",
         "Error of the surrogates at the audited points in half-widths of their 95 % intervals.",
         alt.layer(band, points).properties(width="container", height=280),
-        {"audit": Source("audit", _BY)},
+        {"audit": Source("audit", BY_CELL)},
         "Within the grey band the surrogate's 95 % prediction interval holds the value that was simulated "
         "directly. The points lie at nominal and at the edges of the scopes.",
     )
