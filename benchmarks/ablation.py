@@ -67,6 +67,8 @@ def _leave_rests(problem: Any, after: Any, first: int, names: Any) -> tuple[Any,
 JUDGE, REFINE = rule.judge, search.refine_reversals
 Place = tuple[Any, str, Callable[..., Any]]
 MECHANISMS: dict[str, list[Place]] = {
+    "laws": [(answer, "suit_laws", _keep(1))],
+    "past": [(generic, "doubt_for_past", lambda own, found: (found, {}))],
     "pairs": [(stepwise, "find_pair", _give([]))],
     "forms": [(search.Search, "passes_beside_forms", _give(False))],
     "bodies": [(search.Search, "find_losses_beside_bodies", lambda own, beside: own.standard_losses)],
@@ -74,7 +76,7 @@ MECHANISMS: dict[str, list[Place]] = {
     "delays": [(search.Search, "is_delay", _give(True))],
     "slow delays": [(search, "lags_slow_torque", _give(True))],
     "generic doubts names": [(generic, "doubt", _keep(2))],
-    "generic stage": [(answer, "explain_rest", lambda own, terms, found: (found, {}))],
+    "generic stage": [(answer, "explain_rest", lambda own, terms, found: (found, {}, {}))],
     "restore_standard": [(stepwise, "restore_standard", _keep(1)), (generic, "restore_standard", _keep(1))],
     "is_refined": [(revision, "is_refined", _give(False))],
     "absorb": [(revision, "absorb", _keep(2))],

@@ -143,12 +143,13 @@ class Prepared:
         """The same data set with directions of motion that change in another way."""
         return replace(self, runs=[_reverse_over(run, reversals) for run in self.runs], reversals=reversals)
 
-    def try_reversals(self, reversals: Reversals) -> list[PreparedRun]:
+    def try_reversals(self, reversals: Reversals, joint: int | None = None) -> list[PreparedRun]:
         """Training runs with directions of motion that change in another way, for an effect's columns alone.
 
-        What yet another way would change in them is not made.
+        What yet another way would change in them is not made. With `joint`, that of one joint alone changes.
         """
-        return [_try_reversals(run, reversals) for run in self.runs_for("train")]
+        joints = list(range(self.n)) if joint is None else [joint]
+        return [_try_reversals(run, reversals, joints) for run in self.runs_for("train")]
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
@@ -167,21 +168,26 @@ def take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tup
 
 def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
     """A run with directions of motion that change in another way."""
-    sign, reversal = take_direction(*_at_full_rate(run), reversals)
+    sign, reversal = take_direction(*_at_full_rate(run, list(range(run.signals.v.shape[1]))), reversals)
     signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
     return replace(run, signals=signals)
 
 
-def _try_reversals(run: PreparedRun, reversals: Reversals) -> PreparedRun:
-    """A run with directions of motion that change in another way, without `reversal`."""
-    v, rest = _at_full_rate(run)
-    sign = decimate(reversals.soften(v, np.where(rest, 0.0, np.sign(v))), run.factor)
+def _try_reversals(run: PreparedRun, reversals: Reversals, joints: list[int]) -> PreparedRun:
+    """A run with directions of motion of some joints that change in another way, without `reversal`."""
+    v, rest = _at_full_rate(run, joints)
+    own = Reversals(reversals.width[joints], reversals.form[joints])
+    sign = run.signals.sign.copy()
+    sign[:, joints] = decimate(own.soften(v, np.where(rest, 0.0, np.sign(v))), run.factor)
     return replace(run, signals=replace(run.signals, sign=sign, reversal=None))
 
 
-def _at_full_rate(run: PreparedRun) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds and where joints rest, at the recording's rate, as at first; smooth between the samples kept."""
-    v, rest = run.signals.v, run.resting
+def _at_full_rate(run: PreparedRun, joints: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds of some joints and where they rest, at the recording's rate, as at first.
+
+    Speeds are smooth between the samples kept.
+    """
+    v, rest = run.signals.v[:, joints], run.resting[:, joints]
     if run.factor > 1:
         at = np.arange(len(v)) * run.factor
         every = np.arange(at[-1] + 1)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from wearscope.closed_loop.selection.evidence import Evidence
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
+from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.search import Search
@@ -36,16 +37,18 @@ class Answer:
 def find_terms(search: Search) -> Answer:
     """Terms that a search's declared model lacks, with names, from the training runs."""
     terms = GenericTerms(search.problem.prepared, search.problem.joined)
-    found, left = explain_rest(search, terms, find_named(search))
+    found, left, depends = explain_rest(search, terms, find_named(search))
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)
     prepared = search.problem.prepared
     asked = [j for j in range(prepared.n) if prepared.moving[j] and j not in left]
-    return Answer(found, equivalent, left, find_dependence(search, found, asked))
+    return Answer(found, equivalent, left, find_dependence(search, found, asked) | depends)
 
 
 def find_named(search: Search) -> list[Found]:
     """Terms with a name that the declared model lacks: the standard ones of each joint, then all others."""
     found = search.settle_reversals(find_standard(search), forms=False)
     search.keep_standard(found)
-    return settle(search, search.settle_reversals(extend(search, found)))
+    found = settle(search, search.settle_reversals(extend(search, found)))
+    suited = suit_laws(search, found)
+    return found if suited is found else settle(search, search.settle_reversals(suited))

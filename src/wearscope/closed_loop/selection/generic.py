@@ -16,6 +16,8 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.motion_dependence import Dependence
+from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, restore_standard
 from wearscope.closed_loop.selection.search import Search
@@ -181,7 +183,7 @@ def choose_plainest(able: list[Evidence], policy: Policy) -> Evidence:
 
 def explain_rest(
     search: Search, terms: GenericTerms, found: list[Found]
-) -> tuple[list[Found], dict[int, Evidence]]:
+) -> tuple[list[Found], dict[int, Evidence], dict[int, Dependence]]:
     """Add generic terms where no name explains what is left; drop names that they make superfluous.
 
     Returns
@@ -189,8 +191,10 @@ def explain_rest(
     found : list of Found
     left : dict of int to Evidence
         By joint, the best generic structure that was found and could not be added.
+    depends : dict of int to Dependence
+        By joint, what was named and depends on what the motion has been.
     """
-    found = doubt(search, terms, found)
+    found, depends = doubt_for_past(search, doubt(search, terms, found))
     joints = [int(j) for j in np.flatnonzero(search.problem.prepared.moving)]
     left: dict[int, Evidence] = {}
     while joints:
@@ -223,7 +227,7 @@ def explain_rest(
             new, there = {id(e.chosen) for e in taken}, {e.joint for e in taken}
             found = drop_superfluous(search, found, there, new)
             found = restore_standard(search, found, there)
-    return found, left
+    return found, left, depends
 
 
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:

@@ -22,14 +22,16 @@ from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
 
 #: Step of the logarithm of a width for its derivative; steps taken; largest one; smallest one worth taking.
-_DIFFERENCE, _STEPS, _FURTHEST, _NEAREST = 0.02, 5, 0.5, 0.003
+DIFFERENCE, _STEPS, _FURTHEST, _NEAREST = 0.02, 5, 0.5, 0.003
 #: Standard deviation of the errors of width and form, of Coulomb friction, that are to be expected.
 _SHARE = 0.5
 #: Least and largest width, over the joint's largest speed.
-_LEAST, _LARGEST = 1e-4, 0.3
+LEAST, _LARGEST = 1e-4, 0.3
+#: Largest one that drives have, over that: what is wider stands for a law of the speed.
+WIDEST = 0.05
 #: Widths from which the fit starts besides the rough model's, over the joint's largest speed; residual
 #: variances by which one must do better than it.
-_STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
+STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
 #: Share of the loss that a width must remove where the rough model found a reversal at once.
 _AT_ONCE = 0.2
 #: Standard errors that a change of a width must have.
@@ -101,7 +103,7 @@ def refine_reversals(prepared: Prepared, assembly: Assembly, forms: bool = True)
         Unchanged where nothing in the model changes its sign with the motion; a reversal at once stays one
         unless a width does clearly better, and a form stays unless another one does.
     """
-    frictions = {j: _list_own(assembly.chosen, j) for j in np.flatnonzero(prepared.moving).tolist()}
+    frictions = {j: list_own(assembly.chosen, j) for j in np.flatnonzero(prepared.moving).tolist()}
     frictions = {j: terms for j, terms in frictions.items() if terms}
     if not frictions:
         return prepared.reversals
@@ -117,6 +119,11 @@ def refine_reversals(prepared: Prepared, assembly: Assembly, forms: bool = True)
                 losses[j], better[j] = fit, True
         best = fitted.where(better, best)
     return best
+
+
+def is_wide(prepared: Prepared, joint: int) -> bool:
+    """Whether a joint's reversal is wider than one of a drive: it then stands for a law of its speed."""
+    return float(prepared.reversals.width[joint]) > WIDEST * find_top(prepared)[joint]
 
 
 @dataclass(frozen=True)
@@ -140,13 +147,13 @@ class _Fitter:
         """The reversals of today, or those at one of some widths that do better."""
         prepared, today = self.prepared, self.prepared.reversals
         widths = today.width.copy()
-        top = _find_top(self.prepared)
+        top = find_top(self.prepared)
         first = self._fit(today, self.frictions)
         least = {
             j: min(fit.loss - _CLEARLY * fit.noise, fit.loss * (1.0 if widths[j] > 0.0 else 1.0 - _AT_ONCE))
             for j, fit in first.items()
         }
-        for share in _STARTS:
+        for share in STARTS:
             tried = np.where(prepared.moving, share * top, widths)
             for j, fit in self._fit(Reversals(tried, today.form), self.frictions).items():
                 if fit.loss < least[j]:
@@ -158,7 +165,7 @@ class _Fitter:
     ) -> tuple[dict[int, "_JointFit"], Reversals]:
         """Widths that fit best in the forms given, by Gauss and Newton's steps, and the fits at them."""
         moving = set(self.frictions if joints is None else joints)
-        widths, top = start.width.copy(), _find_top(self.prepared)
+        widths, top = start.width.copy(), find_top(self.prepared)
         best: dict[int, tuple[_JointFit, float]] = {}
         for _ in range(_STEPS + 1):
             if not moving:
@@ -177,25 +184,25 @@ class _Fitter:
                     moving.discard(j)
                     continue
                 changed = widths[j] * np.exp(np.clip(fit.step, -_FURTHEST, _FURTHEST))
-                widths[j] = float(np.clip(changed, _LEAST * top[j], _LARGEST * top[j]))
+                widths[j] = float(np.clip(changed, LEAST * top[j], _LARGEST * top[j]))
         for j, (_, width) in best.items():
             widths[j] = width
         return {j: fit for j, (fit, _) in best.items()}, Reversals(widths, start.form)
 
     def _fit(self, reversals: Reversals, own: dict[int, list[int]]) -> dict[int, "_JointFit"]:
         """Fits of joints whose own terms are evaluated along reversals."""
-        wider = Reversals(reversals.width * np.exp(_DIFFERENCE), reversals.form)
+        wider = Reversals(reversals.width * np.exp(DIFFERENCE), reversals.form)
         now = reversals is self.prepared.reversals
         runs = self.prepared.runs_for("train") if now else self.prepared.try_reversals(reversals)
         return _fit_joints(runs, self.prepared.try_reversals(wider), self.assembly, own)
 
 
-def _find_top(prepared: Prepared) -> np.ndarray:
+def find_top(prepared: Prepared) -> np.ndarray:
     """Largest speed of each joint (n,) along the training runs."""
     return np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
 
 
-def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
+def list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
     """Indices of a model's terms that act at one joint alone and are evaluated along its motion."""
     return [
         k
@@ -208,7 +215,7 @@ def _list_own(chosen: tuple[Chosen, ...], joint: int) -> list[int]:
     ]
 
 
-def _take_rest(assembly: Assembly, joint: int, own: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def take_rest(assembly: Assembly, joint: int, own: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """What a joint's own terms have to explain (K,), at the rows (M,) of bool that count."""
     keep = assembly.layout.keep[:, joint]
     # What is felt at several joints, or is of the record, is held; the reversal's own column is left out.
@@ -222,16 +229,16 @@ def _fit_joints(
 ) -> dict[int, _JointFit]:
     """Fit each joint's own terms along runs, and the change of its width, the terms of others held.
 
-    `moved` are the runs with widths that are wider by `_DIFFERENCE`.
+    `moved` are the runs with widths that are wider by `DIFFERENCE`.
     """
     fits = {}
     for j, terms in own.items():
-        x = np.concatenate([_reduce_term(assembly.chosen[k], runs) for k in terms], axis=1)
-        other = np.concatenate([_reduce_term(assembly.chosen[k], moved) for k in terms], axis=1)
-        y, keep = _take_rest(assembly, j, terms)
+        x = np.concatenate([reduce_term(assembly.chosen[k], runs) for k in terms], axis=1)
+        other = np.concatenate([reduce_term(assembly.chosen[k], moved) for k in terms], axis=1)
+        y, keep = take_rest(assembly, j, terms)
         x, other = x[keep], other[keep]
         theta, left = _solve(x, y)
-        slope = (other - x) @ theta / _DIFFERENCE
+        slope = (other - x) @ theta / DIFFERENCE
         both, after = _solve(np.column_stack([x, slope]), y)
         free = slope - x @ _solve(x, slope)[0]
         power = float(free @ free)
@@ -243,7 +250,7 @@ def _fit_joints(
     return fits
 
 
-def _reduce_term(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
+def reduce_term(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
     """Columns (M, m) of a term along the signals of runs."""
     made, shape = chosen.candidate, np.array(chosen.candidate.shapes)
     parts = map_runs(partial(reduce_columns, made.effect, made.joint, shape), runs)

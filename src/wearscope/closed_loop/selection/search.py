@@ -241,6 +241,11 @@ class Search:
         self._forget_evidence()
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
+    def adopt(self, other: "Search") -> None:
+        """Go on with another search's problem."""
+        self.problem = other.problem
+        self._forget_evidence()
+
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
