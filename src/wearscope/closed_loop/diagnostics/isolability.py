@@ -1,16 +1,17 @@
 """Which effects the runs can separate at all: angles between candidates, before any of them is fitted."""
 
-from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.model.candidates import reduce_columns
-from wearscope.closed_loop.model.prediction import find_operating_point
+from wearscope.closed_loop.model.candidates import make_candidate
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.effects.base import Effect, Signals
+from wearscope.closed_loop.selection.reversal import REVERSAL
+from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Shapes of a nonlinear effect that stand for all of them, spread over those worth trying.
 _SHAPES = 9
@@ -25,63 +26,18 @@ _LEAST_SINE = 0.03
 UNITS = {"angle_deg": "deg", "largest_angle_deg": "deg", "sine_a": "1", "sine_b": "1"}
 
 
-@dataclass
-class _Columns:
-    """Weighted columns of an effect on the rows of all training runs.
-
-    Attributes
-    ----------
-    name : str
-    x : ndarray (R, C), or (R, n, C) where the effect spreads
-        Each plain variant at each shape, side by side.
-    counts : list of int
-        Columns of each.
-    """
-
-    name: str
-    x: np.ndarray
-    counts: list[int]
-
-
-def _stack_columns(
-    effect: Effect, joint: int, model: Regression, joined: Signals, along: list[Signals]
-) -> _Columns:
-    shapes = effect.shapes(joined, joint)
-    pick = np.unique(np.linspace(0, len(shapes) - 1, min(_SHAPES, len(shapes))).round().astype(int))
-    variants = effect.plain_subsets()
-    kept = [s * len(effect.coefficients) + variant for s in range(len(pick)) for variant in variants]
-    parts = []
-    for run, w, signals in zip(model.prepared.runs_for("train"), model.weights, along, strict=True):
-        x = reduce_columns(effect, joint, shapes[pick], run, signals)[..., np.concatenate(kept)]
-        parts.append(x * (w[:, :, None] if effect.spread else w[:, [joint]]))
-    return _Columns(effect.name, np.concatenate(parts), [len(k) for k in kept])
-
-
-def _project(model: Regression, candidates: list[_Columns], joint: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gram matrices of all candidates' columns, before and after the model is projected out."""
-    d = np.concatenate([x * w[:, :, None] for x, w in zip(model.columns, model.weights, strict=True)])
-    width = sum(c.x.shape[-1] for c in candidates)
-    gram, cross = np.zeros((width, width)), np.zeros((width, model.p))
-    ends = np.cumsum([0, *(c.x.shape[-1] for c in candidates)])
-    spans = [slice(a, b) for a, b in pairwise(ends)]
-    for a, here in zip(candidates, spans, strict=True):
-        if a.x.ndim == 3:
-            cross[here] = a.x.reshape(-1, a.x.shape[-1]).T @ d.reshape(-1, model.p)
-        else:
-            cross[here] = a.x.T @ d[:, joint]
-        for b, there in zip(candidates, spans, strict=True):
-            if there.start < here.start:
-                continue
-            if a.x.ndim == b.x.ndim:
-                product = a.x.reshape(-1, a.x.shape[-1]).T @ b.x.reshape(-1, b.x.shape[-1])
-            else:
-                left, right = (c.x[:, joint] if c.x.ndim == 3 else c.x for c in (a, b))
-                product = left.T @ right
-            gram[here, there], gram[there, here] = product, product.T
-    if not model.p:
-        return gram, gram
-    inner = gram - cross @ np.linalg.solve(model.moments()[0], cross.T)
-    return gram, 0.5 * (inner + inner.T)
+def _list_forms(problem: Problem, declared: Assembly, effect: Effect, joint: int) -> list[Chosen]:
+    """Each plain variant of an effect at a joint, at some of its shapes; none where it is felt nowhere."""
+    if isinstance(effect, MeasurementEffect):
+        candidate = problem.measurement_candidate(effect, joint, declared)
+    else:
+        shapes = effect.shapes(problem.joined, joint)
+        pick = np.unique(np.linspace(0, len(shapes) - 1, min(_SHAPES, len(shapes))).round().astype(int))
+        candidate = make_candidate(effect, joint, problem.prepared, shapes[pick])
+    if not candidate.joints:
+        return []
+    variants = [tuple(int(k) for k in subset) for subset in effect.plain_subsets()]
+    return [Chosen(candidate.at(s), variant) for s in range(len(candidate.shapes)) for variant in variants]
 
 
 def _whiten(gram: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, float]:
@@ -99,28 +55,28 @@ def _whiten(gram: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, float]:
     return (base @ turn[:, kept] / np.sqrt(share[kept])) / scale[:, None], sine
 
 
-def _angles(model: Regression, candidates: list[_Columns], joint: int) -> list[dict]:
-    """One row for each pair of candidates at a joint."""
-    gram, inner = _project(model, candidates, joint)
-    bases: list[np.ndarray] = []
-    owners: list[int] = []
-    sines = np.zeros(len(candidates))
-    start = 0
-    for k, c in enumerate(candidates):
-        for count in c.counts:
-            span = slice(start, start + count)
-            start += count
-            small, sine = _whiten(gram[span, span], inner[span, span])
-            sines[k] = max(sines[k], sine)
-            full = np.zeros((len(gram), small.shape[1]))
-            full[span] = small
-            bases.append(full)
-            owners.append(k)
+def _angles(declared: Assembly, forms: list[tuple[str, list[Chosen]]]) -> list[dict]:
+    """One row for each pair of effects at a joint, of which the forms are given by name."""
+    every = (*declared.chosen, *(form for _, own in forms for form in own))
+    both = Assembly(declared.layout, declared.target, every, declared.sigma)
+    p, gram = declared.p, both.gram.sum(axis=0)
+    onto = np.linalg.solve(gram[:p, :p] + both.prior[:p, :p], gram[:p, p:])
+    inner = gram[p:, p:] - gram[p:, :p] @ onto
+    gram, inner = gram[p:, p:], 0.5 * (inner + inner.T)
+    owners = [k for k, (_, own) in enumerate(forms) for _ in own]
+    bases, sines = [], np.zeros(len(forms))
+    for k, whole in zip(owners, both.spans[len(declared.chosen) :], strict=True):
+        span = slice(whole.start - p, whole.stop - p)
+        small, sine = _whiten(gram[span, span], inner[span, span])
+        sines[k] = max(sines[k], sine)
+        full = np.zeros((len(gram), small.shape[1]))
+        full[span] = small
+        bases.append(full)
     ends = np.cumsum([0, *(b.shape[1] for b in bases)])
     whole = np.concatenate(bases, axis=1)
     cosines = whole.T @ inner @ whole
     records = []
-    for a, b in combinations(range(len(candidates)), 2):
+    for a, b in combinations(range(len(forms)), 2):
         least, largest = np.nan, np.nan
         for i in (i for i, owner in enumerate(owners) if owner == a):
             for k in (k for k, owner in enumerate(owners) if owner == b):
@@ -131,8 +87,8 @@ def _angles(model: Regression, candidates: list[_Columns], joint: int) -> list[d
                 least, largest = np.fmin(least, angle[0]), np.fmin(largest, angle[-1])
         records.append(
             {
-                "effect_a": candidates[a].name,
-                "effect_b": candidates[b].name,
+                "effect_a": forms[a][0],
+                "effect_b": forms[b][0],
                 "angle_deg": float(least),
                 "largest_angle_deg": float(largest),
                 "sine_a": sines[a],
@@ -162,18 +118,19 @@ def measure_isolability(problem: Problem, model: Regression) -> pd.DataFrame:
         `sine_b` to the declared model, at the shape, variant and direction that it absorbs least. Angles are
         NaN where the declared model leaves nothing of one of the two.
     """
-    prepared, joined = problem.prepared, problem.joined
-    along = find_operating_point(model)
-    last = prepared.n - 1
+    prepared, last = problem.prepared, problem.prepared.n - 1
+    base = tuple(c for c in problem.base if c.candidate.effect is not REVERSAL)
+    declared = Assembly(problem.layout, problem.target, base, model.sigma)
 
-    def stack(joint: int, per_robot: bool) -> list[_Columns]:
-        asked = (e for e in problem.effects if e.per_robot == per_robot and e.is_usable(joined, joint))
-        return [_stack_columns(effect, joint, model, joined, along) for effect in asked]
+    def list_forms(joint: int, per_robot: bool) -> list[tuple[str, list[Chosen]]]:
+        asked = [e for e in problem.effects if e.per_robot == per_robot]
+        usable = [e for e in asked if e.is_usable(problem.joined, joint)]
+        return [(effect.name, _list_forms(problem, declared, effect, joint)) for effect in usable]
 
-    common = stack(last, True) if prepared.moving[last] else []
+    common = list_forms(last, True) if prepared.moving[last] else []
     tables = []
     for j in map(int, np.flatnonzero(prepared.moving)):
-        table = pd.DataFrame(_angles(model, stack(j, False) + common, j))
+        table = pd.DataFrame(_angles(declared, list_forms(j, False) + common))
         table.insert(0, "joint", prepared.dataset.joints[j])
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
