@@ -65,8 +65,8 @@ def _angles(declared: Assembly, forms: list[tuple[str, list[Chosen]]]) -> list[d
     gram, inner = gram[p:, p:], 0.5 * (inner + inner.T)
     owners = [k for k, (_, own) in enumerate(forms) for _ in own]
     bases, sines = [], np.zeros(len(forms))
-    for k, whole in zip(owners, both.spans[len(declared.chosen) :], strict=True):
-        span = slice(whole.start - p, whole.stop - p)
+    for k, place in zip(owners, both.spans[len(declared.chosen) :], strict=True):
+        span = slice(place.start - p, place.stop - p)
         small, sine = _whiten(gram[span, span], inner[span, span])
         sines[k] = max(sines[k], sine)
         full = np.zeros((len(gram), small.shape[1]))
