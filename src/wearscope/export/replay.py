@@ -26,15 +26,7 @@ WITHOUT = f"{MJCF} without passive motors"
 def compare_replays(
     model: RobotModel, held: Holdings, reference: Reference, temperature: float
 ) -> dict[str, dict[str, Any]]:
-    """Differences of each format's replay, by format and joint.
-
-    Parameters
-    ----------
-    model : RobotModel
-    held : Holdings
-    reference : Reference
-    temperature : float
-        [deg C]
+    """Differences of each format's replay, by format and joint, of what `comparison.compare` takes.
 
     Returns
     -------

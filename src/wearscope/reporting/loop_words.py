@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.closed_loop import gap_closed, name_signal, number
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words, words
 from wearscope.reporting.page import format_number
@@ -36,6 +35,8 @@ STATUSES = {
 
 def list_shared() -> set[str]:
     """Effects that the robot has once and every joint feels."""
+    from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
+
     return {effect.name for effect in list_effects() if effect.per_robot}
 
 

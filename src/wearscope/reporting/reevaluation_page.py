@@ -3,7 +3,6 @@
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.figures.reevaluation import draw_reevaluation
 from wearscope.reporting.labels import count_text, join_words, name_term, with_unit
 from wearscope.reporting.page import (
     Section,
@@ -54,6 +53,8 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
 
 def summarise_reevaluation(one: Reevaluation) -> Markup:
     """Sentences and figure for the first page: which answers change, and what is nearer to the truth."""
+    from wearscope.reporting.figures.reevaluation import draw_reevaluation  # Matplotlib is for few studies
+
     assumed = (
         f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
         "the joint's own friction."
