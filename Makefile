@@ -18,7 +18,7 @@ BIN := $(VENV)/bin
 # uv, where it is there, is several times as fast; `make UV=` does without it. Hashes are checked by both.
 UV := $(shell command -v uv)
 INSTALL = $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/python -m pip install \
-	--quiet --disable-pip-version-check) --require-hashes --no-build-isolation --requirement
+	--quiet --disable-pip-version-check --no-compile) --require-hashes --no-build-isolation --requirement
 
 export OMP_NUM_THREADS ?= 1
 export NO_MKDOCS_2_WARNING := true
