@@ -122,6 +122,10 @@ class Study:
         """A detector by what it does and its letter."""
         return detector_name(code, self.config["detectors"][code]["use"])
 
+    def detector_names(self) -> dict[str, str]:
+        """Names of the detectors that have an SNR, by letter in order."""
+        return {code: self.detector_name(code) for code in sorted(self.snr["fda"].unique())}
+
     def upper(self) -> list[str]:
         """Detectors that are told the simulator's law: upper bounds."""
         return self.conclusions[0].upper if self.conclusions else []

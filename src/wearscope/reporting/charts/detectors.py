@@ -33,8 +33,8 @@ def chart_snr(study: Study) -> Chart:
             range=[*(f"var(--c{k % 6})" for k in range(len(robots))), "var(--ink)"][: len(shown)],
         ),
     )
-    detectors = {name: study.detector_name(name) for name in sorted(study.snr["fda"].unique())}
-    rows = alt.Y("fda:N", title=None, axis=alt.Axis(labelExpr=name_labels(detectors), labelLimit=220))
+    axis = alt.Axis(labelExpr=name_labels(study.detector_names()), labelLimit=220)
+    rows = alt.Y("fda:N", title=None, axis=axis)
     deployable = "datum.rank > 0"
     cells = (
         named("snr")

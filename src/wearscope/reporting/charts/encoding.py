@@ -1,7 +1,7 @@
 """Altair charts as the pages have them: their data by name, zoom, cells under the pointer, colours."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import altair as alt
@@ -50,10 +50,14 @@ def cell_tips() -> list[alt.Tooltip]:
     return tips("robot:N; cycle:N|test-cycle; axis:N; fda:N|detector")
 
 
-def colour(title: str = "", domain: Sequence[Any] | None = None) -> dict[str, Any]:
-    """Keyword arguments of a colour by name, the same name the same colour on all of a page's charts."""
-    scale = alt.Undefined if domain is None else alt.Scale(domain=list(domain))
-    return {"type": "nominal", "title": title or None, "scale": scale}
+def colour(names: Mapping[str, str], legend: bool = True) -> dict[str, Any]:
+    """Keyword arguments of a colour by detector, the same on all charts; the legend names them."""
+    return {
+        "type": "nominal",
+        "title": "detector",
+        "scale": alt.Scale(domain=list(names)),
+        "legend": alt.Legend(labelExpr=name_labels(names), symbolOpacity=1) if legend else None,
+    }
 
 
 def name_labels(names: Mapping[str, str]) -> str:

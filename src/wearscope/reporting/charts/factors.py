@@ -19,11 +19,11 @@ def symlog_axis(steps: tuple[int, ...]) -> alt.Axis:
 
 def chart_weights(study: Study) -> Chart:
     """Every cell's coefficients over that of wear, by factor and detector."""
-    names = sorted(study.snr["fda"].unique())
+    names = study.detector_names()
     base = named("weights").encode(
         y=alt.Y("term:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
-        yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
-        color=alt.Color("fda:N", **colour("detector", names)),
+        yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=list(names))),
+        color=alt.Color("fda:N", **colour(names)),
     )
     band = alt.Chart(alt.InlineData([{"low": -1, "high": 1}])).mark_rect(color="var(--line)", opacity=0.45)
     points = base.mark_circle(opacity=0.65).encode(

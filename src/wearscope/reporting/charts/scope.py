@@ -140,7 +140,7 @@ def _nearest(values: list[float], wanted: float) -> float:
 
 def chart_roc(study: Study, choices: list[Choice]) -> Chart:
     """Probability of detection over that of false alarm: medians, and every cell where a reader asks."""
-    names = sorted(study.snr["fda"].unique())
+    names = study.detector_names()
     base = named("roc").encode(
         x=alt.X(
             "p_f:Q",
@@ -154,7 +154,7 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
             scale=alt.Scale(domain=[0, 1]),
             axis=alt.Axis(format="%"),
         ),
-        color=alt.Color("fda:N", **colour("detector", names)),
+        color=alt.Color("fda:N", **colour(names)),
         detail=["robot:N", "cycle:N", "axis:N"],
     )
     told = [*cell_tips(), *tips("p_f:Q|false alarms|.2~%; p_d:Q|detected|.2%; threshold:Q||.4")]
@@ -169,8 +169,9 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         .encode(
             x="p_f:Q",
             y=alt.Y("median(p_d):Q", title="probability of detection"),
-            color=alt.Color("fda:N", **colour("detector", names)),
+            color=alt.Color("fda:N", **colour(names)),
             strokeDash=alt.condition(upper, alt.value([6, 4]), alt.value([1, 0])),
+            tooltip=tips("fda:N|detector; p_f:Q|false alarms|.2~%; median(p_d):Q|detected, median|.2%"),
         )
     )
     own = alt.param(name="p_f", value=study.config["scope"]["p_f"])
@@ -196,7 +197,7 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
 
 def chart_power(study: Study) -> Chart:
     """Probability of detection and threshold of every cell at the false-alarm rate chosen."""
-    names = sorted(study.snr["fda"].unique())
+    names = study.detector_names()
     bars = (
         named("power")
         .mark_bar(cornerRadius=2)
@@ -208,8 +209,8 @@ def chart_power(study: Study) -> Chart:
                 axis=alt.Axis(format="%"),
             ),
             y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
-            yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=names)),
-            color=alt.Color("fda:N", **colour("detector", names)),
+            yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=list(names))),
+            color=alt.Color("fda:N", **colour(names)),
             tooltip=[*cell_tips(), *tips("p_d:Q|detected|.2%; p_f:Q|false alarms|.2~%; threshold:Q||.4")],
         )
     )

@@ -3,18 +3,19 @@
 import altair as alt
 
 from wearscope.reporting.charts.base import BY_CELL, Chart, Source
-from wearscope.reporting.charts.encoding import cell_tips, colour, named, tips
+from wearscope.reporting.charts.encoding import cell_tips, colour, name_labels, named, tips
 from wearscope.reporting.study import Study
 
 
 def chart_fits(study: Study) -> Chart:
     """Fit of every cell's surrogate, by detector."""
-    names = sorted(study.snr["fda"].unique())
-    base = named("fits").encode(y=alt.Y("fda:N", title=None), yOffset="robot:N")
+    names = study.detector_names()
+    axis = alt.Axis(labelExpr=name_labels(names), labelLimit=220)
+    base = named("fits").encode(y=alt.Y("fda:N", title=None, axis=axis), yOffset="robot:N")
     told = [*cell_tips(), *tips("fit:Q|fit [%]|.4; ceiling:Q|ceiling [%]|.4; kind:N")]
     points = base.mark_circle(opacity=0.7).encode(
         x=alt.X("fit:Q", title="fit on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
-        color=alt.Color("fda:N", **colour("", names), legend=None),
+        color=alt.Color("fda:N", **colour(names, legend=False)),
         tooltip=told,
     )
     ceilings = base.mark_tick(color="var(--soft)", thickness=1.5, size=11).encode(
@@ -33,7 +34,7 @@ def chart_fits(study: Study) -> Chart:
 
 def chart_audit(study: Study) -> Chart:
     """Error of the surrogates at the audited points."""
-    names = sorted(study.snr["fda"].unique())
+    names = study.detector_names()
     band = (
         alt.Chart(alt.InlineData([{"low": -1, "high": 1}]))
         .mark_rect(color="var(--line)", opacity=0.5)
@@ -44,13 +45,13 @@ def chart_audit(study: Study) -> Chart:
         .mark_circle(opacity=0.7)
         .encode(
             x=alt.X("point:O", title="audited point", axis=alt.Axis(labelAngle=0)),
-            xOffset=alt.XOffset("fda:N", scale=alt.Scale(domain=names)),
+            xOffset=alt.XOffset("fda:N", scale=alt.Scale(domain=list(names))),
             y=alt.Y(
                 "error:Q",
                 title="error in half-widths of the 95 % interval",
                 scale=alt.Scale(type="symlog", constant=2),
             ),
-            color=alt.Color("fda:N", **colour("detector", names)),
+            color=alt.Color("fda:N", **colour(names)),
             tooltip=[
                 *cell_tips(),
                 *tips(
