@@ -142,6 +142,20 @@ def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path
     bench.accept("--gravity", said[1])
 
 
+@pytest.mark.parametrize("by", [[0.0, np.pi / 2.0], [0.0, -0.8, np.pi]])
+def test_positions_of_another_zero_are_told_and_taken(tmp_path, by):
+    bench = Bench(tmp_path, len(by), 2.0)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 2.0, 0.3) + rub(v, 0.2, 0.3) + rng.normal(0, 0.02, q.shape),
+        position=lambda q, k: q - by,
+    )
+    said = re.findall(r"--shift (q_j\d)=(\S+?)[; ]", bench.refuse())
+    assert [one for one, _ in said] == [f"q_j{k + 1}" for k, size in enumerate(by) if size]
+    found = np.array([float(size) for _, size in said])
+    np.testing.assert_allclose(np.cos(found - [one for one in by if one]), 1.0, atol=1e-3)
+    bench.accept(*(word for one, size in said for word in ("--shift", f"{one}={size}")))
+
+
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
     bench = Bench(tmp_path, 2, 4.0)
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 4.0, 0.3, gravity=0.0) + rng.normal(0, 0.02, q.shape))

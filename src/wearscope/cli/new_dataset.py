@@ -83,6 +83,8 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 )
 @click.option("--turn", "turned", default="", metavar="A,B,...",
               help="Columns of the data set (q_JOINT, tau_JOINT) that are turned round.")  # fmt: skip
+@click.option("--shift", "shifted", multiple=True, metavar="q_JOINT=X",
+              help="Added to a position of the data set [rad or m].")  # fmt: skip
 @click.option("--reading", "readings", multiple=True, metavar="[JOINT=]READING",
               help="What the torques are: motor, link, without_gravity or none.")  # fmt: skip
 @click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
@@ -141,6 +143,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             file: Numbers().convert(one, None, None)
             for file, one in _by_file("payload-of", stated.pop("payloads"), recordings).items()
         },
+        shifted=_read_shifts(stated.pop("shifted")),
         readings=_read_readings(stated.pop("readings")),
         servo=None if servo is None else read_servo_option(servo),
         **stated,
@@ -177,6 +180,17 @@ def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def _read_shifts(entries: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for entry in entries:
+        column, _, size = entry.rpartition("=")
+        try:
+            found[column] = float(size)
+        except ValueError:
+            raise InputError(f"--shift {entry}: is no COLUMN=NUMBER; write e.g. q_j2=1.5708.") from None
+    return found
+
+
 def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]) -> dict[str, str]:
     """Values of an option that is given as FILE=VALUE, by the file's name."""
     found = {}
@@ -196,6 +210,10 @@ def _name_option(problem: str) -> str:
     problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
 
     problem = re.sub(r'write "gravity: \[(.*?)\]" below robot in dataset.yaml', _give_gravity, problem)
+    shift = re.search(r'write "shifted: {(.*?)}" in dataset.yaml', problem)
+    if shift is not None:
+        told = " ".join(f"--shift {one.replace(': ', '=')}" for one in shift[1].split(", "))
+        problem = problem.replace(shift[0], f"give {told}")
     problem = problem.replace("or leave the column out", "or leave it out with --velocity none")
     unit = "give torque on the joint side of the gear in N m (or N)"
     problem = problem.replace(unit, f"{unit}, by --torque-constant or --torque-side motor")

@@ -83,6 +83,9 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
         lines.append(f"torque: {told}")
     if mapped.turned:
         lines.append(f"turned: {_list(mapped.turned)}")
+    if mapped.shifted:
+        parts = ", ".join(f"{_quote(column)}: {by:g}" for column, by in mapped.shifted.items())
+        lines.append(f"shifted: {{{parts}}}")
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {one}" for one in mapped.accept]

@@ -40,6 +40,8 @@ class Mapped:
         Whose law gives the torque.
     turned : sequence of str
         Columns of the data set that are turned round.
+    shifted : mapping of str to float
+        What is added to positions of the data set, by column [rad or m].
     readings : mapping of str to str
         What the torques are, by joint, as `torque` in dataset.yaml has it; under an empty name for all.
     gravity : sequence of float
@@ -70,6 +72,7 @@ class Mapped:
     payload_com: Sequence[float] = (0.0, 0.0, 0.0)
     servo: ServoFields | None = None
     turned: Sequence[str] = ()
+    shifted: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, str] = field(default_factory=dict)
     gravity: Sequence[float] = ()
     sessions: Mapping[str, str] = field(default_factory=dict)

@@ -23,6 +23,7 @@ _BY_COLUMN = (
     "spikes q",
     "step q",
     "sign q",
+    "zero q",
     "sign tau",
     "gain tau",
     "clipped tau",

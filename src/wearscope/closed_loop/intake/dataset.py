@@ -133,11 +133,12 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         kind: np.array([-1.0 if f"{kind}_{joint}" in fields.turned else 1.0 for joint in joints])
         for kind in ("q", "tau")
     }
+    zero = np.array([fields.shifted.get(f"q_{joint}", 0.0) for joint in joints])
     return Run(
         entry.file,
         entry.use,
         t - t[0],
-        q * way["q"],
+        q * way["q"] + zero,
         torque.tau * way["tau"],
         None if speed is None else speed * way["q"],
         take_given(path, frame, "temp", joints),

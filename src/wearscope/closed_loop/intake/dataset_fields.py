@@ -100,6 +100,7 @@ class DatasetFields(_Fields):
     accept: _Names = []
     torque: TorqueReading | dict[str, TorqueReading] = "motor"
     turned: _Names = []
+    shifted: dict[str, _Number] = {}
     reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
 
@@ -376,6 +377,10 @@ def _check_columns(path: Path, fields: DatasetFields) -> None:
     for column in fields.turned:
         if column not in columns:
             raise InputError(f"{path}: turned: '{column}' is none of {', '.join(columns)}; name one of them.")
+    for column in fields.shifted:
+        if column not in columns[: len(joints)]:
+            told = ", ".join(columns[: len(joints)])
+            raise InputError(f"{path}: shifted: '{column}' is none of {told}; name one of them.")
     for joint in fields.robot.locked:
         if joint in joints:
             raise InputError(

@@ -15,6 +15,7 @@ from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
+from wearscope.closed_loop.intake.zeros import read_zeros
 
 _MOTION = ("q", "v", "a", "sign")
 #: Columns of two joints that may be exchanged, and what they are called.
@@ -83,6 +84,7 @@ def _list_readings(
     )
     yield from _read_units(asked, heard)
     yield from _read_turned_positions(asked)
+    yield from read_zeros(asked, stated)
     yield from _read_exchanges(asked, stated)
 
 

@@ -1,0 +1,72 @@
+"""Readings of positions whose zero is not the URDF's: another convention, or an encoder with no reference."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.asked import Asked, Reading
+from wearscope.closed_loop.intake.joint_fit import Fit, Rows
+
+#: Rows on which shifts are sought; what the stated zeros must leave, and a shift remove, in shares of a
+#: torque's variance.
+_FEW, _LEFT, _REMOVED = 300, 0.1, 0.05
+_STEP = np.pi / 4.0
+#: Shifts this near to a quarter turn are one: conventions differ by quarter turns.
+_NEAR = 0.04
+
+
+def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
+    """Positions of some joints that turn, shifted by a constant."""
+    few, shift = asked.rows.thin(_FEW), np.zeros(asked.rows.n)
+    turning = [j for j in few.products.heard if not asked.slides[j]]
+    least = few.products.fit().total
+    if stated.total < _LEFT:
+        return
+    for _ in turning:
+        # A joint that was shifted for its parent's sake is turned back with it.
+        ways = [np.eye(few.n)[j] for j in turning if not shift[j]]
+        ways += [way - np.eye(few.n)[j] for way in ways for j in np.flatnonzero(shift)]
+        tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4)]
+        totals = [_left(few, shift + by * way) for way, by in tried]
+        if not totals or min(totals) > least - _REMOVED:
+            break
+        way, by = tried[int(np.argmin(totals))]
+        shift = _refine(few, shift + by * way)
+        least = _left(few, shift)
+    moved = np.flatnonzero(shift)
+    if not len(moved):
+        return
+    names, sizes = asked.names(moved, "q"), [f"{shift[j]:.4g}" for j in moved]
+    pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
+    many = len(moved) > 1
+    told = (
+        f"{' and '.join(names)} {'count' if many else 'counts'} from another zero than the URDF's "
+        f'{"joints" if many else "joint"}; write "shifted: {{{pairs}}}" in dataset.yaml.'
+    )
+    whole = replace(asked.rows, q=asked.rows.q + shift)
+    codes = tuple(f"zero {name}" for name in names)
+    yield Reading(told, codes, tuple(moved.tolist()), whole.products.fit())
+
+
+def _left(rows: Rows, shift: np.ndarray) -> float:
+    return replace(rows, q=rows.q + shift).products.fit().total
+
+
+def _refine(rows: Rows, start: np.ndarray) -> np.ndarray:
+    """Shifts near a first guess that leave least, as quarter turns where they are near some."""
+    moved = np.flatnonzero(start)
+
+    def shift(sizes: np.ndarray) -> np.ndarray:
+        full = np.zeros(len(start))
+        full[moved] = sizes
+        return full
+
+    simplex = start[moved] + 0.2 * np.vstack([np.zeros(len(moved)), np.eye(len(moved))])
+    options = {"initial_simplex": simplex, "maxfev": 40 * len(moved), "xatol": 2e-3, "fatol": 1e-5}
+    found = optimize.minimize(
+        lambda x: _left(rows, shift(x)), start[moved], method="Nelder-Mead", options=options
+    ).x
+    quarters = np.pi / 2.0 * np.round(found / (np.pi / 2.0))
+    return shift(np.where((quarters != 0.0) & (np.abs(found - quarters) < _NEAR), quarters, found))
