@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -206,7 +207,7 @@ def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lam
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty; name a folder that is not there yet.")
     manifest = walk_archive(path)
-    staging = ""
+    staging, new = "", not folder.parent.exists()
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         staging = tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent)
@@ -238,6 +239,9 @@ def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lam
         raise explain_unwritten(folder, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        if new:
+            with suppress(OSError):  # it holds what was unpacked
+                folder.parent.rmdir()
     return manifest
 
 

@@ -8,14 +8,18 @@ JSON_BYTES, JSON_DEPTH = 100_000_000, 100
 TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
 TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
-#: Most joints, runs and other entries of a list of a data set.
+#: Most joints of a data set or robot, most runs and other entries of a list of a data set.
 JOINTS, RUNS, ENTRIES = 100, 2000, 2000
 #: Most entries of a list of a configuration, largest whole number in it, longest text.
 LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 #: No number of a machine is larger; products of a few such still have a value.
 NUMBER = 1e30
-#: Heaviest payload [kg], longest distance in it [m], largest gear ratio.
-MASS, LENGTH, GEAR_RATIO = 1e6, 1e3, 1e6
+#: Heaviest payload [kg], longest distance in it [m].
+MASS, LENGTH = 1e6, 1e3
+#: Largest gear ratio, inertia of a rotor at its joint [kg m^2], and torque of a joint [N m].
+GEAR_RATIO, INERTIA, TORQUE = 1e6, 1e6, 1e9
+#: The same by the name of the field.
+DRIVE = {"gear_ratio": GEAR_RATIO, "rotor_inertia": INERTIA, "torque_limit": TORQUE}
 #: Longest name of a robot or data set.
 NAME = 100
 #: Largest header of a member of an archive [bytes], such as a long name.

@@ -240,7 +240,24 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
     """Read a Parquet table as a pandas data frame; see `read_arrow`."""
-    return read_arrow(path, columns).to_pandas(ignore_metadata=True)
+    return to_frame(read_arrow(path, columns), path)
+
+
+def to_frame(table: pa.Table, where: str | Path) -> Any:
+    """Data frame of a table, whatever its file says of pandas.
+
+    Raises
+    ------
+    InputError
+        Where a column is of a kind that no data frame holds, such as times of an unknown zone.
+    """
+    try:
+        return table.to_pandas(ignore_metadata=True)
+    except (pa.ArrowException, LookupError, ValueError, TypeError, OverflowError) as error:
+        told = " ".join(str(error).split())[:200].rstrip(".")
+        raise InputError(
+            f"{where}: holds what no table of numbers and texts does ({told}); make it again."
+        ) from None
 
 
 class Parts:

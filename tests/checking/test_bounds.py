@@ -26,7 +26,7 @@ from wearscope.checksums import SETTINGS, check_file, find_output, record_checks
 from wearscope.cli import main, stages
 from wearscope.cli.main import wearscope
 from wearscope.cli.workflow import call_snakemake, wait_turn
-from wearscope.closed_loop.intake.dataset_fields import list_breaches
+from wearscope.closed_loop.intake.dataset_fields import list_breaches, load_fields
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
 from wearscope.errors import InputError
@@ -54,7 +54,9 @@ def test_every_limit_is_documented():
         name: float(value.replace(",", ""))
         for value, name in re.findall(r"\| ([\d,e.]+) \| `(\w+)` \|", text)
     }
-    assert told == {name: float(value) for name, value in vars(limits).items() if name.isupper()}
+    assert told == {
+        name: float(value) for name, value in vars(limits).items() if name.isupper() and name != "DRIVE"
+    }
 
 
 @pytest.mark.parametrize("kind", GROWING)
@@ -86,6 +88,14 @@ def test_lists_and_numbers_of_a_data_set_are_bounded(tmp_path, change, told):
     assert told in spoil(tmp_path, change)[0]
 
 
+@pytest.mark.parametrize("name", limits.DRIVE)
+def test_numbers_that_no_joint_has_are_told(tmp_path, name):
+    joints = len(load_fields(example_dataset() / "dataset.yaml")["robot"]["joints"])
+    assert not spoil(tmp_path, lambda f: f["robot"].update({name: [2.0 * limits.DRIVE[name]] * joints}))
+    found = check_dataset(tmp_path / "arm").problems
+    assert len(found) == 1 and f"robot.{name} holds a value above" in found[0]
+
+
 def test_tables_are_bounded_before_they_are_read(tmp_path):
     wide, long = tmp_path / "wide.csv", tmp_path / "long.parquet"
     wide.write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
@@ -108,6 +118,14 @@ def test_tables_are_bounded_before_they_are_read(tmp_path):
         ({"robots": ["a{b}"]}, "holds a brace"),
         ({"time_limit": 1e300}, "time_limit: 1e+300 is larger"),
         ({"seed": 16**5000}, "seed"),
+        (
+            {
+                "factors": {
+                    "w": {"description": "d", "kind": "temperature", "range": [-300, 0], "unit": "degC"}
+                }
+            },
+            "below absolute zero",
+        ),
     ],
 )
 def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
@@ -153,6 +171,26 @@ def test_no_gravity_is_told(tmp_path):
     found = Findings("robot")
     check_model(str(tmp_path / "robot"), found)
     assert any("gravity is 0; where" in one for one in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "told"),
+    [
+        ("drive", {"gear_ratio": 1e7}, "gear_ratio holds a value above 1e+06"),
+        ("drive", {"rotor_inertia": 1e7}, "rotor_inertia holds a value above 1e+06"),
+        ("drive", {"torque_limit": 1e10}, "torque_limit holds a value above 1e+09"),
+        ("sensors", {"torque_noise": 1e5}, "torque_noise is above drive.torque_limit"),
+    ],
+)
+def test_what_no_joint_has_is_told(tmp_path, section, change, told):
+    shutil.copytree(ROOT / "config" / "robots" / "medium", tmp_path / "robot")
+    file = tmp_path / "robot" / "model.yaml"
+    fields = yaml.safe_load(file.read_text())
+    fields[section].update({name: [value] * len(fields["joints"]) for name, value in change.items()})
+    file.write_text(yaml.safe_dump(fields))
+    found = Findings("robot")
+    check_model(str(tmp_path / "robot"), found)
+    assert any(told in one for one in found.problems)
 
 
 def test_a_constant_recording_is_told(tmp_path):

@@ -123,7 +123,7 @@ class Content:
         where = f"{self.path}: {name}"
         content = self.read(name)
         tables.check_unpacked(content, where)
-        return tables.read_arrow(content, name=where).to_pandas()
+        return tables.to_frame(tables.read_arrow(content, name=where), where)
 
 
 def _conclude(content: Content) -> Iterator[tuple[str, str]]:

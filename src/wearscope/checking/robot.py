@@ -39,8 +39,13 @@ def check_model(reference: str | Path, found: Findings, allow_code: Allowed = Fa
     for entry in model.effects:
         found.attempt(lambda entry=entry: check_effects(_with_effects(model, [entry])))  # type: ignore[misc]
     found.attempt(lambda: check_effects(model))
-    if max(abs(model.gear_ratio)) > limits.GEAR_RATIO:
-        found.add(f"{path}: drive.gear_ratio holds a value above {limits.GEAR_RATIO:g}, which no gear has.")
+    for name, most in limits.DRIVE.items():
+        if max(map(abs, getattr(model.drive, name) or [0.0])) > most:
+            found.add(f"{path}: drive.{name} holds a value above {most:g}, which no joint has; correct it.")
+    if any(model.torque_noise > model.torque_limit):
+        found.add(
+            f"{path}: sensors.torque_noise is above drive.torque_limit; give its standard deviation in N m."
+        )
     if not any(model.gravity):
         found.notes.append(f"{path}: gravity is 0; where the robot is not in orbit, give m/s^2.")
     return model

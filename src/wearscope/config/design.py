@@ -68,6 +68,8 @@ class FactorSettings(Section):
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")
         low, high = self.range
+        if self.kind == "temperature" and low < -273.15:
+            raise ValueError(f"range: {low:g} degC is below absolute zero; give degC")
         first, last = self.validation or self.range
         if not low <= first < last <= high:
             raise ValueError(

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.robots.spatial import (
     Array,
@@ -158,6 +159,10 @@ def normalise_tree(
                     f"{source}: joint '{joint.name}' is {joint.kind}; name the joints that move."
                 )
     _check_joints(tree, wanted, source)
+    if len(wanted) > limits.JOINTS:
+        raise InputError(
+            f"{source}: {len(wanted)} joints move, more than {limits.JOINTS}; name those that are wanted."
+        )
     for link in tree.links.values():
         if link.mass < 0.0:
             raise InputError(f"{source}: link '{link.name}' has the mass {link.mass:g} kg; correct it.")

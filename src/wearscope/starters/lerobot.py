@@ -142,6 +142,5 @@ def _name_columns(features: dict[str, _Feature]) -> dict[str, list[str]]:
 def _read_values(table: pa.Table, feature: str, count: int) -> np.ndarray:
     """Values (N, count) of a feature that has a list a row, or a number where `count` is 1."""
     column = table[feature].combine_chunks()
-    if not pa.types.is_nested(column.type):
-        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float).reshape(-1, 1)
-    return np.asarray(column.flatten().to_numpy(zero_copy_only=False), dtype=float).reshape(-1, count)
+    values = column.flatten() if pa.types.is_nested(column.type) else column
+    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=float).reshape(len(table), count)

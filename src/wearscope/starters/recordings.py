@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.extras import need
 from wearscope.files import check_plain
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
-from wearscope.tables import check_unpacked
+from wearscope.tables import check_unpacked, to_frame
 
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -44,13 +46,13 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     try:
         if kind == ".parquet":
             check_unpacked(path)
-            return pd.read_parquet(path), []
+            return to_frame(pq.read_table(path, partitioning=None), path), []
         if kind in _TEXT:
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
             return _read_text(path)
     except InputError:
         raise
-    except (OSError, ValueError, UnicodeError, csv.Error) as error:
+    except (OSError, ValueError, UnicodeError, csv.Error, pa.ArrowException) as error:
         told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(

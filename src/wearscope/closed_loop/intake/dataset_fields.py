@@ -324,11 +324,11 @@ def _check_by_joint(path: Path, robot: RobotFields) -> None:
         raise InputError(f"{path}: robot.rotor_inertia holds a negative value; give kg m^2 at the joint.")
     if robot.torque_limit is not None and min(robot.torque_limit) <= 0:
         raise InputError(f"{path}: robot.torque_limit must be positive; give the limit of each joint.")
-    if robot.gear_ratio is not None and max(map(abs, robot.gear_ratio)) > limits.GEAR_RATIO:
-        raise InputError(
-            f"{path}: robot.gear_ratio holds a value above {limits.GEAR_RATIO:g}, which no gear has; give "
-            "motor turns by joint turn."
-        )
+    for name, most in limits.DRIVE.items():
+        if max(map(abs, getattr(robot, name) or [0.0])) > most:
+            raise InputError(
+                f"{path}: robot.{name} holds a value above {most:g}, which no joint has; correct it."
+            )
     if robot.gear_ratio is not None and 0.0 in robot.gear_ratio:
         raise InputError(f"{path}: robot.gear_ratio holds a 0; give motor turns by joint turn.")
 
