@@ -326,7 +326,7 @@ def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
         ),
         (RICH, ["thumb_joint"], "joint 'thumb_joint' mimics 'finger_joint'"),
         (RICH, ["finger_joint"], "joint 'thumb_joint' mimics 'finger_joint'; coupled"),
-        ("/no/such/robot.urdf", None, "/no/such/robot.urdf: cannot be read"),
+        ("/no/such/robot.urdf", None, "/no/such/robot.urdf: no such file"),
     ],
 )
 def test_refusals_say_what_to_mend(text, joints, said):
