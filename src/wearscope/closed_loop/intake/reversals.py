@@ -56,11 +56,11 @@ class _JointRows:
     band: Band
     averaged: bool
 
-    def design(self, width: float, beside: bool) -> np.ndarray:
+    def design(self, width: float) -> np.ndarray:
         """Regressors (M, K) that the width changes: direction, friction towards rest, friction by load."""
         take = average_direction if self.averaged else soften_direction
         sign = take(self.v, width, self.sign)
-        rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK] if beside else []
+        rest = [sign * np.exp(-np.abs(self.v) / (share * self.top)) for share in _STRIBECK]
         moving = np.column_stack([sign, *rest, sign * np.abs(self.load)])
         return low_pass(moving, self.band.torque, self.band.rate)[rows(self.band, len(sign))][self.keep]
 
@@ -88,10 +88,14 @@ class _Losses:
         Rows of a block.
     beside : bool
         Whether friction towards rest and what lags are fitted too.
+    designs : dict of float to ndarray
+        By width, what the parts' designs are; shared by the losses of one joint.
     """
 
-    def __init__(self, parts: list[_JointRows], length: int, beside: bool) -> None:
-        self.parts, self.beside = parts, beside
+    def __init__(
+        self, parts: list[_JointRows], length: int, beside: bool, designs: dict[float, np.ndarray]
+    ) -> None:
+        self.parts, self.beside, self.designs = parts, beside, designs
         self.y = np.concatenate([part.tau for part in parts])
         first = 0 if beside else len(_PRESLIDING)
         self.fixed = np.vstack([part.fixed[part.keep, first:] for part in parts])
@@ -101,7 +105,9 @@ class _Losses:
 
     def at(self, width: float) -> np.ndarray:
         """Squared residual of each block (B,) where the direction changes over `width`."""
-        moving = np.vstack([part.design(width, self.beside) for part in self.parts])
+        if width not in self.designs:
+            self.designs[width] = np.vstack([part.design(width) for part in self.parts])
+        moving = self.designs[width] if self.beside else self.designs[width][:, [0, -1]]
         onto = self.basis.T @ moving
         rest = moving - self.basis @ onto
         # Once more, so that nearly collinear columns are orthogonal to rounding.
@@ -124,17 +130,17 @@ def _choose_width(parts: list[_JointRows], length: int) -> float:
     A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
     torque clearly asks for such friction is it fitted beside.
     """
-    width, plain = _choose_width_beside(parts, length, False)
-    other, rich = _choose_width_beside(parts, length, True)
+    designs: dict[float, np.ndarray] = {}
+    width, plain = _choose_width_beside(parts, _Losses(parts, length, False, designs))
+    other, rich = _choose_width_beside(parts, _Losses(parts, length, True, designs))
     gain = plain - rich
     clear = gain.sum() > max(2.0 * np.sqrt(len(gain)) * gain.std(), _CLEAR * rich.sum())
     return other if clear else width
 
 
-def _choose_width_beside(parts: list[_JointRows], length: int, beside: bool) -> tuple[float, np.ndarray]:
+def _choose_width_beside(parts: list[_JointRows], by_width: _Losses) -> tuple[float, np.ndarray]:
     """Narrowest width that does as well as the best within a standard error, and its losses by block."""
     top = parts[0].top
-    by_width = _Losses(parts, length, beside)
     losses = {width: by_width.at(width * top) for width in WIDTHS}
     best = min(losses, key=lambda width: losses[width].sum())
     k = WIDTHS.index(best)
