@@ -21,11 +21,13 @@ from wearscope.cli.main import wearscope
 from wearscope.cli.workflow import read_setting
 from wearscope.config import load_config
 from wearscope.errors import InputError, explain_yaml
+from wearscope.export.run import list_parameters
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model import check_effects, load_model
 from wearscope.robots.model_file import list_effects, read_model_file
 from wearscope.robots.urdf import normalise_urdf
 from wearscope.simulation.feasibility import check_robot
+from wearscope.verdicts import read_verdict
 
 ROOT = Path(__file__).parents[2]
 RELEASE = Path(__file__).parent / "archives" / "release-0.1.0.tar"
@@ -122,6 +124,29 @@ def test_any_archive(count, tmp_path):
     attempt(manifest)
     trees = changed_trees(manifest).filter(is_json)
     try_many(count, st.one_of(trees, changed_bytes(small), st.binary(max_size=2000)), attempt)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_any_verdict(count, tmp_path):
+    path, other = tmp_path / "a" / "verdict.json", tmp_path / "b" / "verdict.json"
+    good = {"joints": {"j1": {"rms_before": 2.0, "rms_after": 1.0, "unit": "N m"}}, "verdict": [
+        {"joint": "j1", "effect": "stribeck", "parameters": {"level": {"value": 1.0, "ci95": [0.5, 1.5]}}},
+    ]}  # fmt: skip
+    for one in (path, other):
+        one.parent.mkdir()
+        one.write_text(json.dumps(good))
+
+    def attempt(content):
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+        list_parameters(load_model("medium"), read_verdict(path))
+        done = CliRunner().invoke(wearscope, ["compare", str(path.parent), str(other.parent)])
+        if done.exception is not None:
+            raise done.exception
+        assert done.output.replace("\n", "").isprintable()
+
+    attempt(good)
+    changed = changed_bytes(json.dumps(good).encode())
+    try_many(count, st.one_of(changed_trees(good).filter(is_json), changed), attempt, least=4)
 
 
 @pytest.mark.parametrize("count", COUNTS)

@@ -1,7 +1,8 @@
 """Whatever files from someone else hold, a command ends soon, in a result or one sentence, and runs no code.
 
-Each command is a process with bounds. A few inputs a command run with the rest of the tests, 2,000 with
-`make test-kills`; every input is made from its number alone, so that one that fails can be made again.
+Each command is a process with bounds. Fifty inputs a command run with the rest of the tests (those of slow
+commands with `make test-slow`), and 2,000 with `make test-kills`. Every input is made from its number alone,
+so that one that fails can be made again.
 """
 
 import os
@@ -14,25 +15,29 @@ from hostile import runner
 
 from wearscope.cli.main import wearscope
 
-#: Commands of which fifty inputs take a second or two; of the others, a few.
-QUICK = (
-    "show csv",
-    "show json",
-    "show parquet",
-    "show png",
-    "verify",
-    "unpack",
-    "restore",
-    "report",
-    "compare archives",
+#: Commands of which fifty inputs take longer than some seconds of processor.
+SLOWER = (
+    "check dataset",
+    "check effect",
+    "compare loops",
+    "compare studies",
+    "evaluate",
+    "history",
+    "lerobot",
+    "new dataset",
+    "new robot",
 )
-COUNTS = [
-    *((name, 50 if name in QUICK else 2) for name in hostile.SUBJECTS if name not in hostile.STARTING),
-    *(
-        pytest.param(name, 100 if name in hostile.STARTING else 2000, marks=pytest.mark.long)
-        for name in hostile.SUBJECTS
-    ),
-]  # fmt: skip
+
+
+def count_inputs():
+    """Subject and number of inputs: a few of what is slow, fifty, and two thousand, each in its tier."""
+    for name in hostile.SUBJECTS:
+        starting = name in hostile.STARTING  # the workflow, which takes seconds an input
+        if not starting:
+            yield pytest.param(name, 5 if name in SLOWER else 50)
+        if starting or name in SLOWER:
+            yield pytest.param(name, 10 if starting else 50, marks=pytest.mark.slow)
+        yield pytest.param(name, 100 if starting else 2000, marks=pytest.mark.long)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +46,7 @@ def run():
         yield runner
 
 
-@pytest.mark.parametrize(("name", "count"), COUNTS)
+@pytest.mark.parametrize(("name", "count"), count_inputs())
 def test_no_input_runs_code_hangs_or_ends_in_a_traceback(run, name, count, tmp_path):
     wrong = []
     for number in range(count):
