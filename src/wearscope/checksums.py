@@ -5,11 +5,13 @@ The checksum of ``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.js
 """
 
 import json
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from wearscope.files import DamagedFile, digest_file, set_aside, write_text
+from wearscope import limits
+from wearscope.files import DamagedFile, check_plain, digest_file, set_aside, write_text
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
@@ -38,7 +40,7 @@ def find_output(path: Path) -> Path:
     for folder in path.parents:
         if (folder / CHECKSUMS).is_dir():
             try:
-                lines = _kept(folder, path.relative_to(folder).as_posix()).read_text(encoding="utf-8")
+                lines = _read_kept(_kept(folder, path.relative_to(folder).as_posix()))
             except (OSError, ValueError):
                 break
             _, found, output = lines.partition("# made with ")
@@ -57,9 +59,9 @@ def check_file(folder: str | Path, file: str | Path) -> None:
     name = Path(file).relative_to(folder).as_posix()
     kept = _kept(folder, name)
     try:
-        wanted = kept.read_text(encoding="utf-8").split()[:1]
-    except FileNotFoundError:
-        return
+        if not os.path.lexists(kept):
+            return
+        wanted = _read_kept(kept).split()[:1]
     except (OSError, ValueError):
         wanted = []
     if not Path(file).is_file():
@@ -96,6 +98,11 @@ def _lists(marker: Path, recording: Path) -> bool:
         return point in json.loads(marker.read_text(encoding="utf-8"))["fingerprints"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return True  # a marker that cannot be read vouches for nothing
+
+
+def _read_kept(path: Path) -> str:
+    check_plain(path, limits.YAML_BYTES, "make its file again")
+    return path.read_text(encoding="utf-8")
 
 
 def _kept(folder: str | Path, name: str) -> Path:

@@ -381,6 +381,18 @@ def test_the_repair_works_as_it_is_printed(tmp_path, monkeypatch, capsys):
     assert made.read_text() == "kept\n" and integrity.main(["results/s"]) == 0
 
 
+def test_a_kept_checksum_without_end_is_not_read(tmp_path):
+    made = tmp_path / "a.json"
+    made.write_text("{}")
+    record_checksums(tmp_path, [made])
+    kept = tmp_path / ".checksums" / "a.json.sha256"
+    kept.unlink()
+    kept.symlink_to("/dev/zero")
+    with pytest.raises(DamagedFile, match="is not what was written"):
+        check_file(tmp_path, made)
+    assert find_output(made) == made
+
+
 def test_a_file_that_is_no_output_is_made_again_with_its_output(tmp_path):
     table, verdict = tmp_path / "x" / "in_time.parquet", tmp_path / "x" / "verdict.json"
     table.parent.mkdir()

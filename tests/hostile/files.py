@@ -167,7 +167,7 @@ def spoil_place(path: Path, draw: random.Random) -> str:
         "a link to nowhere": lambda: path.symlink_to("nothing"),
         "a link to zeros": lambda: path.symlink_to("/dev/zero"),
         "a link outside": lambda: path.symlink_to("/etc/passwd"),
-        "a large hole": lambda: (path.touch(), os.truncate(path, 30 << 30)),
+        "a large hole": lambda: (path.touch(), os.truncate(path, 3 << 30)),
         "unreadable": lambda: (path.write_bytes(content), path.chmod(0)),
     }
     what = draw.choice(list(ways))

@@ -46,7 +46,7 @@ def run():
         yield runner
 
 
-@pytest.mark.parametrize(("name", "count"), count_inputs())
+@pytest.mark.parametrize(("name", "count"), [*count_inputs()])
 def test_no_input_runs_code_hangs_or_ends_in_a_traceback(run, name, count, tmp_path):
     wrong = []
     for number in range(count):
