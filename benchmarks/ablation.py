@@ -18,7 +18,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -47,10 +46,6 @@ def _keep(position: int) -> Callable[..., Any]:
     return lambda *args, **kwargs: args[position]
 
 
-def _judge_without_overturns(e: Any, *args: Any, **kwargs: Any) -> Any:
-    return JUDGE(replace(e, overturns=False), *args, **kwargs)
-
-
 def _fit_reversals_by_width(prepared: Any, assembly: Any, forms: bool = True) -> Any:
     return REFINE(prepared, assembly, False)
 
@@ -64,7 +59,7 @@ def _leave_rests(problem: Any, after: Any, first: int, names: Any) -> tuple[Any,
     return after, [list(own) for own in names]
 
 
-JUDGE, REFINE = rule.judge, search.refine_reversals
+REFINE = search.refine_reversals
 Place = tuple[Any, str, Callable[..., Any]]
 MECHANISMS: dict[str, list[Place]] = {
     "laws": [(answer, "suit_laws", _keep(1))],
@@ -83,7 +78,6 @@ MECHANISMS: dict[str, list[Place]] = {
     "find_better": [(revision, "find_better", _give(None))],
     "offsets first": [(revision, "_stands_for_weight", _give(False))],
     "dependence": [(answer, "find_dependence", _give({}))],
-    "overturns": [(search.rule, "judge", _judge_without_overturns)],
     "relieves": [(rule, "relieves", _give(False))],
     "wears_off": [(rule, "wears_off", _give(False))],
     "is_local": [(rule, "is_local", _give(False))],

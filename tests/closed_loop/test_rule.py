@@ -63,7 +63,6 @@ def evidence(name="quadratic_viscous", gain=40.0, noise=0.1, joints=(0,), shape=
         ({"torque": 1.01, "sine": 0.083}, Refusal.CANCELS),
         ({"torque": 1.01, "sine": 0.084}, Refusal.NONE),
         ({"torque": 0.99, "sine": 0.083}, Refusal.NONE),
-        ({"overturns": True}, Refusal.BOUNDS),
         ({"beta": np.array([-0.1])}, Refusal.BOUNDS),
         ({"beta": np.array([2.1])}, Refusal.BOUNDS),
         ({"beta": np.array([2.0])}, Refusal.NONE),

@@ -11,7 +11,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen, find_reach
-from wearscope.closed_loop.selection.displaced import overturns_friction, relieve_prior
+from wearscope.closed_loop.selection.displaced import relieve_prior
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import (
     adjust,
@@ -30,7 +30,7 @@ class Refusal(Enum):
     ABSORBED = "the model absorbs it on these runs"
     LOCAL = "all its evidence lies in a few blocks of the runs"
     CANCELS = "its parameters are not determined by these runs (terms cancel)"
-    BOUNDS = "a parameter, its own or that of plain friction beside it, is outside its believable bounds"
+    BOUNDS = "a parameter is outside its believable bounds"
     SMALL = "smaller than can be believed"
     CHANCE = "not significant once all candidates are counted"
     IMMATERIAL = "too little gained on held-out runs"
@@ -90,8 +90,6 @@ class Evidence:
     by_fifths : bool
         Whether fifths of several recordings are held out: one alone shows it, or none can be predicted from
         the others.
-    overturns : bool
-        Whether plain friction that the model has at its joints would be negative beside it.
     relief : float
         What the model's parameters with a prior, such as inertial ones, come nearer to it: difference of
         their squared distances [standard deviations a priori, squared].
@@ -120,7 +118,6 @@ class Evidence:
     beta: np.ndarray
     tried: float
     by_fifths: bool = False
-    overturns: bool = False
     relief: float = 0.0
     varies: float = 1.0
     whole: float = np.inf
@@ -173,7 +170,6 @@ def weigh(
     felt = _losses_where_felt(assembly, candidate, by_joint, fit_change, policy)
     joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
     reach = list(find_reach(assembly.chosen, candidate))
-    fitted = -float(fit_change.sum()) / max(assembly.sample_losses[list(candidate.joints)].sum(), 1e-300)
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
     sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     flips = make_flips(policy.flips, len(layout.blocks), policy.seed)
@@ -210,7 +206,6 @@ def weigh(
         beta=beta,
         tried=candidate.tried,
         by_fifths=by_fifths,
-        overturns=overturns_friction(assembly, chosen, sums.at(best), beta, inner, fitted, policy),
         relief=relieve_prior(assembly, sums.at(best), beta),
     )
 

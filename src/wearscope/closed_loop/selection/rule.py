@@ -56,7 +56,7 @@ def judge(
     smooth = generic or e.chosen.candidate.penalty is not None
     if not smooth and cancels(e, policy):
         return Refusal.CANCELS
-    if not is_within(e, bounds) or e.overturns:
+    if not is_within(e, bounds):
         return Refusal.BOUNDS
     if not abs(float(e.beta[0])) >= least:
         return Refusal.SMALL
