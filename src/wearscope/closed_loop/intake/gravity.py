@@ -66,5 +66,7 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
         return None
     found = optimize.minimize(miss, start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 1e-3}).x
     found = found / np.linalg.norm(found)
+    if found @ stated > _AS_STATED * size:
+        return None
     found = np.where(np.abs(found) < _LEVEL, 0.0, found)
     return np.asarray(found / np.linalg.norm(found))
