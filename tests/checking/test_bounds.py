@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import io
 import json
 import os
 import re
@@ -23,7 +24,7 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.checking.findings import Findings
 from wearscope.checking.robot import check_model
 from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
-from wearscope.cli import main, stages
+from wearscope.cli import main, stages, workflow
 from wearscope.cli.main import wearscope
 from wearscope.cli.workflow import call_snakemake, wait_turn
 from wearscope.closed_loop.intake.dataset_fields import list_breaches, load_fields
@@ -269,6 +270,22 @@ def test_a_dollar_in_a_description_begins_no_formula():
     figure = new_figure(2, 1)
     figure.text(0.1, 0.5, r"heat $\frac{ $")
     assert figure_bytes(figure).startswith(b"<?xml")
+
+
+def test_a_full_disk_of_a_log_is_named(tmp_path, monkeypatch):
+    """The write of an open file tells no name."""
+    log = tmp_path / "a.log"
+
+    class Full(io.StringIO):
+        def flush(self):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        close = flush
+
+    monkeypatch.setattr(workflow, "open_new", lambda path: Full())
+    monkeypatch.setattr(os.path, "ismount", lambda place: Path(place) == tmp_path)
+    with pytest.raises(InputError, match=f"a.log: the disk at {tmp_path} is full"):
+        call_snakemake(["true"], tmp_path, log, lambda *given: None)
 
 
 def test_a_full_disk_ends_a_command_in_one_sentence(monkeypatch, capsys):

@@ -121,6 +121,8 @@ class Content:
     def table(self, name: str) -> pd.DataFrame:
         """A table."""
         where = f"{self.path}: {name}"
+        if self.path.is_dir():
+            tables.check_unpacked(self.path / name)  # before all of it is read
         content = self.read(name)
         tables.check_unpacked(content, where)
         return tables.to_frame(tables.read_arrow(content, name=where), where)

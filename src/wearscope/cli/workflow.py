@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import open_new, write_text
+from wearscope.files import FULL, explain_unwritten, open_new, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.processes import PYTHON, isolate
@@ -275,27 +275,32 @@ def call_snakemake(
         file = open_new(log)
     except OSError as error:
         raise InputError(f"{log}: cannot be written ({error.strerror}); choose another folder.") from None
-    with (
-        file,
-        subprocess.Popen(
-            command,
-            cwd=folder,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            env={**isolate(os.environ), "PYTHONUNBUFFERED": "1"},
-        ) as process,
-    ):
-        print(shlex.join(command), file=file, flush=True)
-        assert process.stdout is not None
-        try:
-            for line in process.stdout:
-                print(line, end="", file=file, flush=True)
-                elapsed = time.monotonic() - start
-                progress.read(line, elapsed)
-                watch(progress, elapsed, line)
-        except BaseException:
-            process.terminate()
-            raise
+    try:
+        with (
+            file,
+            subprocess.Popen(
+                command,
+                cwd=folder,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                env={**isolate(os.environ), "PYTHONUNBUFFERED": "1"},
+            ) as process,
+        ):
+            assert process.stdout is not None
+            try:
+                print(shlex.join(command), file=file, flush=True)
+                for line in process.stdout:
+                    print(line, end="", file=file, flush=True)
+                    elapsed = time.monotonic() - start
+                    progress.read(line, elapsed)
+                    watch(progress, elapsed, line)
+            except BaseException:
+                process.terminate()
+                raise
+    except OSError as error:
+        if error.errno in FULL and not error.filename:  # the log's, which an open file does not name
+            raise explain_unwritten(log, error) from error
+        raise
     return process.returncode, progress
