@@ -1,11 +1,13 @@
 """Short pushes are found: run, joint, moment, length and size; noise and friction are none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wearscope.cli.main import wearscope
-from wearscope.closed_loop.diagnosis import diagnose, find_prismatic
+from wearscope.closed_loop.diagnosis import diagnose, explains_more, find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
@@ -65,6 +67,25 @@ def test_a_step_of_a_named_effect_at_another_moment_is_no_event(look, step, hidd
 def test_what_is_small_against_the_joint_s_torque_is_no_event(look):
     events, _ = look(extra_torque=push(3.0, 0.5, 0.15), seed=21, noise=0.01)
     assert events == []
+
+
+@pytest.mark.parametrize(("grown", "better"), [(0.9, True), (1.1, False)])
+def test_rows_are_left_out_only_where_the_rest_is_explained_as_well(grown, better):
+    """Rows of an event count for neither; a joint that does not move has no error."""
+    rng = np.random.default_rng(3)
+    left = rng.normal(size=(50, 3)) * [1.0, 20.0, 0.0]
+    keep = np.ones(left.shape, dtype=bool)
+    keep[:5] = False
+    run = SimpleNamespace(measured=0.0 * left, keep=keep)
+    more = np.where(keep, left * [grown, 1.0, 1.0], 100.0)
+    first, again = (
+        SimpleNamespace(
+            prepared=SimpleNamespace(n=3, moving=np.array([True, True, False])),
+            predicted=[SimpleNamespace(run=run, after=after)],
+        )
+        for after in (left, more)
+    )
+    assert explains_more(first, again) is better
 
 
 def test_noise_and_friction_are_no_events(look):

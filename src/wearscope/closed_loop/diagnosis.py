@@ -23,7 +23,7 @@ from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.events import Event, find_events, leave_out
+from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
@@ -147,17 +147,33 @@ def diagnose(
         prepared = problem.prepared
         calm = leave_out(prepared.runs, events, prepared.dataset.joints)
         search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own))
-        found = conclude(search, find_terms(search))
+        again = conclude(search, find_terms(search))
+        if not explains_more(found, again):
+            return found
         # What a model with the events' rows hid, one without them may show.
-        found = replace(found, events=events + list_events(found))
+        found = replace(again, events=events + list_events(again))
     return found
+
+
+def explains_more(first: Diagnosis, again: Diagnosis) -> bool:
+    """Whether a model that was fitted without events is nearer to the rows outside of them.
+
+    Where it is not, these rows showed what the machine has: they are no events.
+    """
+    n = first.prepared.n
+    squares = np.zeros((2, n))
+    for one, other in zip(first.predicted, again.predicted, strict=True):
+        for row, p in zip(squares, (one, other), strict=True):
+            row += np.sum(np.where(other.run.keep, other.run.measured - p.after, 0.0) ** 2, axis=0)
+    moving = first.prepared.moving & (squares > 0.0).all(axis=0)
+    return bool(np.log(squares[1, moving] / squares[0, moving]).sum() <= 0.0)
 
 
 def list_events(diagnosis: Diagnosis) -> list[Event]:
     """Short events in what the corrected model leaves of the rows that count."""
     prepared = diagnosis.prepared
     runs = [p.run for p in diagnosis.predicted]
-    left = [p.run.measured - p.after for p in diagnosis.predicted]
+    left = take_out_state(runs, [p.run.measured - p.after for p in diagnosis.predicted])
     change = [p.after - p.before for p in diagnosis.predicted]
     return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed, change)
 

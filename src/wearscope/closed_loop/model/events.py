@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import signal
+from scipy import interpolate, signal
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
@@ -30,8 +30,8 @@ _COMES_BACK = 3
 _SMALL = 0.01
 #: Passes of a robust fit.
 _PASSES = 5
-#: Speeds over which friction falls, over the largest one.
-_FALLS = (0.05, 0.3)
+#: Speeds over which friction falls, over the largest one; places of a joint between which a torque is linear.
+_FALLS, _PLACES = (0.05, 0.3), 8
 #: Events within a time without any are fewer than this, with 95 % confidence (Hanley and Lippman-Hand 1983).
 _RULE_OF_THREE = 3.0
 
@@ -180,18 +180,22 @@ def leave_out(
 def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> list[np.ndarray]:
     """What is left (M, n) of each run without what goes with each joint's own state in all of them.
 
-    A change of a machine goes with its state (friction, a load, a gain), a push does not.
+    A change of a machine goes with its state (friction, a load, a gain, a spring), a push does not.
     """
     out = [x.copy() for x in left]
     for j in range(left[0].shape[1] if left else 0):
         columns = []
+        q = np.concatenate([run.signals.q[:, j] for run in runs])
+        ends = np.linspace(q.min(), q.max() + 1e-9, _PLACES)
+        knots = np.concatenate([ends[:1], ends, ends[-1:]])
         for run in runs:
             s = run.signals
             v, sign, load = s.v[:, j], s.sign[:, j], s.load[:, j]
             top = max(float(np.abs(v).max()), 1e-300)
             falls = [sign * np.exp(-np.abs(v) / (share * top)) for share in _FALLS]
-            x = np.column_stack([sign, v, *falls, s.a[:, j], load, sign * np.abs(load)])
-            columns.append(np.column_stack([np.ones(len(run.t)), run.reduce(x)]))
+            place = interpolate.BSpline.design_matrix(s.q[:, j], knots, 1).toarray()
+            x = np.column_stack([sign, v, *falls, s.a[:, j], load, sign * np.abs(load), place])
+            columns.append(run.reduce(x))
         counts = np.concatenate([run.keep[:, j] for run in runs])
         x, y = np.concatenate(columns), np.concatenate([one[:, j] for one in left])
         x = x / np.maximum(np.abs(x).max(axis=0), 1e-300)
@@ -205,8 +209,8 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
             scale = max(1.4826 * float(np.median(miss[counts])), 1e-300)
             # A push weighs no more than a row of noise does (Huber 1964).
             weight = counts * np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-300)))
-        ends = np.cumsum([len(one) for one in left])[:-1]
-        for one, rest in zip(out, np.split(y - x @ theta, ends), strict=True):
+        begins = np.cumsum([len(one) for one in left])[:-1]
+        for one, rest in zip(out, np.split(y - x @ theta, begins), strict=True):
             one[:, j] = rest
     return out
 
