@@ -103,6 +103,9 @@ class Content:
         self.manifest: Manifest | None = None
         if self.path.is_dir():
             files = list_results(self.path)
+            for file in files:
+                if file.suffix == ".parquet":
+                    tables.check_unpacked(file)  # before all of it is read
             self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
             if (self.path / MANIFEST).is_file():
                 self.manifest = parse_manifest((self.path / MANIFEST).read_bytes(), str(self.path))
@@ -121,8 +124,6 @@ class Content:
     def table(self, name: str) -> pd.DataFrame:
         """A table."""
         where = f"{self.path}: {name}"
-        if self.path.is_dir():
-            tables.check_unpacked(self.path / name)  # before all of it is read
         content = self.read(name)
         tables.check_unpacked(content, where)
         return tables.to_frame(tables.read_arrow(content, name=where), where)
