@@ -99,8 +99,8 @@ VERDICT = {
     "verdict": [{"joint": "j1", "effect": "stribeck", "confidence": 0.9}], "dataset_digest": "0", "status": "named",
 }  # fmt: skip
 PAGE = (
-    '<html><body><div class="strip conclusion good"><p class="answer">It is <b>so</b>.</p><dl><dt>How sure</dt><dd>very</dd>'
-    "<dt>Mind</dt><dd>little</dd><dt>Next</dt><dd>go on</dd></dl></div></body></html>"
+    '<html><head><script type="application/json" id="strip">{"answer": "It is so.", "kind": "good", "sure": "very", '
+    '"caveat": "little", "action": "go on"}</script></head><body></body></html>'
 )
 LEROBOT = {
     "codebase_version": "v2.1", "fps": 100, "features": {

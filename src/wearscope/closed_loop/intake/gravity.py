@@ -69,4 +69,5 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
     if found @ stated > _AS_STATED * size:
         return None
     found = np.where(np.abs(found) < _LEVEL, 0.0, found)
-    return np.asarray(found / np.linalg.norm(found))
+    found = found / np.linalg.norm(found)
+    return np.asarray(found) if few.is_worth(miss(found)) else None

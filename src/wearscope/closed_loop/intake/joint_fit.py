@@ -28,6 +28,8 @@ _SLACK = {"trusted": 0.15, "approximate": 0.25}
 _COST, _CARRIED, _LOADED = 0.02, 0.01, 0.05
 #: Fewest rows of a joint that say something.
 LEAST_ROWS = 30
+#: Share of a torque's variance that a reading removes at least.
+_WORTH = 0.05
 _HELD = 1e-9
 
 
@@ -51,6 +53,8 @@ class Rows:
         ``trusted`` or ``approximate``.
     gravity : float
         Factor of the stated gravity.
+    springs : bool
+        Whether each joint may have any torque that is a line, sine and cosine of its own position.
     """
 
     q: np.ndarray
@@ -65,6 +69,11 @@ class Rows:
     top: np.ndarray
     inertials: str
     gravity: float = 1.0
+    springs: bool = False
+
+    def is_worth(self, total: float) -> bool:
+        """Whether a reading leaves clearly less than springs and balancers of all joints would."""
+        return total < replace(self, springs=True).products.fit().total - _WORTH
 
     @property
     def n(self) -> int:
@@ -121,9 +130,17 @@ class Rows:
             falls = [np.exp(-speed / share) for share in _FALLS]
             friction = [sign, self.v[at, j], *(sign * f for f in falls), load, *(load * f for f in falls)]
             x = np.column_stack([slack[at, j], self.a[at, j], *friction, known])
-            x -= x.mean(axis=0)
+            x = self._take_out(x, j)
             made.append((x, x.T @ x))
         return made
+
+    def _take_out(self, columns: np.ndarray, joint: int) -> np.ndarray:
+        """Columns (K, P) of a joint less their mean, and less what its springs may give."""
+        if not self.springs:
+            return np.asarray(columns - columns.mean(axis=0))
+        q = self.q[self.counts[:, joint], joint]
+        basis = np.linalg.qr(np.column_stack([np.ones(len(q)), q, np.sin(q), np.cos(q)]))[0]
+        return np.asarray(columns - basis @ (basis.T @ columns))
 
     @cached_property
     def products(self) -> "Products":
@@ -136,6 +153,7 @@ class Rows:
                 grams.append(np.zeros((0, 0)))
                 continue
             scale[j] = y.std()
+            y = self._take_out(y[:, None], j)[:, 0]
             cross = x.T @ y
             gram = np.block([[own, cross[:, None]], [cross[None, :], np.array([[y @ y]])]])
             grams.append(gram / (len(y) * scale[j] ** 2))

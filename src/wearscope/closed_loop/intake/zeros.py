@@ -36,7 +36,7 @@ def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
         shift = _refine(few, shift + by * way)
         least = _left(few, shift)
     moved = np.flatnonzero(shift)
-    if not len(moved):
+    if not len(moved) or not few.is_worth(least):
         return
     names, sizes = asked.names(moved, "q"), [f"{shift[j]:.4g}" for j in moved]
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
