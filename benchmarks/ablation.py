@@ -63,6 +63,7 @@ REFINE = search.refine_reversals
 Place = tuple[Any, str, Callable[..., Any]]
 MECHANISMS: dict[str, list[Place]] = {
     "laws": [(answer, "suit_laws", _keep(1))],
+    "single_joints": [(answer, "prefer_single_joints", _keep(1))],
     "past": [(generic, "doubt_for_past", lambda own, found: (found, {}))],
     "pairs": [(stepwise, "find_pair", _give([]))],
     "forms": [(search.Search, "passes_beside_forms", _give(False))],

@@ -154,7 +154,9 @@ class Scripted:
         sums = SimpleNamespace(select=lambda subset: None)
         return SimpleNamespace(sum_products=lambda candidate: sums, add=lambda sums: gain)
 
-    def list_rivals(self, beside, others, joints):
+    left_out = frozenset()
+
+    def list_rivals(self, beside, others, joints, every):
         made = [e.chosen.candidate for e in self.offered]
         return [c for c in made if set(c.joints) & set(joints)]
 

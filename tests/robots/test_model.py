@@ -138,7 +138,7 @@ def test_unusable_files_are_named(tmp_path):
         ("name: [", "is not readable YAML"),
         ("- 1", "holds no mapping"),
         ("name: x", "urdf: is missing"),
-        (yaml.safe_dump(FIELDS), "gantry.urdf: cannot be read"),
+        (yaml.safe_dump(FIELDS), "gantry.urdf: no such file"),
     ):
         path.write_text(content)
         with pytest.raises(InputError) as caught:

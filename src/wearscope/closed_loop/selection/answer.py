@@ -9,6 +9,7 @@ from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.single_joints import prefer_single_joints
 from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.closed_loop.selection.stepwise import extend, settle
 
@@ -50,5 +51,6 @@ def find_named(search: Search) -> list[Found]:
     found = search.settle_reversals(find_standard(search), forms=False)
     search.keep_standard(found)
     found = settle(search, search.settle_reversals(extend(search, found)))
+    found = prefer_single_joints(search, found)
     suited = suit_laws(search, found)
     return found if suited is found else settle(search, search.settle_reversals(suited))

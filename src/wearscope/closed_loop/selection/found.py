@@ -1,5 +1,6 @@
 """A term that the search named."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from wearscope.closed_loop.selection.chosen import Chosen
@@ -23,3 +24,8 @@ class Found:
     def joint(self) -> int:
         """Its joint."""
         return self.chosen.candidate.joint
+
+
+def count_parameters(found: Iterable[Found]) -> int:
+    """Parameters of terms together."""
+    return sum(f.evidence.complexity for f in found)

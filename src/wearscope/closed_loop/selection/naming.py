@@ -68,7 +68,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         others = [k for k in found if k is not f]
         beside = search.assemble(others)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
-        offered = search.list_rivals(beside, others, joints)
+        offered = search.list_rivals(beside, others, joints, every=True)
         offered = [c for c in offered if not (f.effect.standard and c.effect.spread)]
         own = search.refine(beside, search.weigh_again(beside, f))
         weighed = search.weigh_all(beside, offered, match_gain(beside, own))
@@ -82,7 +82,8 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
         opposing = [e for e in able if opposes_gravity(search.problem, e)]
-        naming = [] if f.effect.standard else list(able)
+        # What names of single joints took the place of may be in the set, and gives no name.
+        naming = [e for e in able if not f.effect.standard and e.term.effect.name not in search.left_out]
         name = rule.simplest(naming, opposing) if naming else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)

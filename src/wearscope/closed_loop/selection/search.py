@@ -62,6 +62,7 @@ class Search:
         self.rows: list[dict] = []
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
+        self.left_out: frozenset[str] = frozenset()
         self._step = 0
         self.standard_losses = np.zeros((2, problem.prepared.n))
         self._forget_evidence()
@@ -96,21 +97,30 @@ class Search:
         found: Sequence[Found],
         joints: Iterable[int],
         asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+        every: bool = False,
     ) -> list[Candidate]:
-        """What may be asked beside a model; a joint with the most terms is left out, and remembered."""
+        """What may be asked beside a model; a joint with the most terms is left out, and remembered.
+
+        Nothing that was left out for names with fewer parameters, unless `every` name is asked.
+        """
         own = [f.joint for f in found if not f.effect.standard]
         asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
-        return list_candidates(self.problem, assembly, sorted(asked - full), asks)
+        out: Iterable[str] = () if every else self.left_out
+
+        def is_asked(effect: Effect, joint: int) -> bool:
+            return effect.name not in out and asks(effect, joint)
+
+        return list_candidates(self.problem, assembly, sorted(asked - full), is_asked)
 
     def list_rivals(
-        self, beside: Assembly, others: Sequence[Found], joints: Sequence[int]
+        self, beside: Assembly, others: Sequence[Found], joints: Sequence[int], every: bool = False
     ) -> list[Candidate]:
         """What may be asked in the place of a term that is felt at joints, of the whole robot too."""
         last = self.problem.prepared.n - 1
         made = self.candidates(
-            beside, others, {*joints, last}, lambda effect, joint: joint in joints or effect.per_robot
+            beside, others, {*joints, last}, lambda effect, joint: joint in joints or effect.per_robot, every
         )
         return [c for c in made if set(c.joints) & set(joints)]
 
@@ -242,8 +252,10 @@ class Search:
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
     def adopt(self, other: "Search") -> None:
-        """Go on with another search's problem."""
+        """Go on with another search's problem, and with what it has asked."""
         self.problem = other.problem
+        self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
+        self.left_out = other.left_out
         self._forget_evidence()
 
     def is_believable(self, e: Evidence) -> bool:

@@ -8,10 +8,12 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.found import Found, count_parameters
 from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.revision import restore_standard, revise
 from wearscope.closed_loop.selection.search import Search
@@ -35,9 +37,12 @@ def settle(search: Search, found: list[Found]) -> list[Found]:
     return found
 
 
-def extend(search: Search, found: list[Found]) -> list[Found]:
-    """Add terms until none is accepted: at each step the best of every joint, where they do not touch."""
-    while True:
+def extend(search: Search, found: list[Found], most: float = np.inf) -> list[Found]:
+    """Add terms until none is accepted: at each step the best of every joint, where they do not touch.
+
+    Or until all together have as many parameters as `most`.
+    """
+    while count_parameters(found) < most:
         search.sigma = search.scale(found)
         assembly = search.assemble(found)
         offered = search.candidates(assembly, found, range(search.problem.prepared.n))
@@ -54,6 +59,7 @@ def extend(search: Search, found: list[Found]) -> list[Found]:
         # What was missing yet may have hidden what a plain joint has, which comes before what refines it.
         touched = {j for e in taken for j in e.chosen.candidate.joints}
         found = restore_standard(search, found, touched)
+    return found
 
 
 def take(search: Search, assembly: Assembly, weighed: list[Evidence]) -> list[Evidence]:
