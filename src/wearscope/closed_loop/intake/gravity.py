@@ -70,4 +70,6 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
         return None
     found = np.where(np.abs(found) < _LEVEL, 0.0, found)
     found = found / np.linalg.norm(found)
-    return np.asarray(found) if few.is_worth(miss(found)) else None
+    # A balancer gives at most what gravity does: it may be taken for a tilt, and for no other mount.
+    tilts = float(np.linalg.norm(found - stated / size)) < 1.0
+    return None if tilts and not few.is_worth(miss(found)) else np.asarray(found)
