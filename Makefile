@@ -30,7 +30,7 @@ run: setup
 
 PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile
 
-# About a quarter of an hour on two cores; what is left to test-slow has a smaller test here.
+# About eleven minutes on two cores; what is left to test-slow has a smaller test here.
 test: developed
 	$(PYTEST) -m "not slow and not long" $(ARGS)
 
