@@ -188,7 +188,7 @@ def ask_moved(study: Study) -> list[Markup]:
         return []
     setting = f'direct.mismatch={{"{_COULOMB}": SHARE}}'
     command = f"wearscope run {study.config['study']} --set '{setting}'"
-    text = "Some numbers are assumed. {} asks what double the friction moves; −50 asks half of it."
+    text = "Some numbers are assumed. To see what double the friction changes, run {}; −50 is half of it."
     return [Markup(text).format(Markup("<code>{}</code>").format(command.replace("SHARE", "100")))]
 
 
