@@ -134,7 +134,7 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
         "With Coulomb friction changed by +100 %, C has a signal-to-noise ratio of 4 instead of 9 "
         "(a, axis 1)."
     )
-    command = ask_moved(study)[0].striptags().partition("assumed. ")[2].partition(" asks")[0]
+    command = ask_moved(study)[0].striptags().partition("changes, run ")[2].partition("; ")[0]
     setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
     assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == {path: 100}
     given = replace(study, sources={"arm": ["paper"]})
