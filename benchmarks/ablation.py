@@ -74,6 +74,7 @@ MECHANISMS: dict[str, list[Place]] = {
     "generic doubts names": [(generic, "doubt", _keep(2))],
     "generic stage": [(answer, "explain_rest", lambda own, terms, found: (found, {}, {}))],
     "restore_standard": [(stepwise, "restore_standard", _keep(1)), (generic, "restore_standard", _keep(1))],
+    "is_much": [(revision, "is_much", _give(False))],
     "is_refined": [(revision, "is_refined", _give(False))],
     "absorb": [(revision, "absorb", _keep(2))],
     "find_better": [(revision, "find_better", _give(None))],

@@ -42,8 +42,8 @@ from wearscope.effects.base import Effect, load_effect
 from wearscope.effects.vocabulary import empirical_effect
 
 ADDED = ("collision", "hum", "run_friction", "run_offset")
-WAYS = ("_from_withdrawn", "_from_left", "_from_dependence", "_from_runs", "see_jumps",
-        "see_shifts", "see_lines", "_from_test")  # fmt: skip
+WAYS = ("_from_withdrawn", "_from_left", "_from_dependence", "see_repeats", "_from_runs", "see_level",
+        "see_jumps", "see_shifts", "see_lines", "_from_test")  # fmt: skip
 KINDS = ("null", "outside", "null", "one", "outside", "added")
 
 

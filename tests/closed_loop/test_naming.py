@@ -145,16 +145,14 @@ def test_what_the_runs_cannot_tell_apart_stands_beside_the_name(record):
 class Scripted:
     """A search whose answers are given: which candidates are offered for a term, and the evidence on each."""
 
-    def __init__(self, own, offered):
-        self.own, self.offered, self.policy = own, offered, POLICY
+    def __init__(self, own, offered, left_out=()):
+        self.own, self.offered, self.policy, self.left_out = own, offered, POLICY, left_out
         self.problem = SimpleNamespace(prepared=SimpleNamespace(n=2))
 
     def assemble(self, terms):
         gain = SimpleNamespace(gain=np.ones(1))
         sums = SimpleNamespace(select=lambda subset: None)
         return SimpleNamespace(sum_products=lambda candidate: sums, add=lambda sums: gain)
-
-    left_out = frozenset()
 
     def list_rivals(self, beside, others, joints, every):
         made = [e.chosen.candidate for e in self.offered]
@@ -180,8 +178,8 @@ def losses(mean, noise):
     return mean + 0.1 * np.random.default_rng(noise).standard_normal(BLOCKS)
 
 
-def named(own, *offered):
-    (found,), (beside,) = name_terms(Scripted(own, offered), [Found(own.chosen, own)])
+def named(own, *offered, **more):
+    (found,), (beside,) = name_terms(Scripted(own, offered, **more), [Found(own.chosen, own)])
     return found.effect.name, beside
 
 
@@ -197,6 +195,15 @@ def test_the_simplest_able_name_of_the_set_is_given_and_the_others_stand_beside_
     assert named(replace(complex_, refusal=Refusal.CHANCE)) == ("stribeck", [])
     weak = evidence("joint_spring", losses(-0.2, 1))
     assert named(complex_, weak) == ("stribeck", [])
+
+
+def test_where_single_joints_are_preferred_the_whole_robot_s_stand_beside_them():
+    own, whole = (
+        evidence("gravity_counterbalance", losses(-1.0, 0)),
+        evidence("payload_error", losses(-2.0, 1)),
+    )
+    assert named(own, whole) == ("payload_error", [])
+    assert named(own, whole, left_out={"payload_error"}) == ("gravity_counterbalance", ["payload_error"])
 
 
 def test_what_is_no_delay_is_no_name():

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection import generic, stepwise
+from wearscope.closed_loop.selection import generic, revision, stepwise
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.revision import drop_superfluous, is_refined, revise
+from wearscope.closed_loop.selection.revision import drop_superfluous, is_much, is_refined, revise
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.stepwise import extend, settle
 from wearscope.effects.base import load_effect
@@ -38,6 +38,20 @@ def test_a_term_is_refined_where_it_alone_is_a_refining_ones_parent(record, pose
         assert not is_refined(search, offset, [asymmetry, coulomb])
         assert is_refined(search, coulomb, [asymmetry])
         assert not is_refined(search, coulomb, [find(search, "coulomb_asymmetry", 1)])
+
+
+@pytest.mark.parametrize("name", ["viscous", "rotor_inertia"])
+def test_without_the_errors_of_a_reversal_plain_friction_must_explain_much(record, pose, monkeypatch, name):
+    """What other errors of its form can look like is less."""
+    declared = ("rigid_body",)
+    folder = record(seed=2, declared=declared, robot={"rotor_inertia": None}, runs=3, duration=6.0)
+    search = Search(pose(folder), Policy(flips=99))
+    found, least = find(search, name, 0), search.policy.large_share
+    monkeypatch.setattr(search, "is_needed", lambda *_: True)
+    for share, fitted in ((1.01, 1.01), (0.99, 1.01), (1.01, 0.99)):
+        own = replace(found.evidence, share=share * least, fitted=fitted * least)
+        monkeypatch.setattr(revision, "weigh", lambda *_, own=own: own)
+        assert is_much(search, found.chosen, []) is (name == "viscous" and min(share, fitted) > 1.0)
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,11 @@ def test_noise_with_a_memory_is_still_noise(judge, noise):
         assert (state.state, state.unexplained_rms, state.depends_on) == ("explained", None, []), state
 
 
+@pytest.mark.parametrize("noise", [coloured, drift])
+def test_noise_does_not_repeat_where_the_motion_does(judge, noise):
+    assert {state.state for state in judge(noise, 62, repeat=True)} == {"explained"}
+
+
 @pytest.mark.parametrize(
     ("sizes", "test", "told"),
     [
@@ -188,6 +193,12 @@ def test_a_step_within_noise_is_said_with_its_moment(judge):
     a, b = judge(sets_in, 63)
     assert (a.state, a.depends_on) == ("unexplained", ["t"])
     assert "its level shifts at a moment" in a.reason
+    assert b.state == "explained"
+
+
+def test_what_repeats_with_the_motion_is_structure_though_no_signal_tells_it(judge):
+    a, b = judge(hidden, 64, repeat=True)
+    assert a.state == "unexplained"
     assert b.state == "explained"
 
 

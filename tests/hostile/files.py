@@ -1,16 +1,14 @@
 # ruff: noqa: E501
 """Spoiled URDF, own code and archives, and what is no plain file."""
 
-import hashlib
 import io
-import json
 import os
 import random
 import socket
 import tarfile
 from pathlib import Path
 
-from hostile.samples import JOINT, LINK
+from hostile.samples import JOINT, LINK, sign
 from hostile.tables import spoil_parquet
 from hostile.trees import spoil_bytes, spoil_json, spoil_yaml
 
@@ -124,24 +122,6 @@ def spoil_archive(content: bytes, draw: random.Random) -> tuple[bytes, str]:
             except (ValueError, UnicodeError):
                 continue
     return out.getvalue(), told
-
-
-def sign(members: list[tuple[str, bytes]]) -> None:
-    """Checksums such as whoever packs an archive can make them."""
-    try:
-        manifest = json.loads(members[0][1])
-        manifest["files"] = {
-            name: {"sha256": hashlib.sha256(one).hexdigest(), "bytes": len(one)}
-            for name, one in members[1:]
-            if name != "MANIFEST.sha256"
-        }
-        text = json.dumps(manifest).encode()
-    except (ValueError, TypeError, KeyError):
-        text = members[0][1]
-    members[0] = (members[0][0], text)
-    for i, (name, _) in enumerate(members):
-        if name == "MANIFEST.sha256":
-            members[i] = (name, f"{hashlib.sha256(text).hexdigest()}  MANIFEST.json\n".encode())
 
 
 def spoil_place(path: Path, draw: random.Random) -> str:

@@ -212,7 +212,6 @@ def write_shown(folder: Path, kind: str) -> None:
 
 def sign(members: list[tuple[str, bytes]]) -> None:
     """Checksums such as whoever packs an archive can make them."""
-
     try:
         manifest = json.loads(members[0][1])
         manifest["files"] = {

@@ -74,6 +74,19 @@ def _share_out(own: list[np.ndarray], keep: list[np.ndarray]) -> list[float]:
     return [square / max(sum(squares), 1e-300) for square in squares]
 
 
+def see_level(
+    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
+) -> list[Seen]:
+    """What is left of a single recording is a level, which it does not tell from a drift's."""
+    counted = np.concatenate([x[k] for x, k in zip(own, keep, strict=True)])
+    if len({run.file for run in train}) > 1 or not np.any(counted):
+        return []
+    level = float(np.mean(counted))
+    share = level**2 / float(np.mean(counted**2))
+    told = f"a level of {level:.3g}, an offset or a drift, which a single run does not tell apart"
+    return [Seen(share, [], told)] if share >= policy.beyond_doubt else []
+
+
 def see_lines(
     full: list[np.ndarray], train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray],
     rate: float, cut_off: float, joints: int, policy: Policy,

@@ -9,8 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.intake.prepared import PreparedRun
+from wearscope.closed_loop.diagnostics.in_time import Seen
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import rough_columns
+from wearscope.closed_loop.model.prediction import find_repeats
+from wearscope.closed_loop.selection.policy import Policy
 
 #: Signals that what differs may go with, in the order of the gains.
 SIGNALS = ("load_{joint}", "qdd_{joint}", "sign_qd_{joint}", "qd_{joint}")
@@ -89,3 +92,35 @@ def _gain(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         slope = x[fitted].T @ y[fitted] / np.where(power > 0.0, power, np.inf)
         gain[held] = y[held, None] ** 2 - (y[held, None] - x[held] * slope) ** 2
     return gain
+
+
+def list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
+    """Pairs of training runs, among themselves, that follow the same trajectory."""
+    train = [i for i, run in enumerate(prepared.runs) if run.use == "train"]
+    place = {i: k for k, i in enumerate(train)}
+    return [(place[a], place[b]) for a, b in find_repeats(prepared) if a in place and b in place]
+
+
+def see_repeats(
+    repeats: list[tuple[int, int]], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
+) -> list[Seen]:
+    """What repeats when the motion does, from pairs of runs."""
+    seen = []
+    for a, b in repeats:
+        x, y = own[a], own[b]
+        short = min(len(x), len(y))
+        both = keep[a][:short] & keep[b][:short]
+        if both.sum() < 100:
+            continue
+        x, y = x[:short][both], y[:short][both]
+        size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
+        share = float(np.mean(x * y)) / size
+        # What autocorrelated noise gives by chance: the same runs, shifted against each other.
+        shifts = np.linspace(0.2, 0.8, 60) * len(x)
+        chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
+        highest = max(
+            (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
+        )
+        if share > max(policy.structure_share, highest):
+            seen.append(Seen(share, [], "it repeats where a run repeats another's motion"))
+    return seen

@@ -7,8 +7,14 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_lines, see_shifts
-from wearscope.closed_loop.diagnostics.run_differences import SIGNALS, compare_offsets, gain_by_halves
+from wearscope.closed_loop.diagnostics.in_time import Seen, see_jumps, see_level, see_lines, see_shifts
+from wearscope.closed_loop.diagnostics.run_differences import (
+    SIGNALS,
+    compare_offsets,
+    gain_by_halves,
+    list_train_repeats,
+    see_repeats,
+)
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import predict_full
 from wearscope.closed_loop.model.regression import Regression
@@ -55,8 +61,8 @@ def judge_joints(
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
-    Autocorrelated noise is noise; what depends on a signal or on time, or makes the test runs' error larger
-    than the training runs', is not.
+    Autocorrelated noise is noise; what repeats with the motion, depends on a signal or on time, or makes the
+    test runs' error larger than the training runs', is not.
 
     Parameters
     ----------
@@ -80,6 +86,7 @@ def judge_joints(
     test = prepared.runs_for("test")
     full_test = [run.tau - predict_full(after, theta, run) for run in test]
     tested = [run.measured - run.reduce(run.tau - x) for run, x in zip(test, full_test, strict=True)]
+    repeats = list_train_repeats(prepared)
     states, moving, band = [], int(prepared.moving.sum()), prepared.band
     for j in range(prepared.n):
         corrected = any(term.joint == j for term in named)
@@ -93,7 +100,9 @@ def judge_joints(
             *_from_withdrawn(prepared, withdrawn, j),
             *_from_left(prepared, left, j),
             *_from_dependence(dependence, j),
+            *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
+            *see_level(train, own, keep, policy),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
             *see_lines([x[:, j] for x in full], train, own, keep, band.rate, band.torque, moving, policy),

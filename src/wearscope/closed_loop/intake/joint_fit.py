@@ -29,7 +29,7 @@ _COST, _CARRIED, _LOADED = 0.02, 0.01, 0.05
 #: Fewest rows of a joint that say something.
 LEAST_ROWS = 30
 #: Share of a torque's variance that a reading removes at least.
-_WORTH = 0.05
+WORTH = 0.05
 _HELD = 1e-9
 
 
@@ -73,7 +73,7 @@ class Rows:
 
     def is_worth(self, total: float) -> bool:
         """Whether a reading leaves clearly less than springs and balancers of all joints would."""
-        return total < replace(self, springs=True).products.fit().total - _WORTH
+        return total < replace(self, springs=True).products.fit().total - WORTH
 
     @property
     def n(self) -> int:

@@ -7,11 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import Fit, Rows
+from wearscope.closed_loop.intake.joint_fit import WORTH, Fit, Rows
 
-#: Rows on which shifts are sought; what the stated zeros must leave, and a shift remove, in shares of a
-#: torque's variance.
-_FEW, _LEFT, _REMOVED = 300, 0.1, 0.05
+#: Rows on which shifts are sought; share of a torque's variance that the stated zeros must leave.
+_FEW, _LEFT = 300, 0.1
 _STEP = np.pi / 4.0
 #: Shifts this near to a quarter turn are one: conventions differ by quarter turns.
 _NEAR = 0.04
@@ -30,7 +29,7 @@ def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
         ways += [way - np.eye(few.n)[j] for way in ways for j in np.flatnonzero(shift)]
         tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4)]
         totals = [_left(few, shift + by * way) for way, by in tried]
-        if not totals or min(totals) > least - _REMOVED:
+        if not totals or min(totals) > least - WORTH:
             break
         way, by = tried[int(np.argmin(totals))]
         shift = _refine(few, shift + by * way)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
+from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.search import HOPELESS, NEAR, Search
@@ -28,7 +29,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
         if f.effect.standard:
             own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
             stays = is_refined(search, f, others) and search.is_believable(own)
-            stays = stays or search.is_needed(beside, own)
+            stays = stays or search.is_needed(beside, own) or is_much(search, f.chosen, others)
             if not stays and not is_accepted(search, f, others):
                 search.progress(f"{own.term.label} is dropped: not needed beside the others")
                 found = others
@@ -59,6 +60,19 @@ def _stands_for_weight(f: Found, found: Sequence[Found]) -> bool:
     """
     optional = f.effect.standard and not f.effect.is_in_every_drive
     return optional and any(k.effect.per_robot for k in found)
+
+
+def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
+    """Whether plain friction explains much beside the others, with the form of its reversal held.
+
+    Errors of that form have most of what weak viscous friction adds to Coulomb friction. They are of no
+    machine, and every machine has such friction; what they leave of another reversal is less.
+    """
+    if not chosen.candidate.effect.is_plain_friction:
+        return False
+    beside = search.assemble(others, standard=True, held=True)
+    own = weigh(beside, chosen.candidate, chosen.subset, search.policy)
+    return rule.is_plain(own, search.policy) and search.is_needed(beside, own)
 
 
 def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
@@ -175,7 +189,7 @@ def restore_standard(search: Search, found: list[Found], joints: Collection[int]
         for candidate in search.candidates(beside, found, [joint], lambda effect, _: effect.standard):
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
             own = weigh(beside, candidate, subset, search.policy)
-            if search.is_needed(beside, own):
+            if search.is_needed(beside, own) or is_much(search, own.chosen, found):
                 search.progress(f"{own.term.label}: needed beside what was found")
                 found = [*found, Found(own.chosen, own)]
                 beside = search.assemble(found, standard=True)

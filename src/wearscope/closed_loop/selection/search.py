@@ -25,7 +25,7 @@ from wearscope.closed_loop.selection.found import Found
 from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.reversal import is_exact, refine_reversals
+from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.effects.base import Effect
@@ -86,10 +86,16 @@ class Search:
     def _chosen(self, found: Iterable[Found]) -> tuple[Chosen, ...]:
         return (*self.problem.base, *(f.chosen for f in found))
 
-    def assemble(self, found: Iterable[Found], standard: bool = False) -> Assembly:
-        """Normal equations of the declared model with the terms found, to ask about standard terms or not."""
+    def assemble(self, found: Iterable[Found], standard: bool = False, held: bool = False) -> Assembly:
+        """Normal equations of the declared model with the terms found, to ask about standard terms or not.
+
+        Where reversals are `held`, without the errors of their width and form.
+        """
         layout = self.problem.layout.for_standard if standard else self.problem.layout
-        return Assembly(layout, self.problem.target, self._chosen(found), self.sigma)
+        chosen = self._chosen(found)
+        if held:
+            chosen = tuple(c for c in chosen if c.candidate.effect is not REVERSAL)
+        return Assembly(layout, self.problem.target, chosen, self.sigma)
 
     def candidates(
         self,
