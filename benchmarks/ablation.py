@@ -79,6 +79,7 @@ MECHANISMS: dict[str, list[Place]] = {
     "absorb": [(revision, "absorb", _keep(2))],
     "find_better": [(revision, "find_better", _give(None))],
     "offsets first": [(revision, "_stands_for_weight", _give(False))],
+    "unbelievable": [(answer, "find_unbelievable", _give({}))],
     "dependence": [(answer, "find_dependence", _give({}))],
     "relieves": [(rule, "relieves", _give(False))],
     "wears_off": [(rule, "wears_off", _give(False))],

@@ -2,12 +2,14 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics import structure
 from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
 from wearscope.closed_loop.diagnostics.structure import _compare_noise, _from_test, judge_joints
 from wearscope.closed_loop.model.declared import fit_declared_model
@@ -15,6 +17,7 @@ from wearscope.closed_loop.selection.evidence import Refusal, weigh
 from wearscope.closed_loop.selection.generic import GenericTerms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
+from wearscope.effects.base import load_effect
 
 SMALL = {"runs": 4, "duration": 10.0}
 
@@ -73,6 +76,18 @@ def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose
     assert 0.0 < said.unexplained_rms == pytest.approx(0.8 * search.sigma[0], rel=0.1)
     assert said.depends_on
     assert other.state == "explained"
+
+
+def test_a_name_whose_parameter_no_machine_has_is_said_with_its_value(record, pose):
+    search = Search(pose(record(seed=62, runs=3, duration=6.0)), Policy(flips=99))
+    problem = search.problem
+    candidate = problem.candidate(load_effect("joint_elasticity"), 0)
+    e = weigh(search.assemble(()), candidate, (0,), search.policy)
+    for compliance, told in ((1.0, "compliance 1 rad/(N m), not believed beyond 0 to "), (0.0, "refused")):
+        found = replace(e, beta=np.array([compliance]), refusal=SimpleNamespace(value="refused"))
+        (seen,) = structure._from_left(problem.prepared, {0: found}, 0)
+        assert seen.reason.startswith(f"joint_elasticity would explain it: {told}")
+    assert structure._from_left(problem.prepared, {0: found}, 1) == []
 
 
 @pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])

@@ -72,7 +72,7 @@ def judge_joints(
     named : sequence of ModelTerm
         Of the corrected model.
     left : mapping of int to Evidence
-        By joint, generic structure that could not be added.
+        By joint, generic structure that could not be added, or a name whose parameters are unbelievable.
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
@@ -147,7 +147,23 @@ def _from_left(prepared: Prepared, left: Mapping[int, Evidence], joint: int) -> 
     e = left[joint]
     effect, joints = e.term.effect, prepared.dataset.joints
     depends = list(dict.fromkeys(effect.name_signals(e.term.shape, joints, joint)))
-    return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+    if effect.empirical:
+        return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
+    beyond = _list_beyond(e, prepared, joint) or [e.refusal.value]
+    return [Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
+
+
+def _list_beyond(e: Evidence, prepared: Prepared, joint: int) -> list[str]:
+    """Its parameters that no such machine has, in words."""
+    effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
+    parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
+    told = []
+    values, bounds = (*e.beta.tolist(), *e.term.shape), prepared.bound(parameters, joint)
+    for parameter, value, (low, high) in zip(parameters, values, bounds, strict=True):
+        if not low <= value <= high:
+            of = parameter.unit_at(unit, prepared.dataset.torque_unit[joint])
+            told.append(f"{parameter.name} {value:.3g} {of}, not believed beyond {low:g} to {high:g}")
+    return told
 
 
 def _from_dependence(dependence: Mapping[int, Dependence], joint: int) -> list[Seen]:

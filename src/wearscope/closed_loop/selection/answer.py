@@ -12,6 +12,7 @@ from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import prefer_single_joints
 from wearscope.closed_loop.selection.standard import find_standard
 from wearscope.closed_loop.selection.stepwise import extend, settle
+from wearscope.closed_loop.selection.unbelievable import find_unbelievable
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Answer:
     equivalent : list of list of str
         Other names in the confidence set of each.
     left : dict of int to Evidence
-        By joint, the best generic structure that was found and could not be added.
+        By joint, the best generic structure that was found and could not be added, or a name that would
+        explain what is left and has parameters that no such machine has.
     dependence : dict of int to Dependence
         By other joints, what of the residual depends on the motion.
     """
@@ -43,6 +45,7 @@ def find_terms(search: Search) -> Answer:
     found = search.settle_reversals(found)
     prepared = search.problem.prepared
     asked = [j for j in range(prepared.n) if prepared.moving[j] and j not in left]
+    left = left | find_unbelievable(search, found, asked)
     return Answer(found, equivalent, left, find_dependence(search, found, asked) | depends)
 
 

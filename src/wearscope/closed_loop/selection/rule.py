@@ -170,6 +170,12 @@ def is_repeated(e: Evidence, policy: Policy) -> bool:
     return sure or e.blocks >= policy.fewest_blocks
 
 
+def explains_unbelievably(e: Evidence, policy: Policy, by_run: bool) -> bool:
+    """Whether a name is refused for its parameters alone and explains what makes a joint `unexplained`."""
+    much = min(e.share, e.fitted) >= policy.structure_share and e.p_value <= policy.unknown_level
+    return e.refusal is Refusal.BOUNDS and much and agrees(e, policy, by_run)
+
+
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise.
 
