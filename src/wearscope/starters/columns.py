@@ -10,14 +10,17 @@ import numpy as np
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 
+#: Units of a share of the rated torque or current.
+SHARES = ("%", "‰", "permille", "percent")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
-    "position": "q pos position positions angle angles ang theta phi",
-    "velocity": "qd dq vel velocity velocities speed speeds omega",
+    "position": "q pos position positions angle angles ang theta phi winkel",
+    "velocity": "qd dq vel velocity velocities speed speeds omega geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
-    "torque": "tau torque torques trq effort efforts moment moments mom force forces",
-    "current": "i current currents curr cur amp amps ampere",
-    "temperature": "temp temperature temperatures",
+    "torque": "tau torque torques trq effort efforts eff moment moments mom drehmoment couple force forces "
+    "kraft",
+    "current": "i current currents curr cur amp amps ampere strom courant",
+    "temperature": "temp temperature temperatures temperatur",
 }
 #: Words of a servo's own columns, which are of no other kind.
 _SERVO = {
@@ -26,21 +29,25 @@ _SERVO = {
     "on": set("enable enabled".split()),
 }
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_ACTUAL = set("actual act measured meas fbk feedback real ist".split())
-_TARGET = set("target desired des cmd command commanded ref reference setpoint set goal planned soll".split())
+_LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
+_ACTUAL = set("actual act measured meas fbk feedback real ist ai".split())
+_TARGET = set(
+    "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne".split()
+)
 _OTHER = set("tcp tool pose cartesian error err limit max min std window raw".split())
-_TIME = set("t time timestamp timestamps stamp clock datetime date epoch zeit".split())
-#: Units in names, by kind: factor to rad (m), rad/s, N m (N), A.
+_TIME = set("t time timestamp stamp clock datetime date epoch elapsed zeit zeitstempel ipoc".split())
+#: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
 _FACTORS = {
     "rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295, "degrees": 0.017453292519943295,
     "turn": 6.283185307179586, "turns": 6.283185307179586, "rev": 6.283185307179586, "mm": 1e-3, "m": 1.0,
     "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
+    "rpm": 0.10471975511965977, "%": 1.0, "‰": 1.0, "permille": 1.0, "percent": 1.0,
 }  # fmt: skip
 _UNITS_OF = {
     "position": {"rad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
-    "velocity": {"rad", "deg", "degree", "degrees", "mm", "m"},
-    "torque": {"nm", "mnm", "knm", "n", "kn"},
-    "current": {"ma", "a"},
+    "velocity": {"rad", "deg", "degree", "degrees", "mm", "m", "rpm"},
+    "torque": {"nm", "mnm", "knm", "n", "kn", *SHARES},
+    "current": {"ma", "a", *SHARES},
     "temperature": set(),
 }
 _SUFFIX = re.compile(r"_([A-Za-z]+)$")
@@ -74,8 +81,17 @@ class Group:
 
 def split_name(name: str) -> list[str]:
     """Words and numbers of a column's name, in small letters: ``actual_q_0`` -> actual, q, 0."""
-    spaced = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", name)
-    return re.findall(r"[a-zµ]+|\d+|%", spaced.lower())
+    spaced = re.sub(r"([a-z0-9])([A-Z])|([A-Z])([A-Z][a-z])", r"\1\3 \2\4", name)
+    words = re.findall(r"[a-zµäöü]+|\d+|%", spaced.lower())
+    return [part for word in words for part in _split_compound(word)]
+
+
+def _split_compound(word: str) -> list[str]:
+    """Parts of a word that ends with one of a kind: istposition -> ist, position."""
+    if word in _KIND:
+        return [word]
+    end = next((one for one in _LONG if word.endswith(one)), "")
+    return [word.removesuffix(end), end] if end else [word]
 
 
 def find_unit(name: str, kind: str) -> str:
@@ -84,7 +100,7 @@ def find_unit(name: str, kind: str) -> str:
     # Single letters within a name are more often a joint's or an axis's.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
     for text in [*bracketed, *_SUFFIX.findall(name), *inner]:
-        word = re.sub(r"[^a-z]", "", text.lower().split("/")[0])
+        word = re.sub(r"[^a-z%‰]", "", text.lower().split("/")[0])
         if word in _UNITS_OF.get(kind, set()):
             return word
     return ""
@@ -138,15 +154,17 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     list of Group
         Measured before unmarked before commanded values.
     """
-    names = [split_name(joint) for joint in joints]
+    names = _own_words(joints)
     by_name: dict[tuple[str, ...], dict[int, str]] = {}
     by_number: dict[tuple[str, ...], dict[int, str]] = {}
     for column in columns:
         words = split_name(_without_unit(column, kind))
-        matches = [k for k, name in enumerate(names) if _contains(words, name)]
+        matches = [
+            (len(name), k, name) for k, own in enumerate(names) for name in own if _contains(words, name)
+        ]
         if matches:
-            best = max(matches, key=lambda k: len(names[k]))
-            without = _remove(words, names[best])
+            _, best, name = max(matches, key=lambda one: one[0])
+            without = _remove(words, name)
             if _is_kind(without, kind):
                 by_name.setdefault(tuple(without), {})[best] = column
         numbers = [word for word in words if word.isdigit()]
@@ -170,6 +188,16 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
                 found[chosen] = named
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen]))
     return [Group(kind, chosen) for chosen in ranked]
+
+
+def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
+    """By joint its name in words, and without words that all joints have, where more than numbers stay."""
+    names = [split_name(joint) for joint in joints]
+    common = set.intersection(*map(set, names)) if len(names) > 1 else set()
+    short = [[word for word in name if word not in common] for name in names]
+    if not common or any(not one or all(word.isdigit() for word in one) for one in short):
+        return [[name] for name in names]
+    return [[name, one] for name, one in zip(names, short, strict=True)]
 
 
 def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:

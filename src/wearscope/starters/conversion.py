@@ -163,7 +163,8 @@ def _convert(
     if "goal" in values:
         values["goal"] = values["goal"] * unit / ratio
     if mapped.servo is None:
-        values["tau"], told = read_torque(file, values, mapped, gear, len(joints))
+        driven = groups["torque" if "torque" in groups else "current"]
+        values["tau"], told = read_torque(file, driven, values, mapped, gear, len(joints))
         notes += told
         kinds: tuple[str, ...] = ("tau",)
     else:

@@ -14,13 +14,13 @@ from wearscope.errors import InputError
 from wearscope.extras import need
 from wearscope.files import check_plain
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
+from wearscope.starters.text_files import read_text
 from wearscope.tables import check_unpacked, to_frame
 
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _BAGS = (".mcap", ".db3", ".bag")
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
-_SEPARATORS = ",;\t| "
 
 
 def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, list[str]]:
@@ -49,7 +49,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
             return to_frame(pq.read_table(path, partitioning=None), path), []
         if kind in _TEXT:
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
-            return _read_text(path)
+            return read_text(path)
     except InputError:
         raise
     except (OSError, ValueError, UnicodeError, csv.Error, pa.ArrowException) as error:
@@ -79,63 +79,6 @@ def open_recordings(
                 yield file / name, frame, []
         else:
             yield file, *read_recording(file, topic)
-
-
-def _read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
-    raw = path.read_bytes()
-    encoding = "utf-8-sig"
-    try:
-        raw.decode(encoding)
-    except UnicodeDecodeError:
-        encoding = "latin-1"
-    lines = [line for line in raw.decode(encoding).splitlines()[:200] if line.strip()]
-    if len(lines) < 2:
-        what = "a single line" if lines else "empty"
-        raise InputError(
-            f"{path}: is {what}, and a recording has a header and rows; record it again, or leave it out."
-        )
-    header = next((k for k, line in enumerate(lines) if not line.startswith(("#", "%", "//"))), 0)
-    # A header behind a comment sign is one that the first row of numbers agrees with.
-    separator = max(
-        _SEPARATORS, key=lambda one: (min(line.count(one) for line in lines[header : header + 20]), -ord(one))
-    )
-    if not lines[header].count(separator):
-        raise InputError(f"{path}: has a single column; separate its columns by ',', ';', a tab or '|'.")
-    point = "," if separator == ";" and _has_decimal_commas(lines[header + 1 :]) else "."
-    frame = pd.read_csv(
-        path,
-        sep=r"\s+" if separator == " " else separator,
-        decimal=point,
-        encoding=encoding,
-        comment="#",
-        skipinitialspace=True,
-        low_memory=False,
-    )
-    frame.columns = [str(name).strip() for name in frame.columns]
-    if all(_is_number(name) for name in frame.columns):
-        raise InputError(f"{path}: its first line is numbers; put the columns' names above them.")
-    if frame.columns.has_duplicates:
-        raise InputError(
-            f"{path}: column '{frame.columns[frame.columns.duplicated()][0]}' stands twice; keep one."
-        )
-    notes = (
-        []
-        if separator == "," and point == "."
-        else [f"{path.name}: separated by {separator!r}, decimal {point!r}."]
-    )
-    return frame, notes
-
-
-def _has_decimal_commas(lines: list[str]) -> bool:
-    return any("," in line for line in lines) and not any("." in line for line in lines)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-        return True
-    except ValueError:
-        return False
 
 
 def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:

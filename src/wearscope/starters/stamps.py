@@ -21,6 +21,8 @@ _SLOWEST, _FASTEST = 5.0, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
 _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6
+#: Share of a column that must be numbers for the rest to be rows without a time.
+_NUMBERS = 0.5
 
 
 def to_seconds(
@@ -45,6 +47,9 @@ def to_seconds(
         Where they are neither, or no unit gives a robot's rate.
     """
     notes = []
+    numbers = pd.to_numeric(stamps, errors="coerce")
+    if numbers.notna().sum() > _NUMBERS * len(stamps):
+        stamps = numbers
     if not pd.api.types.is_numeric_dtype(stamps):
         try:
             dates = pd.to_datetime(stamps, format="mixed", utc=True)
@@ -134,4 +139,4 @@ def find_rate(t: Array) -> float:
     mean = float(np.mean(steps[steps < _LOSS * median]))
     rate = 1.0 / (median if abs(mean / median - 1.0) < 0.01 else mean)
     whole = round(rate)
-    return float(whole) if whole and abs(rate / whole - 1.0) < 0.005 else float(f"{rate:.6g}")
+    return float(whole) if whole and abs(rate / whole - 1.0) < 5e-4 else float(f"{rate:.6g}")

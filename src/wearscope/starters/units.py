@@ -11,7 +11,7 @@ import pandas as pd
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint
-from wearscope.starters.columns import Group
+from wearscope.starters.columns import SHARES, Group
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.groups import choose_groups
 from wearscope.starters.mapped import Mapped
@@ -154,12 +154,19 @@ def take_ratios(gear: Figures | None, why: str, n: int) -> Array:
 
 
 def read_torque(
-    file: Path, values: Mapping[str, Array], mapped: Mapped, gear: Figures | None, n: int
+    file: Path, group: Group, values: Mapping[str, Array], mapped: Mapped, gear: Figures | None, n: int
 ) -> tuple[Array, list[str]]:
     """Torque (N, n) on the joint side."""
     constant = take_option("torque-constant", mapped.torque_constant, n)
     told = "" if constant is None else ", times --torque-constant"
     factor = np.ones(n) if constant is None else constant.values
+    share = next((one for one in group.units if one in SHARES), "")
+    if share and constant is None:
+        raise InputError(
+            f"{file}: column '{group.columns[0]}' is in {share} of a rated {group.kind}; give "
+            f"--torque-constant: N m for one unit of the column (the rated torque by "
+            f"{100 if share in ('%', 'percent') else 1000}), for each joint."
+        )
     if "torque" in values:
         if mapped.torque_side == "motor":
             ratio = take_ratios(gear, "--torque-side motor", n)

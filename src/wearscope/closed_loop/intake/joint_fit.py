@@ -71,9 +71,9 @@ class Rows:
     gravity: float = 1.0
     springs: bool = False
 
-    def is_worth(self, total: float) -> bool:
-        """Whether a reading leaves clearly less than springs and balancers of all joints would."""
-        return total < replace(self, springs=True).products.fit().total - WORTH
+    def is_worth(self, total: float, worth: float = WORTH) -> bool:
+        """Whether a reading leaves less, by `worth`, than springs and balancers of all joints would."""
+        return total < replace(self, springs=True).products.fit().total - worth
 
     @property
     def n(self) -> int:

@@ -1,0 +1,165 @@
+"""Tables in text as recorders write them: lines before the header, a row of units, any separator."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from wearscope.errors import InputError
+
+_SEPARATORS = ",;\t| "
+_COMMENTS = "#%/"
+#: Lines that are looked at, in which the numbers begin.
+_LOOK = 400
+#: Share of a column that must be numbers for the rest to be none; of usual numbers in a row.
+_NUMBERS, _ROW = 0.5, 0.8
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a text is a table: separator, its lines above the numbers and where these begin."""
+
+    separator: str
+    above: tuple[list[str], ...]
+    begin: int
+    cells: int
+
+
+def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
+    """Table of a text file, with notes on how it was read; `InputError` where it is none."""
+    raw = path.read_bytes()
+    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "latin-1"
+        text = raw.decode(encoding)
+    lines = text.splitlines()[:_LOOK]
+    filled = [line for line in lines if line.strip()]
+    if len(filled) < 2:
+        what = "a single line" if filled else "empty"
+        raise InputError(
+            f"{path}: is {what}, and a recording has a header and rows; record it again, or leave it out."
+        )
+    layout = _find_layout(path, lines)
+    names, units, notes = _name_columns(path, layout)
+    point = "," if layout.separator != "," and _has_decimal_commas(lines[layout.begin :]) else "."
+    frame = pd.read_csv(
+        path,
+        sep=r"\s+" if layout.separator == " " else layout.separator,
+        decimal=point,
+        encoding=encoding,
+        comment="#",
+        header=None,
+        names=list(range(len(names))),
+        skiprows=layout.begin,
+        index_col=False,
+        skipinitialspace=True,
+        low_memory=False,
+    )
+    for column in frame.columns:
+        if not pd.api.types.is_numeric_dtype(frame[column]):
+            frame[column] = _to_numbers(frame[column], point)
+    if layout.separator != "," or point != ".":
+        notes.append(f"{path.name}: separated by {layout.separator!r}, decimal {point!r}.")
+    frame.columns = pd.Index(
+        [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+    )
+    return _drop_repeated(path, frame, notes), notes
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+        return True
+    except ValueError:
+        return False
+
+
+def _count_numbers(line: str, separator: str) -> int:
+    if line.lstrip().startswith(tuple(_COMMENTS)):
+        return 0
+    cells = _split(line, separator)
+    return sum(_is_number(one if separator == "," else one.replace(",", ".")) for one in cells)
+
+
+def _is_row(line: str, separator: str, usual: float) -> bool:
+    """Whether a line has about as many numbers as others, or nothing else than numbers and empty cells."""
+    cells = _split(line, separator)
+    numbers, filled = _count_numbers(line, separator), sum(bool(cell) for cell in cells)
+    return len(cells) >= usual and (numbers >= max(_ROW * usual, 1.0) or numbers == filled > 1)
+
+
+def _find_layout(path: Path, lines: list[str]) -> _Layout:
+    """Separator by which most cells are numbers, and the lines above the first row of numbers."""
+    counts = {
+        one: np.array([_count_numbers(line, one) for line in lines if line.strip()]) for one in _SEPARATORS
+    }
+    separator = max(_SEPARATORS, key=lambda one: float(np.median(counts[one][len(counts[one]) // 2 :])))
+    usual = float(np.median(counts[separator][len(counts[separator]) // 2 :]))
+    if usual < 2.0:
+        # A date next to one number, or columns of words: what stands in every line separates.
+        some = [line for line in lines if line.strip() and not line.startswith(tuple(_COMMENTS))][:20]
+        separator = max(_SEPARATORS, key=lambda one: min((line.count(one) for line in some), default=0))
+        if not some or not some[0].count(separator):
+            raise InputError(f"{path}: has a single column; separate its columns by ',', ';', a tab or '|'.")
+    begin = next((k for k, line in enumerate(lines) if _is_row(line, separator, usual)), len(lines))
+    cells = max((len(_split(line, separator)) for line in lines[begin : begin + 20]), default=0)
+    above = [_split(line.lstrip(f"{_COMMENTS} "), separator) for line in lines[:begin] if line.strip()]
+    return _Layout(separator, tuple(one for one in above if len(one) > 1), begin, cells)
+
+
+def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], list[str]]:
+    """Names and units by column, and notes on lines that are neither."""
+    above = layout.above
+    if not above:
+        raise InputError(f"{path}: its first line is numbers; put the columns' names above them.")
+    wide = [k for k, one in enumerate(above) if len(one) >= layout.cells - 1] or [len(above) - 1]
+    told = [len({cell for cell in above[k] if cell}) for k in wide]
+    header = wide[int(np.argmax(told))]
+    names = [cell or f"column {k + 1}" for k, cell in enumerate(above[header])]
+    names += [f"column {k + 1}" for k in range(len(names), layout.cells)]
+    units = [""] * len(names)
+    for k in wide:
+        if k > header and not any(_is_number(cell.replace(",", ".")) for cell in above[k]):
+            units = [*(cell.strip("[]()") for cell in above[k]), *units][: len(names)]
+    notes = []
+    if any(units):
+        notes.append(f"{path.name}: the row below the columns' names is read as their units.")
+    if header:
+        notes.append(f"{path.name}: {header} lines above the columns' names are left out.")
+    return names, units, notes
+
+
+def _has_decimal_commas(lines: list[str]) -> bool:
+    some = [line for line in lines if line.strip()]
+    return sum("," in line for line in some) > sum("." in line for line in some)
+
+
+def _to_numbers(column: pd.Series, point: str) -> pd.Series:
+    """Numbers of a column in which a few cells are none, as in a line of sums at its end."""
+    text = column.astype(str).str.replace(point, ".", regex=False) if point != "." else column
+    numbers = pd.to_numeric(text, errors="coerce")
+    return numbers if numbers.notna().sum() > _NUMBERS * column.notna().sum() else column
+
+
+def _drop_repeated(path: Path, frame: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
+    """The table without columns that stand twice and are alike."""
+    again = np.flatnonzero(frame.columns.duplicated())
+    for k in again.tolist():
+        name = str(frame.columns[k])
+        first = list(frame.columns).index(name)
+        if not frame.iloc[:, k].equals(frame.iloc[:, first]):
+            raise InputError(f"{path}: column '{name}' stands twice with other values; keep one.")
+    if len(again):
+        told = ", ".join(dict.fromkeys(str(frame.columns[k]) for k in again))
+        notes.append(f"{path.name}: columns that stand twice are read once: {told}.")
+    return frame.iloc[:, ~frame.columns.duplicated()]

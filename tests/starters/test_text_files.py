@@ -1,0 +1,120 @@
+"""Text as recorders write it: what stands around the numbers, names, units and shares of a rated torque."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from wearscope.errors import InputError
+from wearscope.starters.columns import find_groups
+from wearscope.starters.conversion import convert_recordings
+from wearscope.starters.mapped import Mapped
+from wearscope.starters.recordings import read_recording
+
+T = np.arange(0.0, 14.0, 0.01)
+Q = np.column_stack([0.4 * np.sin(T), 0.3 * np.cos(2.0 * T)])
+TAU = np.column_stack([3.0 * np.sin(T) + 0.25, 2.0 * np.cos(T)])
+NAMES = ["time", "q_1", "q_2", "tau_1", "tau_2"]
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    "</inertial></link>"
+)
+URDF = f"""<robot name="r"><link name="b"/>
+{LINK.format("x")}{LINK.format("y")}
+<joint name="left_axis" type="revolute"><parent link="b"/><child link="x"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+<joint name="right_axis" type="revolute"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/></joint></robot>"""
+
+
+def rows(separator=",", point="."):
+    table = np.column_stack([T, Q, TAU])
+    lines = [separator.join(f"{one:.9g}" for one in row) for row in table]
+    return "\n".join(line.replace(".", point) for line in lines) + "\n"
+
+
+HEADER = ",".join(NAMES) + "\n"
+WRAPPED = {
+    "lines above": ("Export of a trace\nController: 7, 3.2\n\n" + HEADER, rows(), "utf-8"),
+    "as many cells above": ("File,a.svdx,,,\nRate,100,,,\n" + HEADER, rows(), "utf-8"),
+    "commented names": ("# " + HEADER, rows(), "utf-8"),
+    "byte-order mark": (HEADER, rows(), "utf-8-sig"),
+    "two bytes a letter": (HEADER, rows(), "utf-16"),
+    "sums below": (HEADER, rows() + "Mean,0,0,1.5,2\n", "utf-8"),
+    "decimal commas, sums below": (
+        HEADER.replace(",", ";"),
+        rows(";", ",") + "Mittelwert;0,5;0,5;1,5;2\n",
+        "utf-8",
+    ),
+    "a separator at each line's end": (HEADER, rows().replace("\n", ",\n"), "utf-8"),
+    "a column twice": (
+        HEADER.replace("q_1", "q_1,q_1"),
+        "".join(
+            ",".join([line.split(",")[0], line.split(",")[1], *line.split(",")[1:]]) + "\n"
+            for line in rows().splitlines()
+        ),
+        "utf-8",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WRAPPED)
+def test_what_stands_around_the_numbers_is_left_out(kind, tmp_path):
+    above, numbers, encoding = WRAPPED[kind]
+    (tmp_path / "a.csv").write_text(above + numbers, encoding=encoding)
+    frame, _ = read_recording(tmp_path / "a.csv")
+    got = frame[NAMES].apply(pd.to_numeric, errors="coerce").dropna().to_numpy()[: len(T)]
+    np.testing.assert_allclose(got, np.column_stack([T, Q, TAU]), rtol=1e-7, atol=1e-12)
+
+
+def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):
+    first, rest = rows().split("\n", 1)
+    cut = first.split(",")
+    (tmp_path / "a.csv").write_text(HEADER + ",".join([cut[0], "", "", *cut[3:]]) + "\n" + rest)
+    frame, _ = read_recording(tmp_path / "a.csv")
+    assert list(frame.columns) == NAMES and len(frame) == len(T)
+
+
+def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
+    table = pd.DataFrame(np.column_stack([T, Q, TAU]), columns=["time", "q_1", "q_1", "tau_1", "tau_2"])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(InputError, match="'q_1' stands twice"):
+        read_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind", "first"),
+    [
+        (["q_d[0]", "q_d[1]", "q[0]", "q[1]"], "position", "q[0]"),
+        (["ASPos.A1", "ASPos.A2", "AIPos.A1", "AIPos.A2"], "position", "AIPos.A1"),
+        (["Left Sollposition", "Right Sollposition", "Left Istposition", "Right Istposition"], "position",
+         "Left Istposition"),
+        (["motorcurrent_left", "motorcurrent_right"], "current", "motorcurrent_left"),
+        (["MACur1", "MACur2"], "current", "MACur1"),
+        (["eff_left", "eff_right"], "torque", "eff_left"),
+        (["Left Kraft", "Right Kraft"], "torque", "Left Kraft"),
+    ],
+)  # fmt: skip
+def test_names_as_makers_write_them(columns, kind, first):
+    groups = find_groups(columns, ["left_axis", "right_axis"], kind)
+    assert groups[0].columns[0] == first
+
+
+def test_a_row_of_units_is_obeyed(tmp_path):
+    """Degrees, turns in a minute and thousandths of a rated torque, which needs that torque."""
+    (tmp_path / "robot.urdf").write_text(URDF)
+    head = [f"Axis {k} Actual {kind}" for kind in ("Position", "Velocity", "Torque") for k in (1, 2)]
+    text = ";".join(["Time", *head]) + "\n" + "s;deg;deg;rpm;rpm;‰;‰\n"
+    v = np.column_stack([0.4 * np.cos(T), -0.6 * np.sin(2.0 * T)])
+    rated = np.array([5.0, 20.0])
+    table = np.column_stack([T, np.degrees(Q), v * 30.0 / np.pi, TAU / rated * 1e3])
+    text += "\n".join(";".join(f"{one:.9g}".replace(".", ",") for one in row) for row in table)
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match="in ‰ of a rated torque; give --torque-constant"):
+        convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
+    mapped = Mapped(torque_constant=(rated / 1e3).tolist())
+    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", mapped).runs[0].frame
+    n = 400
+    for k, joint in enumerate(("left_axis", "right_axis")):
+        np.testing.assert_allclose(made[f"q_{joint}"][:n], Q[:n, k], atol=1e-7)
+        np.testing.assert_allclose(made[f"qd_{joint}"][:n], v[:n, k], atol=1e-7)
+        np.testing.assert_allclose(made[f"tau_{joint}"][:n], TAU[:n, k], atol=1e-6)
