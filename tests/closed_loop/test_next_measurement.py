@@ -13,7 +13,7 @@ from wearscope.closed_loop.diagnostics.next_measurement import (
     write_measurements,
 )
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
-from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names
+from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names, look_along
 from wearscope.cycles.base import Reference
 from wearscope.reporting.loop_words import tell_measurement
 
@@ -64,7 +64,7 @@ def test_a_planned_run_has_the_regressors_that_its_recording_has(diagnosis, riva
     both = planned.keep & run.keep[: len(planned.keep)]
     assert both.mean() > 0.8 * run.keep.mean()
     own = rivalry.recorded.parts[0][1]
-    other = rivalry.look_along(planned).parts[0][1]
+    other = rivalry.sum_along([look_along(rivalry.model, planned, [])]).parts[0][1]
     p = len(rivalry.base)
     rows = both.any(axis=1)
     a, b = own[rows][..., :p], other[rows][..., :p]

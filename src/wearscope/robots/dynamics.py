@@ -186,28 +186,23 @@ class RigidBody:
 
     def inertial_regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Regressor (N, n, 10 n) of the links' inertial parameters; (n, 10 n) for one sample (n,)."""
-        single = np.ndim(q) == 1
-        q, v, a = (np.atleast_2d(self._sorted(x)) for x in (q, v, a))
-        columns = np.concatenate(
-            [np.arange(N_PARAMETERS) + N_PARAMETERS * (joint_id - 1) for joint_id in self._ids]
-        )
-        out = np.empty((len(q), self.n, N_PARAMETERS * self.n))
-        for row in range(len(q)):
-            block = pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
-            out[row] = block if self._in_order else block[np.ix_(self._order, columns)]
-        return out[0] if single else out
+        return self._regress(self._ids, q, v, a)
 
     def payload_regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Regressor (N, n, 10) of a payload on the last joint's link; (n, 10) for one sample."""
+        return self._regress(self._ids[-1:], q, v, a)
+
+    def _regress(self, ids: Sequence[int], q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Regressor (N, n, 10 L) of the parameters of L links, by their joints' numbers in Pinocchio."""
         single = np.ndim(q) == 1
         q, v, a = (np.atleast_2d(self._sorted(x)) for x in (q, v, a))
-        start = N_PARAMETERS * (self._ids[-1] - 1)
-        out = np.empty((len(q), self.n, N_PARAMETERS))
-        for row in range(len(q)):
-            block = np.atleast_2d(
-                pin.computeJointTorqueRegressor(self._model, self._data, q[row], v[row], a[row])
-            )
-            out[row] = block[self._order, start : start + N_PARAMETERS]
+        columns = np.concatenate([np.arange(N_PARAMETERS) + N_PARAMETERS * (one - 1) for one in ids])
+        # A view of each sample's block costs next to nothing, where the joints are in Pinocchio's order.
+        view = (..., slice(columns[0], columns[-1] + 1))
+        pick = view if self._in_order else np.ix_(self._order, columns)
+        out = np.empty((len(q), self.n, len(columns)))
+        for row, sample in enumerate(zip(q, v, a, strict=True)):
+            out[row] = pin.computeJointTorqueRegressor(self._model, self._data, *sample)[pick]
         return out[0] if single else out
 
     @property

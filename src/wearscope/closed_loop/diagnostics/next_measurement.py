@@ -1,6 +1,7 @@
 """The next measurement: the motion, payload and temperature that tell apart what the runs so far cannot."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from wearscope.closed_loop.diagnostics.plan import (
 )
 from wearscope.closed_loop.diagnostics.planned_rests import plan_rests
 from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
-from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names
+from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names, look_along
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.cycles.base import Reference, check_reference, list_cycles, load_cycle
@@ -99,7 +100,7 @@ def list_motions(joints: Sequence[int], joint: int, seeds: int = 3) -> list[Plan
 def list_plans(
     prepared: Prepared,
     model: RobotModel,
-    joint: int,
+    joints: Sequence[int],
     payloads: Sequence[PayloadFields | None],
     temperatures: list[float],
     cycles: Sequence[str],
@@ -112,7 +113,8 @@ def list_plans(
     prepared : Prepared
     model : RobotModel
         Of `planning_model`.
-    joint : int
+    joints : sequence of int
+        Those of the terms.
     payloads : sequence of PayloadFields or None
     temperatures : list of float
         At the start [deg C].
@@ -123,9 +125,9 @@ def list_plans(
     """
     step = 1.0 / prepared.band.rate
     moving = [int(j) for j in np.flatnonzero(prepared.moving)]
+    motions = dict.fromkeys(motion for joint in joints for motion in list_motions(moving, joint))
     built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
-        (motion.name, motion, motion.build)
-        for motion in (one.plan_within(model) for one in list_motions(moving, joint))
+        (motion.name, motion, motion.build) for motion in (one.plan_within(model) for one in motions)
     ]
     for name in cycles:
         cycle = load_cycle(name)
@@ -177,7 +179,9 @@ def plan_measurements(
     prepared, after = diagnosis.prepared, diagnosis.proposed
     first = len(after.entries) - len(diagnosis.attributions)
     model = planning_model(prepared, diagnosis.models["before"])
-    found = []
+    cycles = list_cycles() if cycles is None else cycles
+    found: dict[int, NextMeasurement] = {}
+    asked: dict[int, _Asked] = {}
     for number, named in enumerate(diagnosis.attributions):
         if not named.equivalent:
             continue
@@ -186,54 +190,80 @@ def plan_measurements(
         joint = named.term.joint
         still = plan_rests(after, first + number, rivalry, prepared, model)
         if still is not None:
-            found.append(still)
+            found[number] = still
             continue
         progress(
             f"what tells {' from '.join(name.effect.name for name in names)} at "
             f"{prepared.dataset.joints[joint]}"
         )
-        warm = any("temp" in signal or signal == "t" for name in names for signal in name.effect.depends_on)
-        best = _find_best(rivalry, prepared, model, joint, warm, list_cycles() if cycles is None else cycles)
-        if best is not None:
-            found.append(_promise(rivalry, prepared.dataset.joints[joint], names, *best))
-    return found
+        asked[number] = _Asked(rivalry, joint)
+    payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
+    every, joints = list(asked.values()), [one.joint for one in asked.values()]
+    if every:
+        _compare(every, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles))
+    for one in every:
+        likeliest = sorted(one.values, key=lambda name: -one.values[name])[:_REFINED]
+        starts = temperatures if one.is_warm else temperatures[:1]
+        for others in ((payloads[1:], starts), (payloads[:1], starts[1:])):
+            _compare([one], prepared, list_plans(prepared, model, [one.joint], *others, cycles, likeliest))
+    found |= {k: _promise(one, prepared, *one.best) for k, one in asked.items() if one.best is not None}
+    return [found[number] for number in sorted(found)]
 
 
-def _find_best(
-    rivalry: Rivalry, prepared: Prepared, model: RobotModel, joint: int, warm: bool, cycles: Sequence[str]
-) -> tuple[Plan, Sums, int] | None:
-    """The plan that tells the names apart by most standard errors.
+@dataclass
+class _Asked:
+    """Names that a run may tell apart, and the best plan so far.
 
     All motions are compared with one payload and temperature, the `_REFINED` best ones with all of them.
+
+    Attributes
+    ----------
+    rivalry : Rivalry
+    joint : int
+    count : int
+        Plans compared.
+    values : dict of str to float
+        Standard errors by which the runs of a motion tell the names apart.
+    best : tuple of (Plan, Sums) or None
     """
-    payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
-    temperatures = temperatures if warm else temperatures[:1]
-    count, values = 0, {}
-    best: tuple[float, Plan, Sums] | None = None
 
-    def compare(plans: Iterator[Plan]) -> None:
-        nonlocal best, count
-        for plan in plans:
-            run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
-            if len(run.t) < 40:
-                continue
-            count += 1
-            sums = rivalry.look_along(run)
-            both = rivalry.recorded.add(sums, _COMPARED)
-            values[plan.cycle] = rivalry.score(both, rivalry.worst(both))
-            if best is None or values[plan.cycle] > best[0]:
-                best = (values[plan.cycle], plan, sums)
+    rivalry: Rivalry
+    joint: int
+    count: int = 0
+    values: dict[str, float] = field(default_factory=dict)
+    best: tuple[Plan, Sums] | None = None
+    most: float = -np.inf
 
-    compare(list_plans(prepared, model, joint, payloads[:1], temperatures[:1], cycles))
-    chosen = sorted(values, key=lambda name: -values[name])[:_REFINED]
-    for others in ((payloads[1:], temperatures), (payloads[:1], temperatures[1:])):
-        compare(list_plans(prepared, model, joint, *others, cycles, chosen))
-    return None if best is None else (best[1], best[2], count)
+    @property
+    def is_warm(self) -> bool:
+        """Whether a name depends on temperature or time."""
+        signals = {signal for name in self.rivalry.names for signal in name.effect.depends_on}
+        return any("temp" in signal or signal == "t" for signal in signals)
+
+    def compare(self, plan: Plan, sums: Sums) -> None:
+        """Take a plan where it tells the names apart by more."""
+        self.count += 1
+        both = self.rivalry.recorded.add(sums, _COMPARED)
+        value = self.values[plan.cycle] = self.rivalry.score(both, self.rivalry.worst(both))
+        if self.best is None or value > self.most:
+            self.most, self.best = value, (plan, sums)
 
 
-def _promise(
-    rivalry: Rivalry, joint: str, names: Sequence[Any], plan: Plan, sums: Sums, tried: int
-) -> NextMeasurement:
+def _compare(asked: Sequence[_Asked], prepared: Prepared, plans: Iterator[Plan]) -> None:
+    """Compare plans for all that they are meant for; each is evaluated once."""
+    model, effects = asked[0].rivalry.model, [name.effect for one in asked for name in one.rivalry.names]
+    for plan in plans:
+        run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
+        if len(run.t) < 40:
+            continue
+        seen = look_along(model, run, effects)
+        for one in asked:
+            if plan.motion is None or plan.motion.joint in (None, one.joint):
+                one.compare(plan, one.rivalry.sum_along([seen]))
+
+
+def _promise(asked: _Asked, prepared: Prepared, plan: Plan, sums: Sums) -> NextMeasurement:
+    rivalry, joint = asked.rivalry, prepared.dataset.joints[asked.joint]
     before = rivalry.worst(rivalry.recorded)
     runs, power, after = LEAST_RUNS, 0.0, before
     for runs in range(LEAST_RUNS, MOST_RUNS + 1):
@@ -243,8 +273,8 @@ def _promise(
         if power >= POWER:
             break
     return NextMeasurement(
-        joint, [name.effect.name for name in names], plan, runs, power, before.angle, after.angle,
-        before.evidence, after.evidence, tried,
+        joint, [name.effect.name for name in rivalry.names], plan, runs, power, before.angle, after.angle,
+        before.evidence, after.evidence, asked.count,
     )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """What a run would add to the evidence between names that the runs so far cannot tell apart."""
 
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
-from wearscope.effects.base import Effect, Signals
+from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
 #: Shapes of a name, of those that its search starts from, that stand for all of them.
 _SHAPES = 9
@@ -31,6 +32,33 @@ class Name:
     joint: int
     shapes: np.ndarray
     subsets: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Along:
+    """A run as a model has it: signals with the torques that terms act on, columns (M, n, P) of its terms."""
+
+    run: PreparedRun
+    signals: Signals
+    columns: np.ndarray
+    made: dict[tuple, np.ndarray] = field(default_factory=dict)
+
+    def reduce(self, name: Name) -> np.ndarray:
+        """Columns of all shapes of a name; those of a name that two terms have are made once."""
+        key = (name.effect.name, name.joint, name.shapes.tobytes())
+        if key not in self.made:
+            self.made[key] = reduce_columns(name.effect, name.joint, name.shapes, self.run, self.signals)
+        return self.made[key]
+
+
+def look_along(model: Regression, run: PreparedRun, effects: Sequence[Effect]) -> Along:
+    """A planned run as a model has it, to be asked about effects."""
+    every, signals = (*effects, *(entry.effect for entry in model.entries)), run.signals
+    if any(isinstance(effect, MeasurementEffect | TransmissionEffect) for effect in every):
+        planned = copy(model)
+        planned.prepared = with_runs(model.prepared, [run])
+        (signals,) = find_operating_point(planned)
+    return Along(run, signals, model.take_columns(run, signals))
 
 
 @dataclass(frozen=True)
@@ -91,20 +119,17 @@ class Rivalry:
 
     def __init__(self, model: Regression, index: int, names: list[Name]) -> None:
         self.model, self.names = model, names
-        self.others = [k for k in range(len(model.entries)) if k != index]
         self.theta = model.solve()
-        width = model.spans[0].start if model.spans else model.p
-        self.base = np.array(
-            [*range(width), *(c for k in self.others for c in range(*model.spans[k].indices(model.p)))], int
-        )
+        self.base = np.delete(np.arange(model.p), model.spans[index])
         self.joints = sorted(
             {j for name in names for j in (range(model.prepared.n) if name.effect.spread else (name.joint,))}
         )
         self.spans = self._lay_out()
         train = model.prepared.runs_for("train")
         along = find_operating_point(model)
-        parts = [self._columns(run, s) for run, s in zip(train, along, strict=True)]
-        self.recorded = self._sum(parts)
+        seen = [Along(run, s, model.take_columns(run, s)) for run, s in zip(train, along, strict=True)]
+        self.recorded = self.sum_along(seen)
+        parts = [x for _, x in self.recorded.parts]
         target = np.concatenate(
             [(y * w).reshape(-1) for y, w in zip(model.target, model.weights, strict=True)]
         )
@@ -129,37 +154,26 @@ class Rivalry:
             self.picks.append(picks)
         return spans
 
-    def _columns(self, run: PreparedRun, signals: Signals) -> np.ndarray:
+    def _columns(self, seen: Along) -> np.ndarray:
         """Weighted columns (M, n, K) of the model and all names along a run."""
-        model, n = self.model, self.model.prepared.n
-        weights = run.keep / model.sigma
-        parts = []
-        if model.inertial:
-            s = signals
-            parts.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
-        parts += [run.reduce(model.entries[k].columns(signals)) for k in self.others]
+        parts = [seen.columns[..., self.base]]
         for name, picks in zip(self.names, self.picks, strict=True):
-            made = reduce_columns(name.effect, name.joint, name.shapes, run, signals)
+            made = seen.reduce(name)
             count = len(name.effect.coefficients)
-            pick = [s * count + c for s, subset in picks for c in subset]
-            made = made[..., pick]
+            made = made[..., [s * count + c for s, subset in picks for c in subset]]
             if made.ndim == 2:
-                full = np.zeros((len(made), n, made.shape[1]))
+                full = np.zeros((len(made), self.model.prepared.n, made.shape[1]))
                 full[:, name.joint] = made
                 made = full
             parts.append(made)
-        return np.concatenate(parts, axis=2) * weights[:, :, None]
+        return np.concatenate(parts, axis=2) * (seen.run.keep / self.model.sigma)[:, :, None]
 
-    def _sum(self, parts: list[np.ndarray]) -> Sums:
+    def sum_along(self, runs: Sequence[Along]) -> Sums:
+        """Sums of runs, recorded or planned."""
+        parts = [self._columns(seen) for seen in runs]
         rows = sum(float(np.any(x[:, self.joints] != 0.0, axis=2).sum()) for x in parts)
         flat = [x.reshape(-1, x.shape[2]) for x in parts]
         return Sums(sum(x.T @ x for x in flat), rows, tuple((1.0, x) for x in parts))
-
-    def look_along(self, run: PreparedRun) -> Sums:
-        """Sums of a planned run."""
-        model = copy(self.model)
-        model.prepared = with_runs(model.prepared, [run])
-        return self._sum([self._columns(run, find_operating_point(model)[0])])
 
     def _project(self, gram: np.ndarray) -> np.ndarray:
         """Gram matrix of the names' columns after the model is projected out."""

@@ -7,7 +7,7 @@ units of their own spread, so that what is left of a joint is the share of its v
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import linalg, optimize
@@ -160,6 +160,7 @@ class Rows:
         return Products(grams, scale, _deviations(self.bodies[0], self.inertials))
 
 
+@lru_cache(maxsize=64)
 def _deviations(body: RigidBody, inertials: str) -> np.ndarray:
     """Deviation (10 n,) of each inertial parameter that costs `_COST`."""
     links = body.inertial_parameters.reshape(-1, N_PARAMETERS)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from arch.bootstrap import MCS
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
@@ -40,6 +39,8 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
     apart = sorted(set(like))
     inside = set(apart)
     if len(apart) > 1:
+        from arch.bootstrap import MCS  # it takes as long as all else that is imported here
+
         test = MCS(
             losses[:, apart], policy.set_level, reps=_DRAWS, block_size=_LENGTH, method="R",
             bootstrap="stationary", seed=np.random.default_rng(policy.seed),
