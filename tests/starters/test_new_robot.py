@@ -8,9 +8,11 @@ import pytest
 import yaml
 
 from wearscope.checking.robot import check_robot_folder
+from wearscope.cycles.base import check_reference, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.friction_law import friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import load_model
+from wearscope.starters import limits
 from wearscope.starters.model_text import write_model_text
 from wearscope.starters.robot import Stated, copy_urdf, make_robot
 
@@ -118,6 +120,17 @@ def test_every_number_is_marked_given_or_assumed(tmp_path):
 def test_it_passes_its_own_check_as_it_is(arm, tmp_path):
     save(tmp_path / "arm", write_arm(tmp_path / "a.urdf", **arm), Stated())
     assert check_robot_folder(tmp_path / "arm").problems == []
+
+
+def test_an_arm_of_many_joints_is_planned_in_few_rounds(tmp_path, monkeypatch):
+    made, make_model = [], limits.make_model
+    monkeypatch.setattr(limits, "make_model", lambda *given: made.append(1) or make_model(*given))
+    links = 8
+    urdf = write_arm(tmp_path / "arm.urdf", links, np.linspace(40.0, 8.0, links), mass=0.4)
+    model, _, _ = make_robot(urdf, "arm", Stated())
+    assert 2 < len(made) <= 5, "the last one is what is returned"
+    for name in list_cycles():
+        check_reference(load_cycle(name).build(model, 0.05, 0.02), model, name)
 
 
 def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):

@@ -87,7 +87,7 @@ class DirectSettings(Section):
     enabled: bool = True
     """Whether it is asked, of one cell of each detector: first robot, test-cycle and axis."""
     runs: Annotated[int, Field(ge=10)] = 1000
-    """Simulations under each of the two hypotheses; 1000 give the ratio to 3 %, 60 to 12 %."""
+    """Simulations under each of the two hypotheses; 1000 give the ratio to 5 %, 500 to 7 %."""
     mismatch: dict[NumberPath, float] = Field(default={})
     """Numbers of the simulated robot that differ from the model that the detectors hold, by path, such as
     `effects.friction_wear_temperature.all.alpha: 1.3`; with ` %` after the path a change in percent. The same

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -80,3 +81,8 @@ def choose(*sources: Figures | None) -> Figures:
         for k in np.flatnonzero(np.isfinite(source.values)):
             values[k], origins[k] = source.values[k], source.origins[k]
     return Figures(values, tuple(origins))
+
+
+def round_figures(values: Any) -> list[float]:
+    """Six digits of each, as model files hold them."""
+    return [float(f"{value:.6g}") for value in np.asarray(values, dtype=float)]

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.cycles.base import list_cycles, load_cycle, required_torque
 from wearscope.errors import InputError
 from wearscope.files import copy_file
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.friction_law import SOURCE, friction_from_efficiency, scale_friction_law
-from wearscope.robots.model import RobotModel, make_model
+from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
-from wearscope.starters.figures import Figures, assume, choose, take_option
+from wearscope.starters.figures import Figures, assume, choose, round_figures, take_option
+from wearscope.starters.limits import START_TIME, fit_to_cycles
 
 # Beyond these nothing is a robot's joint [rad or m; per s].
 LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 1e-4, 1e3
@@ -30,11 +30,6 @@ PAYLOAD_SHARE = 0.05  # of the moving mass
 NOISE_SHARE = 0.0025  # of the usual torque
 TURN = 2.0 * np.pi / 2**16  # encoder step on the motor shaft [rad]
 STRENGTH = 2.5  # torque limit over the largest torque at rest
-START_TIME = 0.2  # s from rest to the speed limit, at least
-JERK_RATE = 10.0  # 1/s
-# A study's usual extremes, within which every test-cycle must stay in the limits.
-TEMPERATURES, WEAR, PAYLOAD_ERROR = (30.0, 70.0), 50.0, 0.12
-ROOM = 0.9  # of the torque limit
 POSTURES = 200
 USUAL = "the usual torque (between the torque limit and what the arm needs)"
 
@@ -143,7 +138,7 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
     figures |= _choose_drive(stated, n, speed, usual)
     figures |= _choose_friction(friction, usual, speed)
     fields = _make_fields(name, joints, stated, figures, payload, usual)
-    model, notes = _fit_to_cycles(fields, text, figures, stated, holding, inertia)
+    model, notes = fit_to_cycles(fields, text, figures, stated.acceleration_limit, holding, inertia)
     return model, figures, notes
 
 
@@ -273,10 +268,6 @@ def _choose_friction(read: Mapping[str, Figures], usual: Array, speed: Array) ->
     return {"coulomb": choose(read["coulomb"], coulomb), "viscous": choose(read["viscous"], viscous)}
 
 
-def _round(values: Any) -> list[float]:
-    return [float(f"{value:.6g}") for value in np.asarray(values, dtype=float)]
-
-
 def _make_fields(
     name: str,
     joints: Sequence[str],
@@ -314,14 +305,14 @@ def _make_fields(
         "joints": list(joints),
         "gravity": [float(x) for x in stated.gravity],
         "drive": {
-            "gear_ratio": _round(ratio),
-            "rotor_inertia": _round(figures["rotor_inertia"].values),
-            "torque_limit": _round(figures["torque_limit"].values),
-            "speed_limit": _round(figures["speed_limit"].values),
+            "gear_ratio": round_figures(ratio),
+            "rotor_inertia": round_figures(figures["rotor_inertia"].values),
+            "torque_limit": round_figures(figures["torque_limit"].values),
+            "speed_limit": round_figures(figures["speed_limit"].values),
         },
         "sensors": {
-            "encoder_resolution": _round(TURN / np.abs(ratio)),
-            "torque_noise": _round(NOISE_SHARE * usual),
+            "encoder_resolution": round_figures(TURN / np.abs(ratio)),
+            "torque_noise": round_figures(NOISE_SHARE * usual),
             "sample_rate": 250.0,
         },
         **({"payload": payload} if payload else {}),
@@ -329,65 +320,6 @@ def _make_fields(
         "wear_axes": list(joints[: min(3, n)]),
         "effects": effects,
     }
-
-
-def _fit_to_cycles(
-    fields: dict[str, Any],
-    text: str,
-    figures: dict[str, Figures],
-    stated: Stated,
-    holding: Array,
-    inertia: Array,
-) -> tuple[RobotModel, list[str]]:
-    """Give the model acceleration limits at which every test-cycle stays within the torque limits."""
-    speed = figures["speed_limit"].values
-    drive = fields["drive"]
-    total = inertia + figures["rotor_inertia"].values
-    friction = figures["coulomb"].values + figures["viscous"].values * speed
-    left = np.maximum(
-        figures["torque_limit"].values - holding - friction, 0.2 * figures["torque_limit"].values
-    )
-    option = take_option("acceleration-limit", stated.acceleration_limit, len(speed), positive=True)
-    limits = np.minimum(0.7 * left / total, speed / START_TIME) if option is None else option.values
-    slowest = 0.1 * limits
-    notes: list[str] = []
-    while True:
-        drive["acceleration_limit"] = _round(limits)
-        drive["jerk_limit"] = _round(JERK_RATE * limits)
-        model = make_model(fields, text, fields["name"])
-        peak = _find_peaks(model)
-        over = peak > ROOM * figures["torque_limit"].values
-        if not np.any(over):
-            break
-        if option is None and np.all(limits > slowest):
-            limits = 0.8 * limits
-            continue
-        torque = figures["torque_limit"]
-        raised = np.where(over, peak / ROOM, torque.values)
-        for k in np.flatnonzero(over):
-            notes.append(
-                f"joint '{model.joints[k]}': the torque limit {torque.values[k]:.4g} ({torque.origins[k]}) "
-                f"does not carry the arm through the test-cycles; {raised[k]:.4g} was assumed, so state "
-                "the real one with --torque-limit, or a lighter --payload."
-            )
-        figures["torque_limit"] = torque.replace(raised, lambda k: "assumed: what the test-cycles need")
-        drive["torque_limit"] = _round(raised)
-    why = f"every test-cycle stays within {100 * ROOM:g} % of the torque limit"
-    figures["acceleration_limit"] = option or assume(limits, why)
-    fields["home"] = _round(model.home_posture)
-    return make_model(fields, text, fields["name"]), notes
-
-
-def _find_peaks(model: RobotModel) -> Array:
-    """Largest torque (n,) that the platform's test-cycles need at a study's extremes."""
-    peak = np.zeros(model.n)
-    for name in list_cycles():
-        reference = load_cycle(name).build(model, 0.05, 0.01)
-        for factor in (1.0 - PAYLOAD_ERROR, 1.0 + PAYLOAD_ERROR):
-            for temperature in TEMPERATURES:
-                torque = required_torque(reference, model, temperature, WEAR, factor)
-                peak = np.maximum(peak, np.abs(torque).max(axis=0))
-    return peak
 
 
 def copy_urdf(urdf: str | Path, folder: Path) -> None:
