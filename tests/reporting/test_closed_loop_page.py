@@ -178,13 +178,12 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "Structure that no named effect explains. Depends on position of a and direction of b." in text
     assert "8 heights of a spline −3 to 4" in text
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
-    assert "80 % of the gap to the noise floor closed" in text
+    assert "2 → 1 N m RMS, noise floor" in text
     assert "larger by 7 %" in text and text.count("larger by") == 1
     assert "no motion repeated" in text
     assert "runs/r2.parquet 15 16 larger" in text and "runs/r2.parquet 20 10 smaller" in text
     assert "30 % of the rows of a do not count" in text
     assert "move slowly" in text and "record for longer" in text
-    assert "stribeck and viscous" in text
     assert "Stopped. a: the most terms that are asked for (8) are named" in text
     assert "wearscope 1.2.3 (abc)" in text
 
@@ -206,16 +205,6 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
     ]
     said = "The test runs neither confirm nor refute it: it removes 0.4 % (95 %: −1.0 to 2.0)"
     assert said in text_of(html)
-
-
-def test_numbers_of_the_rule_are_all_there_with_what_was_changed(tmp_path):
-    write(tmp_path, VERDICT)
-    text = text_of(page(tmp_path))
-    assert "flips 499 no, 999 Random sign patterns" in text
-    for name, field in Policy.model_fields.items():
-        assert field.description, name
-        if name != "flips":
-            assert f" {name} {field.default:g} yes " in text
 
 
 def test_page_of_none_says_so(tmp_path):
@@ -241,12 +230,12 @@ def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path
     assert "None: the declared model suffices" not in text
     said = "Nothing was named, and the declared model does not suffice: b is left unexplained."
     assert f'<div class="alarm">{said}</div>' in html
-    assert "0.8 N m RMS, depending on position of a and time" in text
+    assert "RMS depends on position of a and time" in text
     loop = read_closed_loop(tmp_path)
     assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
     verdict["joints"]["b"]["depends_on"] = []
     write(tmp_path, verdict)
-    assert "0.8 N m RMS, on what it depends is not known" in text_of(page(tmp_path))
+    assert "0.8 N m RMS depends on no known signal" in text_of(page(tmp_path))
 
 
 def test_effect_of_the_whole_robot_is_said_at_every_joint(tmp_path):
@@ -280,11 +269,11 @@ def test_events_and_thresholds_are_on_the_page(tmp_path):
     assert "No push and no collision was seen." in text_of(page(tmp_path))
 
 
-def test_light_loop_has_a_page_that_says_what_is_missing(tmp_path):
+def test_light_loop_has_a_page_without_what_was_not_examined(tmp_path):
     verdict = {k: v for k, v in VERDICT.items() if k not in ("advice", "undetermined", "forward")}
     write(tmp_path, verdict, light=True)
     text = text_of(page(tmp_path))
-    assert text.count("the loop was closed without it") == 4
+    assert "Outcome" in text and "Simulated forward" not in text and "cannot tell" not in text
 
 
 def test_equal_tables_give_equal_pages(tmp_path):

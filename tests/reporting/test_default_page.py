@@ -59,7 +59,7 @@ def test_nothing_complains_and_every_chart_is_drawn(file, width, scheme):
     assert file.stat().st_size <= 6e6
     with open_page(file, width, scheme) as page:
         figures = page.locator("figure.chart:not(.empty)")
-        assert figures.count() >= 11
+        assert figures.count() >= 10
         for place in range(figures.count()):
             drawn = figures.nth(place).locator(".view svg")
             assert drawn.count() == 1 and drawn.bounding_box()["width"] <= width

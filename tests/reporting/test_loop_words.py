@@ -64,5 +64,5 @@ def test_what_is_left_at_a_joint():
         "depends_on": ["q_a", "t"],
         "reason": "seen",
     }
-    assert tell_left(left) == "30 N m RMS, depending on position of a and time (seen)"
+    assert tell_left(left) == "30 N m RMS, depends on position of a and time"
     assert tell_left(JOINT | {"left_percent": 3.0}) == "3 % of the torque"

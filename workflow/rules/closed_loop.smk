@@ -35,7 +35,7 @@ rule demonstration:
         f"{TWIN}/report.html",
 
 
-# The demonstration gives way to the study, whose later stages leave a core idle.
+# After the study, whose later stages leave a core idle.
 rule record_demonstration:
     input:
         code=lambda w: code("record_demonstration"),
@@ -51,6 +51,7 @@ rule record_demonstration:
         ENV
     params:
         seed=STUDY.seed,
+        seconds=STUDY.closed_loop.demonstration_seconds,
     message:
         "Record the demonstration's twin, with an effect that nobody declared"
     script:

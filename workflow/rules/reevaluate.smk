@@ -209,7 +209,9 @@ rule report_reevaluation:
     conda:
         ENV
     params:
+        installed=installed("detectors"),
         factors=FACTORS,
+        detectors=config["detectors"],
     message:
         "Report what the correction changes"
     script:

@@ -6,5 +6,5 @@ from job import run_job
 from wearscope.demonstration.twin import record_twin
 
 with run_job(snakemake) as say:
-    folder = Path(snakemake.output.dataset).parent
-    record_twin(folder, snakemake.params.seed, truth_path=snakemake.output.truth)
+    folder, params = Path(snakemake.output.dataset).parent, snakemake.params
+    record_twin(folder, params.seed, duration=params.seconds, truth_path=snakemake.output.truth)

@@ -4,14 +4,17 @@ import yaml
 
 from wearscope import tables
 from wearscope.designs.factors import Factor
-from wearscope.reporting.labels import factor_name
+from wearscope.detectors.base import list_bounds
+from wearscope.reporting.labels import detector_name, factor_name
 from wearscope.reporting.reevaluation import Reevaluation
 
 
-def read_reevaluation(files, model, factors):
+def read_reevaluation(files, model, factors, detectors):
     """Tables of a reevaluation, and what the model after assumes."""
     with open(model, encoding="utf-8") as file:
         entries = yaml.safe_load(file)["effects"]
     assumed = tuple(f"{one['effect']} at {one['joint']}" for one in entries if one.get("assumed"))
     names = {one["name"]: factor_name(Factor(**one)) for one in factors}
-    return Reevaluation(*(tables.read_table(file) for file in files), assumed, names)
+    names |= {code: detector_name(code, one["use"]) for code, one in detectors.items()}
+    found = (tables.read_table(file) for file in files)
+    return Reevaluation(*found, assumed, names, tuple(list_bounds(detectors)))

@@ -8,7 +8,7 @@ from wearscope import tables
 from wearscope.reporting.reevaluation_page import render_reevaluation
 
 with run_job(snakemake):
-    given = snakemake.input
+    given, params = snakemake.input, snakemake.params
     chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
-    found = read_reevaluation(given.reevaluation, given.after, snakemake.params.factors)
+    found = read_reevaluation(given.reevaluation, given.after, params.factors, params.detectors)
     tables.write_text(snakemake.output[0], render_reevaluation(found, chosen))

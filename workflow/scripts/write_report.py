@@ -47,7 +47,9 @@ with run_job(snakemake):
         mismatch=tables.read_table(given.mismatch) if given.get("mismatch") else None,
         screening=read_screening(given.screening),
         reevaluation=(
-            read_reevaluation(given.reevaluation, given.after, params.factors) if given.get("after") else None
+            read_reevaluation(given.reevaluation, given.after, params.factors, params.config["detectors"])
+            if given.get("after")
+            else None
         ),
         chosen=tables.read_table(given.chosen) if given.get("chosen") else None,
         direct=tables.read_table(given.direct) if given.get("direct") else None,

@@ -70,11 +70,13 @@ class ClosedLoopSettings(Section):
     demonstration: bool = True
     """Whether the study records a twin of the medium robot with an effect that nobody declared, and closes
     the loop on it."""
+    demonstration_seconds: Annotated[float, Field(ge=8.0, le=60.0)] = 14.0
+    """Length of each of the twin's six recordings [s]."""
     policy: Policy = Policy()
     """Numbers of the rule that accepts, ties and names; `verdict.json` repeats them."""
     effects: list[str] = Field(default=[])
-    """Own effects, candidates beside the vocabulary: paths of .py files that define `EFFECT`, or names of
-    effects of installed packages."""
+    """Own effects, candidates in addition to the vocabulary: paths of .py files that define `EFFECT`, or
+    names of effects of installed packages."""
     allow_code: bool = False
     """Whether effect files that a data set names may run: a data set may come from someone else. The
     study's own `allow_code: true` allows it too."""

@@ -17,7 +17,6 @@ STAGES = ("before", "after")
 _OPTIONAL = (
     "signals",
     "profiles",
-    "isolability",
     "diagnostics",
     "forward",
     "forward_series",
@@ -33,8 +32,7 @@ class ClosedLoop:
     verdict : mapping
         ``verdict.json``.
     residual, candidates : DataFrame
-    signals, profiles, isolability, diagnostics, forward, forward_series :
-        DataFrame or None
+    signals, profiles, diagnostics, forward, forward_series : DataFrame or None
         None where the loop was closed without them.
     """
 
@@ -43,7 +41,6 @@ class ClosedLoop:
     candidates: pd.DataFrame
     signals: pd.DataFrame | None = None
     profiles: pd.DataFrame | None = None
-    isolability: pd.DataFrame | None = None
     diagnostics: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
     forward_series: pd.DataFrame | None = None
@@ -173,6 +170,12 @@ _SIGNAL_NAMES = {
     "qdd": ("acceleration", "{position}/s²"),
     "load": ("rigid-body torque", "{torque}"),
     "temp": ("temperature", "°C"),
+    "tau": ("torque", "{torque}"),
+    "dtau": ("rate of the torque", "{torque}/s"),
+    "reversal_load": ("load since the last reversal", ""),
+    "reversal": ("motion since the last reversal", ""),
+    "sign_qd": ("direction", ""),
+    "wear": ("wear", ""),
 }
 
 
@@ -182,11 +185,10 @@ def name_signal(name: str) -> str:
     >>> name_signal("qd_axis_2"), name_signal("sign_qd_axis_2"), name_signal("t")
     ('speed of axis_2', 'direction of axis_2', 'time')
     """
-    signal = name.removeprefix("sign_")
-    code, _, joint = signal.partition("_")
-    if code not in _SIGNAL_NAMES or not joint:
-        return "time" if name == "t" else name
-    return f"{'direction' if signal != name else _SIGNAL_NAMES[code][0]} of {joint}"
+    code = next((code for code in _SIGNAL_NAMES if name.startswith(f"{code}_")), "")
+    if not code:
+        return "time" if name == "t" else f"a {name}" if name == "constant" else name
+    return f"{_SIGNAL_NAMES[code][0]} of {name[len(code) + 1 :]}"
 
 
 def signal_label(loop: ClosedLoop, signal: str) -> str:

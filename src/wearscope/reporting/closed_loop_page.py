@@ -12,7 +12,6 @@ from wearscope.reporting.sections.loop import (
     Candidates,
     Errors,
     Forward,
-    Isolability,
     Notes,
     Residual,
     Undetermined,
@@ -21,7 +20,7 @@ from wearscope.reporting.sections.loop_outcome import Events, NextMeasurement, O
 from wearscope.reporting.strips import loop_strip
 
 SECTIONS: tuple[type[LoopSection], ...] = (
-    Outcome, NextMeasurement, Errors, Events, Residual, Candidates, Isolability, Forward, Undetermined, Notes,
+    Outcome, NextMeasurement, Errors, Events, Residual, Candidates, Forward, Undetermined, Notes,
 )  # fmt: skip
 
 

@@ -5,9 +5,6 @@ from pathlib import Path
 
 import pandas as pd
 
-PAPER = {"simulate_points": 90 * 60.0, "compute_snr": 12.0, "compute_scope": (3 * 60 + 15) * 60.0}
-"""Seconds that the paper states, by the rule that does the same."""
-
 
 def read_costs(folder: str | Path) -> pd.DataFrame:
     """Sum of the timings of every rule.

@@ -114,9 +114,8 @@ def tell_wear(row: Mapping[str, Any]) -> str:
 def _tell_rest(rows: pd.DataFrame) -> str:
     parts = []
     for verdict, text in (
-        ("withheld", "Withheld, for the simulator's scatter is not the machine's or there is no threshold"),
-        ("unchecked", "Above the threshold, which too few nominal recordings check"),
-        ("failed", "No test quantity"),
+        ("withheld", "Withheld, as the simulator's scatter is not the machine's or there is no threshold"),
+        ("unchecked", "Above the threshold, but too few nominal recordings check it"),
     ):
         own = rows[rows["verdict"] == verdict]
         if len(own):
@@ -137,21 +136,20 @@ def tell_scatter(found: Detections) -> list[str]:
         worst = unlike.sort_values("scatter_ratio").iloc[-1]
         cells = len(table) - int(unknown)
         sentences.append(
-            f"In {len(unlike)} of {count_text(cells, 'cell')} (motion, joint and detector) the machine's "
-            f"nominal test quantities do not lie where the simulated ones do, most at {worst['joint']} with "
-            f"{worst['fda']}, where they are {format_number(worst['scatter_ratio'], 2)} times as far from "
-            "the simulated median as the simulated ones: there the threshold's false-alarm rate is that of "
-            "the simulator and not of the machine, and no alarm is given."
+            f"In {len(unlike)} of {count_text(cells, 'cell')} (motion, joint and detector) the nominal "
+            f"recordings do not lie where the simulated runs do, most at {worst['joint']} with "
+            f"{worst['fda']}: {format_number(worst['scatter_ratio'], 2)} times as far from the simulated "
+            "median. There the threshold's false-alarm rate is not the machine's, and no alarm is given."
         )
     if alike:
         sentences.append(
-            f"In {count_text(int(alike), 'cell')} nothing tells the machine's nominal test quantities from "
-            "the simulated ones."
+            f"In {count_text(int(alike), 'cell')} (motion, joint and detector) the nominal recordings lie "
+            "where the simulated runs do."
         )
     if unknown:
         sentences.append(
-            f"In {count_text(int(unknown), 'cell')} there are fewer than 3 nominal recordings to compare: "
-            "whether the threshold holds on the machine is not known. Record the motion again, healthy."
+            f"In {count_text(int(unknown), 'cell')} there are fewer than 3 nominal recordings: whether the "
+            "threshold holds on the machine is not known. Record the motion again, healthy."
         )
     return sentences
 
@@ -163,13 +161,9 @@ def tell_factors(found: Detections) -> list[str]:
         idle = [FACTOR_NAMES[kind] for kind in one["factors_that_move_nothing"]]
         if idle:
             sentences.append(
-                f"In the model {found.summary['model']}, {join_words(idle)} "
-                f"move{'s' if len(idle) == 1 else ''} no torque of {motion}: the simulated runs say nothing "
-                f"of {'it' if len(idle) == 1 else 'them'}."
+                f"In the model {found.summary['model']}, {join_words(idle)} move{'s' * (len(idle) == 1)} no "
+                f"torque of {motion}."
             )
         if "wear" in one["factors_that_move_nothing"]:
-            sentences.append(
-                f"So for {motion} there is no wear that a test quantity could be compared with; give the "
-                "model the effect wear."
-            )
+            sentences.append("So no wear is given with a test quantity: the model has no effect wear.")
     return sentences

@@ -17,7 +17,7 @@ from wearscope.reporting.detection import (
     write_quantity,
 )
 from wearscope.reporting.figures.detection import draw_detection
-from wearscope.reporting.labels import count_text
+from wearscope.reporting.labels import count_text, join_words
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -60,14 +60,14 @@ def render_detection(found: Detections) -> str:
         Section("Machine and simulator on one axis", _axis(found), "axis"),
         Section("Every test quantity", _values(found), "values"),
         Section("Thresholds, and what they detect", _thresholds(found), "thresholds"),
-        Section("Not judged", _refused(found), "refused"),
-        Section("How it was asked", _setting(found), "setting"),
+        Section("Not judged, and why", _refused(found), "refused"),
+        Section("How it was done", _setting(found), "setting"),
     ]
     judged = found.judged["run"].nunique()
     subtitle = (
         f"{count_text(judged, 'recording')} judged by "
-        f"{count_text(found.thresholds['fda'].nunique(), 'detector')} at a wanted false-alarm rate of "
-        f"{setting['p_f']:g}"
+        f"{count_text(found.thresholds['fda'].nunique(), 'detector')} at a false-alarm rate of "
+        f"{100 * setting['p_f']:g} %"
     )
     title = f"Detectors on recordings: {found.summary['dataset']}"
     return render_page(title, sections, subtitle, strip=detection_strip(found))
@@ -85,61 +85,43 @@ def _axis(found: Detections) -> Markup:
     figures = []
     for motion, cells in found.thresholds.groupby("motion", sort=False):
         caption = (
-            f"Test quantities of {motion} in their own unit. Boxes: simulated runs, each box half of what "
-            "lies beyond the one within; their detectors were fitted to simulated nominal runs. Points: "
-            "recordings; nominal ones are asked of detectors fitted to the other nominal ones. Dashed: alarm "
-            "threshold."
+            f"Test quantities of {motion}. Boxes: simulated runs, each box half of what lies beyond the one "
+            "within. Points: recordings; a nominal one is judged by detectors fitted to the "
+            "other nominal ones. Dashed: alarm threshold."
         )
         alt = f"Simulated and recorded test quantities of {motion} with alarm thresholds"
         figures.append(embed_figure(draw_detection(rows[rows["motion"] == motion], cells), alt, caption))
-    names = {
-        "motion": "motion", "joint": "joint", "fda": "detector", "nominal_runs": "nominal recordings",
-        "nominal_above": "of them above the threshold",
-        "scatter_ratio": "distance from the simulated median, machine over simulator",
-        "scatter_p_adjusted": "adjusted p", "scatter": "the simulated scatter is",
-    }  # fmt: skip
-    caption = (
-        "Distances of nominal test quantities from their common median, compared by rank (Mann and Whitney), "
-        "p adjusted over all rows (Holm)."
-    )
-    table = found.thresholds[list(names)].rename(columns=names)
-    return _fold(table.to_dict("records"), caption, "Whose scatter it is", figures)
+    return render_part(parts=figures)
 
 
-def _fold(
-    rows: Sequence[Mapping[Any, Any]], caption: str, summary: str, before: Sequence[Markup] = ()
-) -> Markup:
+def _fold(rows: Sequence[Mapping[Any, Any]], caption: str, summary: str) -> Markup:
     table = render_table(rows, caption)
     if len(rows) <= _MOST_SHOWN:
-        return render_part(parts=[*before, table])
-    return render_part(parts=before, folded=[(summary, False, table)])
+        return table
+    return render_part(folded=[(summary, False, table)])
 
 
 def _values(found: Detections) -> Markup:
-    records = []
     order = {verdict: k for k, verdict in enumerate(_BADGES)}
-    rows = found.detection.assign(order=found.detection["verdict"].map(order))
-    for row in rows.sort_values(["kind", "order", "run"], kind="stable").to_dict("records"):
-        judged = row["kind"] == "judged"
-        records.append(
-            {
-                "recording": row["run"],
-                "session": row["session"],
-                "joint": row["joint"],
-                "detector": row["fda"],
-                "y": write_quantity(row["y"], row["unit"]) if row["status"] == "ok" else row["status"],
-                "threshold": write_quantity(row["threshold"], row["unit"]),
-                "verdict": badge(row["verdict"], _BADGES[row["verdict"]]) if judged else badge("nominal"),
-                "p, simulated": row["p_value"],
-                "p, machine": row["p_machine"],
-                "warmer [K]": row["warmer"],
-                "wear like it (95 %)": interval_text(row["wear"], row["wear_low"], row["wear_high"], 2),
-            }
-        )
+    rows = found.judged.assign(order=found.judged["verdict"].map(order))
+    rows = rows[rows["status"] == "ok"].sort_values(["order", "run"], kind="stable")
+    records = [
+        {
+            "recording": row["run"],
+            "session": row["session"],
+            "joint": row["joint"],
+            "detector": row["fda"],
+            "verdict": badge(row["verdict"], _BADGES[row["verdict"]]),
+            "test quantity": write_quantity(row["y"], row["unit"]),
+            "threshold": write_quantity(row["threshold"], row["unit"]),
+            "warmer by [K]": row["warmer"],
+            "wear like it (95 %)": interval_text(row["wear"], row["wear_low"], row["wear_high"], 2),
+        }
+        for row in rows.to_dict("records")
+    ]
     caption = (
-        "p, simulated: share of simulated runs without wear that reach y, at least 1 / (runs + 1); p, "
-        "machine: the same of the nominal recordings. Wear like it: of a wear drawn evenly from the fault's "
-        "range, given y."
+        "Wear like it: the simulated wear that gives such a test quantity. detection.parquet has the nominal "
+        "recordings too."
     )
     return _fold(records, caption, f"All {len(records)} values")
 
@@ -152,24 +134,29 @@ def _thresholds(found: Detections) -> Markup:
             "detector": row["fda"],
             "threshold": write_quantity(row["threshold"], row["unit"]),
             "false-alarm rate (95 %)": interval_text(row["p_f"], row["p_f_low"], row["p_f_high"], 2),
-            "simulated runs": row["runs"],
             "wear detected from": row["wear_detected"],
-            "why there is none": row["reason"],
+            "nominal recordings": row["nominal_runs"],
+            "of them above": row["nominal_above"],
+            "the simulated scatter is": row["scatter"],
         }
-        for row in found.thresholds.to_dict("records")
+        for row in found.thresholds[found.thresholds["reason"] == ""].to_dict("records")
     ]
     p_d = 100 * found.summary["setting"]["p_d"]
     caption = (
-        "Threshold: the simulated value without wear that a further such run reaches with at most the "
-        "wanted probability; in brackets, what that of this threshold may be. Wear detected from: smallest "
-        f"wear from which on {p_d:g} % of the simulated worn runs reach the threshold; n/a where wear moves "
-        "nothing or not even the most worn run does."
+        "Threshold: a simulated run without wear exceeds it at most at the false-alarm rate. Wear detected "
+        f"from: smallest wear of which {p_d:g} % of simulated runs exceed it; n/a where there is none. "
+        "Scatter: whether nominal recordings lie where simulated runs lie."
     )
     return _fold(records, caption, "All thresholds")
 
 
 def _refused(found: Detections) -> Markup:
-    return render_part(listed=[one["reason"] for one in found.summary["refused"]])
+    rows = found.thresholds[found.thresholds["reason"] != ""]
+    without = [
+        f"{fda} at {join_words(sorted(own['joint'].unique()))}: {str(reason).rstrip('.')}."
+        for (fda, reason), own in rows.groupby(["fda", "reason"], sort=True)
+    ]
+    return render_part(listed=[one["reason"] for one in found.summary["refused"]] + without)
 
 
 def _setting(found: Detections) -> Markup:
@@ -180,13 +167,12 @@ def _setting(found: Detections) -> Markup:
         else "simulated runs of the corrected model"
     )
     sentences = [
-        f"The detectors were fitted to {fitted} before they were asked for the recordings, and to simulated "
-        "nominal runs before they were asked for simulated runs.",
+        f"For the recordings the detectors were fitted to {fitted}; for simulated runs, to simulated nominal "
+        "runs.",
         f"{setting['runs']} runs without wear and {setting['worn_runs']} with wear of the model "
-        f"{summary['model']} were simulated along each motion as recorded, at the recorded temperatures, "
-        f"with temperature and payload mass error scattered by {setting['sigma']:g} coded units of the "
-        f"study; their torque noise is that of {summary['torque_noise_from']}. Recorded and simulated runs "
-        "were filtered alike, and cut from the first to the last motion.",
+        f"{summary['model']} were simulated along each motion, at the recorded temperatures. Temperature and "
+        f"payload mass error scatter by {setting['sigma']:g} coded units of the study; the torque noise is "
+        f"that of {summary['torque_noise_from']}. Recorded and simulated runs were filtered alike.",
     ]
     for motion, one in summary["motions"].items():
         named = f"{motion[0].upper()}{motion[1:]}, {format_number(one['seconds'])} s"

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wearscope.reporting.closed_loop import gap_closed, name_signal, number
+from wearscope.reporting.closed_loop import name_signal, number
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words, words
 from wearscope.reporting.page import format_number
 
@@ -55,25 +55,36 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     entries = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN]
     held = [one for one in entries if one["status"] != "refuted"]
     left, unjudged = joints_in(verdict, "unexplained"), joints_in(verdict, "not_judged")
-    said = (
-        [f"{join_words(left)} {'keeps' if len(left) == 1 else 'keep'} something unexplained"] if left else []
-    )
+    who = join_words(left) if len(left) < 4 else f"{len(left)} of {len(verdict['joints'])} joints"
+    said = [f"{who} {'keeps' if len(left) == 1 else 'keep'} something unexplained"] if left else []
     said += [is_are(unjudged, "not judged")] if unjudged else []
     rest = join_words(said)
     if not held:
         if not said:
             return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
         return "bad" if left else "unsure", f"No effect that the test runs bear out was named, and {rest}."
-    named = [
-        words(join_words([one["effect"], *one["equivalent"]], "or"))
-        + (" of the robot" if one["effect"] in list_shared() else f" at {one['joint']}")
-        + ("" if one["status"] == "confirmed" else " (not confirmed)")
-        for one in held
-    ]
-    text = f"The declared model lacks {'; '.join(named)}. {_tell_gain(verdict)}"
+    named: dict[tuple[str, bool], list[str]] = {}
+    for one in held:
+        key = words(join_words([one["effect"], *one["equivalent"]], "or")), one["status"] == "confirmed"
+        named.setdefault(key, []).append("" if one["effect"] in list_shared() else one["joint"])
+    lacks = "; ".join(
+        f"{name} {_tell_where(verdict, joints)}{'' if confirmed else ' (not confirmed)'}"
+        for (name, confirmed), joints in named.items()
+    )
+    text = f"The declared model lacks {lacks}. {_tell_gain(verdict)}"
     grown = _tell_growth(verdict)
     sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
     return ("good" if sure and not said else "unsure"), f"{text}{grown}{f'; {rest}' if said else ''}."
+
+
+def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
+    """The joints of an effect, or that it is the robot's."""
+    every = list(verdict["joints"])
+    if "" in joints:
+        return "of the robot"
+    if len(joints) == len(every) > 2:
+        return f"at all {len(every)} joints"
+    return f"at {join_words(sorted(joints, key=every.index))}"
 
 
 def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
@@ -180,45 +191,41 @@ def tell_sizes(one: Verdict) -> str:
     before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
     if not np.isfinite([before, after]).all():
         return "the joint does not move on the test runs"
-    told = f"{format_number(before)} → {format_number(after)}"
-    if abs(after - before) <= 1e-6 * before:
-        told = format_number(before)
-    gap = gap_closed(one)[1]
-    if gap.endswith("%"):
-        return f"{told} {one['unit']} RMS, {gap} of the gap to the noise floor closed"
-    return f"{told} {one['unit']} RMS" + (f", noise floor {format_number(floor)}" if floor == floor else "")
+    told = f"{format_number(before)} → " if abs(after - before) > 1e-6 * before else ""
+    noise = f", noise floor {format_number(floor)}" if floor == floor else ""
+    return f"{told}{format_number(after)} {one['unit']} RMS{noise}"
 
 
 def tell_left(one: Verdict) -> str:
     """How much is left at a joint, on what it depends, how it was seen."""
     share = number(one.get("left_percent"))
-    told = f"{share:.2g} % of the torque" if np.isfinite(share) else ""
+    told = [f"{share:.2g} % of the torque"] if np.isfinite(share) else []
     if one["state"] == "unexplained":
-        on = [*map(name_signal, one["depends_on"])]
-        depends = f"depending on {join_words(on)}" if on else "on what it depends is not known"
-        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS, {depends}"
-        told = f"{size}; in all {told}" if told else size
-    if one["state"] in ("unexplained", "not_judged") and one["reason"]:
-        told = f"{told} ({one['reason']})" if told else str(one["reason"])
-    return told
+        on = join_words([*map(name_signal, one["depends_on"])]) or "no known signal"
+        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS"
+        told.append(f"of it {size} depends on {on}" if told else f"{size}, depends on {on}")
+    text = ", ".join(told)
+    # A reason that names signals repeats them by their codes.
+    if one["state"] in ("unexplained", "not_judged") and one["reason"] and not one["depends_on"]:
+        text = f"{text} ({one['reason']})" if text else str(one["reason"])
+    return text
 
 
 def tell_measurement(entry: Verdict) -> str:
     """Advice on what to record next in a sentence or two."""
-    first, *others = entry["names"]
-    rivals, power = join_words(others, "or"), format_number(entry["power"], 2)
-    before, after = (format_number(entry[f"angle_{stage}_deg"], 2) for stage in ("before", "after"))
-    runs = count_text(entry["runs"], "run")
+    first, *others = map(words, entry["names"])
+    rivals, runs = join_words(others, "or"), count_text(entry["runs"], "run")
+    power = "more than 0.99" if entry["power"] > 0.99 else format_number(entry["power"], 2)
     if entry["power"] < PROMISED:
         return (
-            f"No motion of the {entry['plans_compared']} that were compared tells {first} from {rivals} for "
-            f"sure: the best one does with probability {power}, after {runs} (angle {before} to {after}°)."
+            f"None of the {entry['plans_compared']} motions that were compared separates {first} from "
+            f"{rivals} for sure. The best one does with probability {power}, after {runs}."
         )
     payload, warm = entry["payload"], entry["start_temperature"]
     carried = "without a payload" if payload is None else f"with {format_number(payload['mass'])} kg"
     start = "" if warm is None else f", started at {format_number(warm)} °C"
-    where = entry.get("cycle_file") or f"test-cycle {entry['cycle']}"
+    where = entry.get("table") or entry.get("cycle_file") or f"test-cycle {entry['cycle']}"
     return (
-        f"Record {where} ({format_number(entry['seconds'])} s, {carried}{start}), {runs}: it tells {first} "
-        f"from {rivals} with probability {power}; the angle between them grows from {before} to {after}°."
+        f"Record {where} ({format_number(entry['seconds'])} s, {carried}{start}), {runs}. "
+        f"It separates {first} from {rivals} with probability {power}."
     )

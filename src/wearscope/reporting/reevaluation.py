@@ -28,7 +28,9 @@ class Reevaluation:
     assumed : tuple of str
         What was carried over to the model after, e.g. ``wear at axis_1``.
     names : mapping of str to str
-        What factors are called, e.g. ``temperature`` for ``w3``; by their codes where left out.
+        What factors and detectors are called, e.g. ``temperature`` for ``w3``; by their codes where left out.
+    bounds : tuple of str
+        Detectors that are told the simulator's law: never the best ones.
     """
 
     table: pd.DataFrame
@@ -36,6 +38,7 @@ class Reevaluation:
     models: pd.DataFrame
     assumed: tuple[str, ...] = ()
     names: Mapping[str, str] = field(default_factory=dict)
+    bounds: tuple[str, ...] = ()
 
     @property
     def told(self) -> pd.DataFrame:
@@ -90,6 +93,16 @@ def truth_sentences(one: Reevaluation) -> list[str]:
     return sentences
 
 
+def count_truth(one: Reevaluation) -> str:
+    """For how many detectors and axes after is nearer to the truth, or that nobody can say."""
+    if not one.has_truth:
+        return truth_sentences(one)[0]
+    verdicts = [judge_detector(rows)[1] for _, rows in one.told.groupby(["axis", "fda"], sort=True)]
+    cells = count_text(len(verdicts), "detector and axis", "detectors and axes")
+    nearer, farther = (verdicts.count(verdict) for verdict in ("nearer", "farther"))
+    return f"The corrected model is nearer to the truth for {nearer or 'none'} of {cells}, farther for {farther or 'none'}."
+
+
 def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
     """What of a detector's SNR, rank and scope is told apart from the truth's side, and the verdict.
 
@@ -124,13 +137,16 @@ def settled_orders(one: Reevaluation, side: str) -> set[tuple[str, int, str, str
 def best_detectors(one: Reevaluation, side: str) -> dict[tuple[str, int], list[str]]:
     """Detectors by test-cycle and axis that no other one outranks for sure, best first."""
     best = {}
-    beaten = {(cycle, axis, over) for cycle, axis, _, over in settled_orders(one, side)}
+    orders = [order for order in settled_orders(one, side) if order[2] not in one.bounds]
+    beaten = {(cycle, axis, over) for cycle, axis, _, over in orders}
     for cycle, axis, rows in one.cells():
         snr = rows[
             ~rows["withheld"] & (rows["question"] == "snr") & np.isfinite(rows[side].to_numpy(dtype=float))
         ]
         order = snr.sort_values(side, ascending=False, kind="stable")["fda"]
-        best[cycle, axis] = [str(fda) for fda in order if (cycle, axis, fda) not in beaten]
+        best[cycle, axis] = [
+            str(fda) for fda in order if (cycle, axis, fda) not in beaten and fda not in one.bounds
+        ]
     return best
 
 
@@ -165,7 +181,7 @@ def _compare_best(one: Reevaluation) -> tuple[list[str], list[str]]:
     before, after = (best_detectors(one, side) for side in ("before", "after"))
     parts, same = [], []
     for (cycle, axis), names in after.items():
-        was = before[cycle, axis]
+        was, names = ([one.names.get(fda, fda) for fda in side] for side in (before[cycle, axis], names))
         if set(was) == set(names):
             same.append(f"axis {axis}")
         else:

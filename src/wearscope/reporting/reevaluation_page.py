@@ -3,7 +3,7 @@
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.labels import count_text, join_words, name_term, with_unit
+from wearscope.reporting.labels import count_text, join_words, name_term, with_unit, words
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -14,6 +14,7 @@ from wearscope.reporting.page import (
     render_table,
 )
 from wearscope.reporting.reevaluation import (
+    SURE,
     Reevaluation,
     answer_sentences,
     judge_detector,
@@ -45,7 +46,7 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
     return render_page(
         f"What the correction of {robot} changes",
         sections,
-        "The study's questions asked of the model before and after its correction",
+        "The study's questions for the model before and after its correction",
         "Made by wearscope from reevaluation.parquet.",
         strip=reevaluation_strip(one),
     )
@@ -79,51 +80,51 @@ def _detectors(one: Reevaluation) -> Markup:
     for (cycle, axis, fda), rows in one.table.groupby(["cycle", "axis", "fda"], sort=True):
         snr = next(rows[rows["question"] == "snr"].itertuples())
         what, verdict = judge_detector(rows)
-        record: dict[str, object] = {"axis": axis, "test-cycle": cycle, "detector": fda}
-        record |= {f"SNR {side}": _value(snr, side) for side in sides}
-        record["certainty of the change"] = snr.p_changed
+        record: dict[str, object] = {"axis": axis, "test-cycle": words(cycle)}
+        record["detector"] = one.names.get(fda, fda)
         if one.has_truth:
             text = f"{verdict}: {join_words(what)}" if what else verdict
-            record["P(after nearer), SNR"] = snr.p_nearer
-            record["after against before, SNR, rank and scope"] = badge(text, _KINDS[verdict])
+            record["after the correction"] = badge(text, _KINDS[verdict])
+        record |= {f"SNR {side}": _value(snr, side) for side in sides}
         records.append(record)
-    note = "The certainty is 0 where nothing tells a direction of change, 1 where it is sure."
-    if not one.has_truth:
+    note = "SNR with its 95 % interval."
+    if one.has_truth:
+        note += " After is nearer to the truth, or farther from it, in what stands after the colon."
+    else:
         note += " The truth of a real machine cannot be simulated, so no side is called nearer to it."
     return render_table(records, note)
 
 
 def _question(one: Reevaluation, question: str) -> Markup:
+    """What surely changed; a sentence where nothing did."""
     sides = ["before", "after", *(["truth"] if one.has_truth else [])]
-    rows = one.table[one.table["question"] == question].sort_values(
-        "p_changed", ascending=False, kind="stable"
-    )
+    own = one.table[one.table["question"] == question]
+    rows = own[own["p_changed"] >= SURE]
+    if rows.empty:
+        return render_part(
+            told=[("", f"None of {len(own)} answers changed with {100 * SURE:g} % certainty.")]
+        )
     records = []
-    for row in rows.head(40).itertuples():
-        record: dict[str, object] = {"axis": row.axis, "test-cycle": row.cycle, "detector": row.fda}
+    for row in rows.sort_values("p_changed", ascending=False, kind="stable").itertuples():
+        record: dict[str, object] = {"axis": row.axis, "test-cycle": words(row.cycle), "detector": row.fda}
         if question == "scope":
             record["factor"] = with_unit(one.names.get(row.about, row.about), row.unit)
             record["change of wear"] = row.delta
         else:
             record["term"] = name_term(str(row.about), one.names)
-        record |= {side: _value(row, side) for side in sides}
-        record["certainty of the change"] = row.p_changed
-        if one.has_truth:
-            record["P(after nearer)"] = row.p_nearer
-        records.append(record)
+        records.append(record | {side: _value(row, side) for side in sides})
     note = {
-        "scope": "Largest standard deviation of the factor at which the change of wear is still detected as "
-        "the study demands, natural units; the grid's end where it is reached.",
+        "scope": "Largest standard deviation of the factor at which the change of wear is still detected, in "
+        "natural units; the grid's end where it is reached.",
         "coefficient": "Coefficient over that of wear; beyond ±1 the factor outweighs wear.",
     }[question]
-    if len(rows) > len(records):
-        note += f" The {len(records)} surest of {len(rows)}; all: reevaluation.parquet."
-    return render_table(records, note)
+    return render_table(records, f"{note} What changed with {100 * SURE:g} % certainty, of {len(own)}.")
 
 
 def _ranks(one: Reevaluation) -> Markup:
     shown = one.ranking.rename(columns={"fda": "detector", "over": "outranks", "cycle": "test-cycle"})
     shown = shown[shown["detector"] < shown["outranks"]].drop(columns="robot")
+    shown["test-cycle"] = shown["test-cycle"].map(words)
     if not one.has_truth:
         shown = shown.drop(columns="truth")
     return render_table(shown, "Probability that the first detector has the higher SNR, by side.")

@@ -5,13 +5,13 @@ from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import trust
-from wearscope.reporting.closed_loop import ClosedLoop
+from wearscope.reporting.closed_loop import ClosedLoop, number
 from wearscope.reporting.conclusion import certainty, conclude, tell_sure
 from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.reporting.page_strip import Strip
-from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, tell_headline, truth_sentences
+from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, count_truth, tell_headline
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
 
@@ -71,8 +71,8 @@ def _loop_sure(loop: ClosedLoop) -> str:
         return "Every effect of the vocabulary was tried at every joint that moves."
     held = sum(one["status"] == "confirmed" for one in entries)
     refuted = sum(one["status"] == "refuted" for one in entries)
-    more = f"; {refuted} refuted" if refuted else ""
-    return f"{held} of {count_text(len(entries), 'name')} confirmed by test runs that no fit used{more}."
+    more = f"; they refute {refuted}" if refuted else ""
+    return f"Test runs that no fit used confirm {held} of {count_text(len(entries), 'effect')}{more}."
 
 
 def _loop_caveat(loop: ClosedLoop) -> str:
@@ -84,7 +84,12 @@ def _loop_caveat(loop: ClosedLoop) -> str:
         return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
     left = [joint for joint, state in states.items() if state == "unexplained"]
     if left:
-        return f"Something repeatable is left without a name at {join_words(left)}."
+        shares = {joint: number(loop.verdict["joints"][joint].get("left_percent")) for joint in left}
+        worst = max(left, key=lambda joint: np.nan_to_num(shares[joint], nan=-1.0))
+        if np.isfinite(shares[worst]):
+            told = f"At {worst}, {shares[worst]:.2g} % of the torque is left"
+            return f"{told}; part of it repeats and has no name."
+        return f"Something that repeats has no name at {join_words(left)}."
     open_names = [
         f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} at {one['joint']}"
         for one in loop.verdict["verdict"]
@@ -117,12 +122,13 @@ def _loop_action(loop: ClosedLoop) -> Markup:
 def reevaluation_strip(one: Reevaluation) -> Strip:
     """What the correction changes in a study's answers."""
     withheld = answer_sentences(one)[4:]
-    truth = truth_sentences(one)
     own = "It holds for the test-cycles and axes of this study."
-    assumed = f"Assumed on every side: {join_words(one.assumed)}." if one.assumed else own
-    action = Markup('See <a href="#detectors">detector by detector</a>; study the corrected model.')
+    effects = dict.fromkeys(name.partition(" at ")[0].replace("_", " ") for name in one.assumed)
+    assumed = f"Assumed on every side, as no recording shows it: {join_words(list(effects))}."
+    action = Markup('See <a href="#detectors">detector by detector</a>, then study the corrected model.')
     kind = "unsure" if withheld or not one.has_truth else "good"
-    return Strip(tell_headline(one), kind, truth[0], (withheld or [assumed])[0], action)
+    caveat = (withheld or [assumed if one.assumed else own])[0]
+    return Strip(tell_headline(one), kind, count_truth(one), caveat, action)
 
 
 def tracking_strip(tracking: Tracking) -> Strip:

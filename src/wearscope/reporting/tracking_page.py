@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from wearscope import tables
 from wearscope.reporting.figures.tracking import draw_friction, draw_parameter
-from wearscope.reporting.labels import count_text, join_words, unit_text
+from wearscope.reporting.labels import count_text, join_words, unit_text, words
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -64,12 +64,12 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
     low, high = (format_number(x) for x in entry["ci95"])
     unit = unit_text(entry["unit"])
     said = (
-        f"{entry['effect']} of {entry['joint']}: {entry['parameter']} "
+        f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} "
         f"{'+' if entry['change'] > 0 else ''}{format_number(entry['change'])} {unit}".rstrip()
         + f" (95 %: {low} to {high}), since {entry['since']}"
     )
     if entry["equivalent"]:
-        said += f"; {join_words(entry['equivalent'], 'or')} would explain it as well"
+        said += f"; {words(join_words(entry['equivalent'], 'or'))} would explain it as well"
     return said + "."
 
 
@@ -91,9 +91,8 @@ def _outcome(tracking: Tracking) -> Markup:
 def _friction(tracking: Tracking) -> Markup:
     caption = (
         "RMS torque of each joint's friction against that of the healthy machine, along each session's own "
-        "motion, with 95 % intervals: they hold the session's noise, the error of the reference (that of its "
-        "dependence on temperature too) and the scatter of healthy sessions. Each of those is compared "
-        "with the rest of them. The interval of a session that says nothing may leave the frame."
+        "motion. The 95 % intervals hold the session's noise, the error of the reference and the scatter of "
+        "healthy sessions. Each healthy session is compared with the other ones."
     )
     figure = embed_figure(draw_friction(tracking), "Friction of each joint over the sessions", caption)
     trends = [
@@ -152,7 +151,7 @@ def _sessions(tracking: Tracking) -> Markup:
         {
             "session": one["session"],
             "changes": " ".join(tell_entry(entry) for entry in one["changes"]) or "none",
-            "cannot tell": " ".join(one["cannot_tell"]) or "",
+            "cannot tell": " ".join(one["cannot_tell"]) or "nothing",
         }
         for one in tracking.outcome["sessions"]
     ]
@@ -167,8 +166,8 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
     records = [
         {
             "joint": joint,
-            "terms": ", ".join(terms) or "none",
-            "temperatures [deg C]": "not recorded"
+            "terms": words(", ".join(terms)) or "none",
+            "temperatures [°C]": "not recorded"
             if healthy["temperatures"][joint] is None
             else "{:.0f} to {:.0f}".format(*healthy["temperatures"][joint]),
         }
@@ -180,4 +179,7 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
         f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
         f"torque (standard deviation, {scatter['sessions']} held out)."
     )
-    return render_part(told=[("", text)], parts=[render_table(records, "The structure that is held.")])
+    return render_part(
+        told=[("", text)],
+        parts=[render_table(records, "Terms of the healthy model.")],
+    )

@@ -38,8 +38,6 @@ class Choice:
         A slider instead of a list.
     plays : bool
         With a button that moves the slider on by itself.
-    shared : bool
-        Whether the page's other charts follow it.
     """
 
     key: str
@@ -48,7 +46,6 @@ class Choice:
     default: Any = None
     slides: bool = False
     plays: bool = False
-    shared: bool = False
 
     @property
     def values(self) -> list[Any]:

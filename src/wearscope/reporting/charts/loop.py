@@ -211,30 +211,3 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
         "Loss: in % of the joint's. The pointer tells why a candidate was not taken.",
         [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
     )
-
-
-def chart_angles(loop: ClosedLoop, joint: str) -> Chart | None:
-    """Angles between candidates at a joint; None where they were not measured."""
-    if loop.isolability is None:
-        return None
-    base = named("angles").encode(
-        x=alt.X(
-            "effect_b:N", title=None, axis=alt.Axis(labelAngle=-90, labelOverlap="greedy", labelLimit=150)
-        ),
-        y=alt.Y("effect_a:N", title=None, axis=alt.Axis(labelLimit=150)),
-    )
-    cells = base.mark_rect().encode(
-        color=alt.Color("angle:Q", title="angle [deg]", scale=alt.Scale(domain=[0, 90], scheme="viridis")),
-        tooltip=tips("effect_a:N|effect; effect_b:N|and; angle:Q|angle [deg]|.1f"),
-    )
-    return Chart(
-        "angles",
-        "Angles between candidates",
-        "Angles between the torques of the candidates at a joint.",
-        cells.properties(width="container", height={"step": 17}),
-        {"angles": Source("angles", {"joint": "joint"})},
-        "0: cannot be told apart on these runs; 90: nothing in common. On the diagonal the angle to the "
-        "declared model, which absorbs what lies near 0.",
-        single=["joint"],
-        first={"joint": joint},
-    )

@@ -8,6 +8,7 @@ import pandas as pd
 from wearscope.reporting.charts.base import Choice
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, against_signal, dominant_signals, number
 from wearscope.reporting.closed_loop import signal_label as label_signal
+from wearscope.reporting.labels import words
 
 #: Rows that all joints and runs share in the charts over time, and points of a chart over a signal.
 MOST_ROWS, MOST_POINTS = 40_000, 600
@@ -64,7 +65,7 @@ def loop_labels(loop: ClosedLoop) -> dict[str, Mapping[str, str]]:
         "joint.unit": units,
         "run": {name: short_run(name) for name in loop.residual["run"].unique()},
         "joint+choice": against,
-        "column": {"t": "time [s]", "x": "signal", "cv_gain": "gain [%]", "angle": "angle [deg]"},
+        "column": {"t": "time [s]", "x": "signal", "cv_gain": "gain [%]"},
     }
 
 
@@ -75,8 +76,6 @@ def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
         found["profiles"] = profile_table(loop)
     if len(loop.candidates):
         found["candidates"] = candidate_table(loop.candidates)
-    if loop.isolability is not None:
-        found["angles"] = angle_table(loop.isolability)
     if loop.forward_series is not None and len(loop.forward_series):
         found["forward"] = forward_table(loop)
     return found
@@ -148,7 +147,7 @@ def rank_candidates(rows: pd.DataFrame) -> pd.DataFrame:
     best = ordered.drop_duplicates(["joint", "effect"])
     best = best.sort_values(["cv_gain", "joint", "effect"], ascending=[False, True, True])
     best = pd.concat([best[best["taken"]], best[~best["taken"]]])
-    return best.assign(label=best["joint"] + ": " + best["effect"])
+    return best.assign(label=best["joint"] + ": " + best["effect"].map(words))
 
 
 def candidate_table(candidates: pd.DataFrame, most: int = 16) -> pd.DataFrame:
@@ -170,23 +169,6 @@ def candidate_table(candidates: pd.DataFrame, most: int = 16) -> pd.DataFrame:
             )
         )
     return pd.concat(parts, ignore_index=True)
-
-
-def angle_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Angles between candidates, both ways round; with itself the angle to the declared model."""
-    columns = ["joint", "effect_a", "effect_b"]
-    angles = table[columns].assign(angle=table["largest_angle_deg"])
-    turned = angles.rename(columns={"effect_a": "effect_b", "effect_b": "effect_a"})
-    sines = pd.concat(
-        [
-            table[["joint", f"effect_{k}", f"sine_{k}"]].set_axis(["joint", "effect_a", "sine"], axis=1)
-            for k in "ab"
-        ]
-    ).drop_duplicates(["joint", "effect_a"])
-    own = sines[["joint", "effect_a"]].assign(
-        effect_b=sines["effect_a"], angle=np.degrees(np.arcsin(np.clip(sines["sine"], 0.0, 1.0)))
-    )
-    return pd.concat([angles, turned[angles.columns], own], ignore_index=True).drop_duplicates(columns)
 
 
 def forward_table(loop: ClosedLoop) -> pd.DataFrame:

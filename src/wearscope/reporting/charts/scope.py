@@ -99,25 +99,15 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     ]
     changes = sorted(float(one) for one in table["change"].unique())
     fault = study.factor("f")
-    alarms = sorted(float(one) for one in table["p_f"].unique())
     factor, sigma, change = _asked_first(study, cases, changes)
     return table.drop(columns=["factor", "sigma"]), [
-        Choice("case", "Varying", texts, keys[factor, sigma], shared=True),
+        Choice("case", "Varying", texts, keys[factor, sigma]),
         Choice(
             "change",
             "Change of wear",
             [(one, quantity_text(one, fault.unit, 3)) for one in changes],
             change,
             slides=True,
-            shared=True,
-        ),
-        Choice(
-            "p_f",
-            "Your false-alarm rate",
-            [(one, f"{100 * one:g} %") for one in alarms],
-            _nearest(alarms, study.config["scope"]["p_f"]),
-            slides=True,
-            shared=True,
         ),
     ]
 
@@ -174,53 +164,17 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
             tooltip=tips("fda:N|detector; p_f:Q|false alarms|.2~%; median(p_d):Q|detected, median|.2%"),
         )
     )
-    own = alt.param(name="p_f", value=study.config["scope"]["p_f"])
-    rule = (
-        alt.Chart(alt.InlineData([{}]))
-        .transform_calculate(own="p_f")
-        .mark_rule(strokeDash=[5, 4], color="var(--ink)")
-        .encode(x=alt.X("own:Q"))
-    )
+    wanted = alt.InlineData([{"p_f": study.config["scope"]["p_f"]}])
+    rule = alt.Chart(wanted).mark_rule(strokeDash=[5, 4], color="var(--ink)").encode(x="p_f:Q")
     return Chart(
         "roc",
         "Detection against false alarms",
         "ROC curves: probability of detection over probability of false alarm of every cell.",
         alt.layer(lines.encode(tooltip=told), medians, rule)
-        .add_params(own, asked)
+        .add_params(asked)
         .properties(width="container", height=320),
         {"roc": Source("detection", {"case": "case", "change": "change", **BY_CELL})},
-        "Thick: the median of each detector's cells; thin: every cell, where asked. Choose how large the "
-        "change of wear is, what varies and by how much, and your own false-alarm rate (dashed).",
+        "Thick: the median of each detector's cells; thin: every cell. Dashed: the study's false-alarm rate. "
+        "Filter to a cell: the numbers then list the threshold of each false-alarm rate.",
         [Choice("lines", "Show", [("medians", "medians"), ("cells", "every cell too")]), *choices],
-    )
-
-
-def chart_power(study: Study) -> Chart:
-    """Probability of detection and threshold of every cell at the false-alarm rate chosen."""
-    names = study.detector_names()
-    bars = (
-        named("power")
-        .mark_bar(cornerRadius=2)
-        .encode(
-            x=alt.X(
-                "p_d:Q",
-                title="detected at your false-alarm rate",
-                scale=alt.Scale(domain=[0, 1]),
-                axis=alt.Axis(format="%"),
-            ),
-            y=alt.Y("place:N", title=None, sort=None, axis=alt.Axis(labelLimit=200)),
-            yOffset=alt.YOffset("fda:N", scale=alt.Scale(domain=list(names))),
-            color=alt.Color("fda:N", **colour(names)),
-            tooltip=[*cell_tips(), *tips("p_d:Q|detected|.2%; p_f:Q|false alarms|.2~%; threshold:Q||.4")],
-        )
-    )
-    by = {"case": "case", "change": "change", "p_f": "p_f", **BY_CELL}
-    return Chart(
-        "power",
-        "Detected at your false-alarm rate",
-        "Probability of detection of every cell at the probability of false alarm that was chosen.",
-        bars.properties(width="container", height={"step": 9}),
-        {"power": Source("detection", by)},
-        "Follows the choices of the chart before. The threshold that gives this rate is under the "
-        "pointer and in the numbers, in the unit of the test quantity.",
     )

@@ -30,7 +30,9 @@ def draw_detection(rows: pd.DataFrame, thresholds: pd.DataFrame) -> Figure:
     thresholds : DataFrame
         `joint`, `fda`, `unit`, `threshold`.
     """
-    joints, fdas = list(dict.fromkeys(thresholds["joint"])), list(dict.fromkeys(thresholds["fda"]))
+    known = rows.loc[np.isfinite(rows["y"].astype(float)), "fda"]
+    joints = list(dict.fromkeys(thresholds["joint"]))
+    fdas = [fda for fda in dict.fromkeys(thresholds["fda"]) if (known == fda).any()] or ["none"]
     with figure_style():
         figure = new_figure(max(4.5, 2.9 * len(fdas) + 1.2), 1.75 * len(joints) + 0.5)
         axes = figure.subplots(len(joints), len(fdas), squeeze=False)
@@ -79,9 +81,11 @@ def _draw_cell(ax: Axes, rows: pd.DataFrame, cell: pd.DataFrame, title: str, fir
 def _scale(ax: Axes, y: np.ndarray) -> None:
     """Logarithmic where the values are far apart, straight about zero where some are negative."""
     size = np.abs(y[y != 0])
+    ax.locator_params(axis="x", nbins=3)
     if not len(size) or np.ptp(y) <= _WIDE * np.median(size):
         return
     if (y > 0).all():
         ax.set_xscale("log")
     else:
         ax.set_xscale("symlog", linthresh=float(np.median(size)))
+    ax.xaxis.set_major_formatter("{x:g}")

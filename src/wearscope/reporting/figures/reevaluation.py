@@ -36,6 +36,7 @@ def draw_reevaluation(table: pd.DataFrame) -> Figure:
             ax.set_xticks(place, list(part["fda"]))
             ax.set_title(f"axis {axis}, {words(cycle)}", fontsize=9)
             ax.set_yscale("symlog", linthresh=1.0)
+            ax.yaxis.set_major_formatter("{x:g}")
             ax.grid(axis="y")
         axes[0].set_ylabel("signal-to-noise ratio")
         axes[-1].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))

@@ -12,7 +12,7 @@ from wearscope.reporting.charts.trust import chart_audit, chart_fits
 from wearscope.reporting.labels import COLUMNS, join_words
 from wearscope.reporting.page import badge, render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
-from wearscope.reporting.study_tables import render_chosen, render_speed
+from wearscope.reporting.study_tables import render_chosen
 
 VERDICT_KINDS = {
     "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
@@ -80,8 +80,7 @@ class Paper(StudySection):
             }
             for one in asked
         ]
-        speed = render_speed(self.study) if not self.study.costs.empty else ""
-        return {"findings": render_table(table), "speed": speed}
+        return {"findings": render_table(table)}
 
 
 class Simulated(StudySection):

@@ -77,8 +77,6 @@ class LoopSection:
     anchor: str
     #: Its template, where it is not the usual one.
     template = ""
-    #: Table of the loop that it tells of, and what to call it where the loop was closed without.
-    needs: tuple[str, str] = ("", "")
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.loop, self.verdict = loop, loop.verdict
@@ -89,17 +87,8 @@ class LoopSection:
 
     def render(self) -> Section | None:
         """The section, ready for a page."""
-        name, what = self.needs
-        if name and getattr(self.loop, name) is None:
-            context = say_missing(what)
-        else:
-            context = self.context()
+        context = self.context()
         if not context:
             return None
         body = render_template(self.template, **context) if self.template else render_part(**context)
         return Section(self.title, body, self.anchor)
-
-
-def say_missing(what: str) -> dict[str, Any]:
-    """Context of a part without its table."""
-    return {"notes": [f"{what} was not examined: the loop was closed without it."]}

@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.loop import (
     chart_against,
-    chart_angles,
     chart_candidates,
     chart_errors,
     chart_forward,
@@ -16,14 +14,12 @@ from wearscope.reporting.charts.loop import (
     chart_torque,
 )
 from wearscope.reporting.closed_loop import STAGES, bounded, gap_closed, number
-from wearscope.reporting.labels import UNKNOWN, count_text, join_words
+from wearscope.reporting.labels import count_text, join_words, words
 from wearscope.reporting.page import badge, render_part, render_table
-from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts, say_missing
+from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts
 
 #: Longest list that is shown unfolded.
 MOST_SHOWN = 12
-#: As `wearscope.closed_loop.diagnostics.isolability.CLOSE`, which this room does not know.
-CLOSE = 7.0
 
 
 class Errors(LoopSection):
@@ -75,10 +71,8 @@ class Residual(LoopSection):
             chart_residual(loop, joint, run),
             chart_against(loop, joint),
         ]
-        parts, notes, folded = [embed_charts(charts)], [], []
-        if loop.diagnostics is None:
-            notes += say_missing("The residuals' spectrum and whiteness")["notes"]
-        else:
+        parts, folded = [embed_charts(charts)], []
+        if loop.diagnostics is not None:
             names = {
                 "relative_error": "relative error [%]", "peak": "largest at [Hz]",
                 "bandwidth": "90 % below [Hz]", "lag_correlation": "correlation",
@@ -91,7 +85,7 @@ class Residual(LoopSection):
             by = JOINT | {"run": "run"}
             table = render_table(loop.diagnostics.rename(columns=names), text, filter_by=by)
             folded.append(("Size, spectrum and whiteness of every residual", False, table))
-        return {"parts": parts, "notes": notes, "folded": folded}
+        return {"parts": parts, "folded": folded}
 
 
 class Candidates(LoopSection):
@@ -104,63 +98,24 @@ class Candidates(LoopSection):
         chart = chart_candidates(self.loop)
         if chart is None:
             return {"notes": ["There was no candidate to try."]}
-        standard = {effect.name for effect in list_effects() if effect.standard}
-        steps = []
-        for step, rows in self.loop.candidates.groupby("step", sort=True):
-            taken = rows[rows["taken"]]
-            labels = list(dict.fromkeys(taken["joint"] + ": " + taken["effect"]))
-            what = f"took {join_words(labels)}" if labels else "took nothing"
-            # Of the stage of the standard terms only what was kept is recorded.
-            first = bool(rows["taken"].all()) and set(rows["effect"]) <= standard
-            generic = set(rows["effect"]) == {UNKNOWN}
-            kind = " (standard terms)" if first else " (generic term)" if generic else ""
-            steps.append(f"Step {int(step) + 1}{kind}: {what}")
         text = (
-            "Every candidate is fitted together with all parameters of the model and scored on held-out "
-            "training runs. One is taken only if it gains enough, is significant with all of them counted, "
-            "and the runs agree. What was taken may be dropped or replaced when later terms are added, get "
-            "the name of a simpler term that does as well, or be left out because its parameters are not "
-            "told from zero. Too little gained is too little of the joint's held-out loss, of what the "
-            "standard model leaves there, or of the joint's torque (numbers of the rule, under Outcome). "
-            "candidates.parquet has them all."
+            "Every candidate is fitted with all parameters of the model, and scored on training runs that "
+            "its fit did not see. One is taken if it gains enough, is significant with all candidates "
+            "counted, and the runs agree. A later step may drop or rename it. candidates.parquet has all."
         )
-        return {"notes": [text], "parts": [embed_charts([chart])], "listed": steps}
-
-
-class Isolability(LoopSection):
-    """Which candidates the runs tell apart."""
-
-    title, anchor = "Which effects the runs separate", "isolability"
-    needs = "isolability", title
-
-    def context(self) -> dict[str, Any]:
-        """Chart, and the pairs that are close."""
-        assert self.loop.isolability is not None
-        text = (
-            "Angles between the candidates' torques along the training runs once the declared model is "
-            "projected out, before anything is fitted: 0 where one reproduces the other, 90 where they have "
-            "nothing in common. On the diagonal the angle to the declared model, which absorbs what lies "
-            "near 0. Effects with free shapes are compared at the shapes where they are most alike."
-        )
-        rows = []
-        for joint, own in self.loop.isolability.groupby("joint", sort=False):
-            close = own[own["largest_angle_deg"] < CLOSE]
-            said = [f"{row.effect_a} and {row.effect_b}" for row in close.itertuples()]
-            rows.append({"joint": joint, f"not separated (less than {CLOSE:g}°)": "; ".join(said) or "none"})
-        chart = embed_charts([chart_angles(self.loop, self.loop.foremost())])
-        return {"notes": [text], "parts": [chart, render_table(rows, filter_by=JOINT)]}
+        return {"notes": [text], "parts": [embed_charts([chart])]}
 
 
 class Forward(LoopSection):
     """Both models simulated forward, and the measurement."""
 
     title, anchor = "Simulated forward", "forward"
-    needs = "forward", "Forward simulation"
 
     def context(self) -> dict[str, Any]:
         """Failed simulations, errors, chart."""
         table = self.loop.forward
-        assert table is not None
+        if table is None:
+            return {}
         failed = table[(table["run"] != "all") & (table["outcome"] != "ok")]
         told = failed[["run", "stage", "outcome"]].drop_duplicates().itertuples(index=False)
         rows = table[table["run"] == "all"].set_index(["joint", "stage"])
@@ -193,39 +148,36 @@ class Forward(LoopSection):
 class Undetermined(LoopSection):
     """What the runs could not tell, and motions that would."""
 
-    title, anchor = "Not determined, and which motion would help", "undetermined"
+    title, anchor = "What these runs cannot tell", "undetermined"
 
     def context(self) -> dict[str, Any]:
         """Two tables."""
-        undetermined, advice = self.verdict.get("undetermined"), self.verdict.get("advice")
-        if undetermined is None or advice is None:
-            return say_missing("What was not determined")
+        undetermined, advice = (self.verdict.get(key) or [] for key in ("undetermined", "advice"))
         grouped: dict[tuple[str, str, str], list[str]] = {}
         for one in undetermined:
             grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
         rows = [
-            {"joints": join_words(joints), "effect": effect, "why not": reason, "what would help": motion}
+            {"joints": self._where(joints), "effect": words(effect), "why not": reason, "would help": motion}
             for (effect, reason, motion), joints in grouped.items()
         ]
-        motions = [{"motion": one["motion"], "separates": _shorten(one["separates"])} for one in advice]
-        told = (
-            (rows, "What could not be asked of these runs."),
-            (motions, "Motions that would separate what these runs do not."),
-        )
+        motions = [{"motion": one["motion"], "separates": self._shorten(one["separates"])} for one in advice]
+        told = ((rows, "What could not be tested."), (motions, "Motions that would separate effects."))
         parts = [render_table(table, text) for table, text in told if table]
-        nothing = "Nothing: every candidate was separable from every other."
-        return {"parts": parts, "notes": [] if parts else [nothing]}
+        return {"parts": parts} if parts else {}
 
+    def _where(self, joints: list[str]) -> str:
+        every = len(joints) > 1 and set(joints) >= set(self.loop.joints)
+        return "all joints" if every else join_words(joints)
 
-def _shorten(pairs: list[str]) -> str:
-    """Pairs without the joints they are at, how often each occurs."""
-    counts: dict[str, list[str]] = {}
-    for pair in pairs:
-        joint, _, names = pair.partition(": ")
-        counts.setdefault(names, []).append(joint)
-    said = [f"{names} ({join_words(joints)})" for names, joints in counts.items()]
-    more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
-    return "; ".join([*said[:MOST_SHOWN], *more])
+    def _shorten(self, pairs: list[str]) -> str:
+        """Pairs with the joints they are at, the first ones where there are many."""
+        found: dict[str, list[str]] = {}
+        for pair in pairs:
+            joint, _, names = pair.partition(": ")
+            found.setdefault(words(names).replace(" / ", " from "), []).append(joint)
+        said = [f"{names} ({self._where(joints)})" for names, joints in found.items()]
+        more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
+        return "; ".join([*said[:MOST_SHOWN], *more])
 
 
 class Notes(LoopSection):

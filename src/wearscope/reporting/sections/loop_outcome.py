@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
 from wearscope.reporting.labels import UNKNOWN, join_words, unit_text, words
 from wearscope.reporting.loop_words import (
@@ -26,7 +25,7 @@ _CHANGES = {"smaller": "good", "same": "neutral", "larger": "bad"}
 _LEFT = {
     "explained": ("good", "noise"),
     "corrected": ("good", "noise"),
-    "unexplained": ("bad", "structure"),
+    "unexplained": ("unsure", "structure"),
     "not_judged": ("unsure", "not judged"),
 }
 #: Of the small curves: width, height, seconds and points; colour and width of each.
@@ -57,7 +56,6 @@ class Outcome(LoopSection):
             "joints": [self._joint(joint) for joint in self.loop.joints],
             "count": len(records),
             "parameters": render_table(records, text, filter_by=JOINT) if records else "",
-            "rule": _tabulate_rule(self.verdict["rule"]),
         }
 
     def _group(self, status: str) -> dict[str, Any]:
@@ -102,11 +100,16 @@ def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
     """Rows of the table: fitted parameters, a spline's heights as one, fixed ones."""
-    where = {"joint": entry["joint"], "effect": entry["effect"]}
+    where = {"joint": entry["joint"], "effect": words(entry["effect"])}
     heights = [one["value"] for name, one in entry["parameters"].items() if name.startswith("height")]
 
     def row(name: str, value: str, interval: str, unit: str = "") -> dict[str, str]:
-        return where | {"parameter": name, "value": value, "95 % interval": interval, "unit": unit_text(unit)}
+        return where | {
+            "parameter": words(name),
+            "value": value,
+            "95 % interval": interval,
+            "unit": unit_text(unit),
+        }
 
     if entry["effect"] == UNKNOWN and heights:
         told = f"{format_number(min(heights))} to {format_number(max(heights))}"
@@ -117,19 +120,6 @@ def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
         low, high = (format_number(number(v)) for v in one["ci95"])
         rows.append(row(name, format_number(number(one["value"])), f"{low} to {high}", one["unit"]))
     return rows + [row(name, format_number(number(v)), "fixed") for name, v in entry["fixed"].items()]
-
-
-def _tabulate_rule(rule: Mapping[str, float]) -> Markup:
-    """Numbers of the rule, what each means and whether it is the usual one."""
-    known, records = Policy.model_fields, []
-    for name, value in rule.items():
-        meaning, usual = "n/a", "n/a"
-        if name in known:
-            meaning = " ".join((known[name].description or "").replace("`", "").split())
-            usual = "yes" if known[name].default == value else f"no, {format_number(known[name].default)}"
-        # As text: a number of the rule is written as it is, not rounded.
-        records.append({"name": name, "value": f"{value:g}", "default": usual, "meaning": meaning})
-    return render_table(records, "The setting closed_loop.policy of the configuration.")
 
 
 def draw_curves(loop: ClosedLoop, joint: str) -> Markup:

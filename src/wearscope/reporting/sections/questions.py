@@ -8,7 +8,7 @@ from wearscope.evaluation.snr_sources import snr_sources
 from wearscope.reporting import answers, trust
 from wearscope.reporting.charts.detectors import chart_snr, chart_snr_cells
 from wearscope.reporting.charts.factors import chart_response, chart_weights
-from wearscope.reporting.charts.scope import chart_power, chart_roc, chart_scope, detection_cases
+from wearscope.reporting.charts.scope import chart_roc, chart_scope, detection_cases
 from wearscope.reporting.conclusion import thresholds_of
 from wearscope.reporting.labels import COLUMNS, MODEL_NAMES, count_text, unit_text, words
 from wearscope.reporting.page import render_table
@@ -103,7 +103,7 @@ class Scope(StudySection):
         charts = [chart_scope(study, _best(self))]
         if study.detection is not None:
             _, choices = detection_cases(study)
-            charts += [chart_roc(study, choices), chart_power(study)]
+            charts.append(chart_roc(study, choices))
         return {
             "sentences": say(answers.effective_scope(study)),
             "tolerances": render_table(

@@ -33,9 +33,9 @@ class Summary(StudySection):
             ("Can it be trusted?", self._trust(), "trust", "Fits, audit, assumptions"),
         ]
         alarms = [*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)]
-        alarms += [] if study.failures.empty else [trust.failed_points(study)]
+        failed = [] if study.failures.empty else say([trust.failed_points(study)])
         return {
-            "qualifiers": [*(say(qualify(study, first)) if first else []), *trust.ask_moved(study)],
+            "qualifiers": [*(say(qualify(study, first)) if first else []), *trust.ask_moved(study), *failed],
             "alarms": say(alarms),
             "cards": [(title, say(said[:MOST]), link, more) for title, said, link, more in cards],
             "robots": self._robots(),

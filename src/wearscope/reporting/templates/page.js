@@ -256,12 +256,9 @@ const wearscope = (() => {
         if (options) control.setAttribute("aria-valuetext", output.textContent);
       };
       take();
-      const shared = "shared" in control.dataset;
-      if (shared) state[control.dataset.key] = chart.own[control.dataset.key];
       control.addEventListener("input", () => {
         take();
         draw(chart);
-        if (shared) set(control.dataset.key, chart.own[control.dataset.key]);
       });
     }
     figure.querySelector(".play")?.addEventListener("click", (event) => play(chart, event.currentTarget));
