@@ -67,7 +67,7 @@ test-cluster: cluster
 	$(BIN)/python -m pytest -m "long or not long" -rs tests/workflow/test_cluster.py \
 		tests/workflow/test_kubernetes.py $(ARGS)
 
-# Snakemake's executors and storage for clusters, beside the locked packages.
+# Snakemake's executors and storage for clusters, next to the locked packages.
 cluster: developed
 	@$(INSTALL) envs/cluster.lock
 

@@ -158,7 +158,7 @@ def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(reco
     found = extend(search, [])
     own = [f.effect.name for f in found if f.joint == 0]
     assert own == ["torque_ripple", "viscous"]
-    assert "viscous@0: needed beside what was found" in told
+    assert "viscous@0: needed in addition to what was found" in told
 
 
 def test_an_offset_that_a_large_ripple_hid_is_found_beside_it(record, pose):
@@ -183,7 +183,7 @@ def test_an_offset_gives_way_to_what_is_more_than_one(record, pose):
     folder = record(planted, seed=5)
     told: list[str] = []
     found = find_named(Search(pose(folder), Policy(), told.append))
-    assert "torque_offset@0: needed beside what was found" in told
+    assert "torque_offset@0: needed in addition to what was found" in told
     names = {f.effect.name for f in found if f.joint == 0}
     assert "torque_offset" not in names
     assert names & {"joint_spring", "gravity_counterbalance"}

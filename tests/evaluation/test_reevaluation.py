@@ -8,6 +8,7 @@ from scipy.special import ndtri
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
+from wearscope.evaluation.certain_changes import Reevaluation, best_detectors, judge_detector
 from wearscope.evaluation.reevaluation import (
     _probabilities,
     _probability,
@@ -24,13 +25,7 @@ from wearscope.evaluation.sides import (
     share_surrogates,
 )
 from wearscope.evaluation.tolerance import largest_passing
-from wearscope.reporting.reevaluation import (
-    Reevaluation,
-    answer_sentences,
-    best_detectors,
-    judge_detector,
-    truth_sentences,
-)
+from wearscope.reporting.reevaluation import answer_sentences, truth_sentences
 from wearscope.surrogates.chosen import choose_surrogates
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

@@ -15,7 +15,6 @@ from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
     against_signal,
     dominant_signals,
-    gap_closed,
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
@@ -180,7 +179,6 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
     assert "2 → 1 N m RMS, noise floor" in text
     assert "larger by 7 %" in text and text.count("larger by") == 1
-    assert "no motion repeated" in text
     assert "runs/r2.parquet 15 16 larger" in text and "runs/r2.parquet 20 10 smaller" in text
     assert "30 % of the rows of a do not count" in text
     assert "move slowly" in text and "record for longer" in text
@@ -284,14 +282,6 @@ def test_equal_tables_give_equal_pages(tmp_path):
 def test_folder_without_a_loop_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"verdict\.json.*close the loop first"):
         write_closed_loop_page(tmp_path)
-
-
-def test_gap_is_a_share_of_variance_and_not_told_without_a_floor():
-    assert gap_closed(one_joint(2.0, 1.0, 0.0))[0] == pytest.approx(0.75)
-    share, said = gap_closed(one_joint(1.0, 1.0, 0.99))
-    assert np.isnan(share) and said == "no gap"
-    share, said = gap_closed(one_joint(1.0, 0.5, None))
-    assert np.isnan(share) and said == "no motion repeated"
 
 
 def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):

@@ -17,10 +17,6 @@ def titles(figure):
     return [ax.get_title(loc="left") for ax in figure.axes]
 
 
-def words(figure):
-    return [text.get_text() for ax in figure.axes for text in ax.texts]
-
-
 def test_sensitivity_has_a_panel_a_detector_and_says_what_is_odd(study):
     figure = draw_sensitivity(study.surrogates)
     shown = [title for title in titles(figure) if title]
@@ -67,23 +63,13 @@ def test_scope_counts_are_those_of_the_table(study):
     assert count[3, 1] == one["passes"].sum()
 
 
-def test_scope_marks_where_the_methods_differ(study):
-    rows = study.scope[study.scope["factor"] == "w3"]
-    keys = ["robot", "cycle", "axis", "fda", "delta", "sigma"]
-    halves = [rows[rows["method"] == method].sort_values(keys)["passes"] for method in ("exact", "kde")]
-    differ = int((halves[0].to_numpy() != halves[1].to_numpy()).sum())
+def test_scope_has_a_row_a_method_and_a_column_a_detector(study):
     figure = draw_scope(study.scope, "w3", study.factors)
-    notes = [text for text in words(figure) if "verdicts" in text]
-    assert len(notes) == 3
-    assert sum(int(note.split(" of ")[0].replace(",", "")) for note in notes) == differ
     labels = [ax.get_ylabel() for ax in figure.axes]
-    assert any("KDE − closed form" in label for label in labels)
-
-
-def test_scope_without_a_second_method_has_no_difference(study):
+    assert [sum(name in label for label in labels) for name in ("closed form", "KDE")] == [1, 1]
+    assert len([title for title in titles(figure) if title]) == 3
     only = study.scope[study.scope["method"] == "exact"]
-    figure = draw_scope(only, "w5", study.factors, by=())
-    assert not [text for text in words(figure) if "differ" in text]
+    assert not [ax for ax in draw_scope(only, "w5", study.factors, by=()).axes if "KDE" in ax.get_ylabel()]
 
 
 def test_the_pair_of_recordings_differs_in_wear_only(study):

@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, tell_headline, truth_sentences
+from wearscope.reporting.reevaluation import answer_sentences, tell_headline, truth_sentences
 from wearscope.reporting.reevaluation_page import render_reevaluation, summarise_reevaluation
 from wearscope.reporting.study_page import render_study
 

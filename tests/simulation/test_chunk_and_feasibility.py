@@ -247,7 +247,7 @@ def test_cycle_that_raises_or_goes_too_far_is_told(model, cycle):
     def explode(model, dwell, step):
         raise ZeroDivisionError("no moves")
 
-    with pytest.raises(InputError, match=r"build raised ZeroDivisionError: no moves; mend the test-cycle"):
+    with pytest.raises(InputError, match=r"build raised ZeroDivisionError: no moves; correct the test-cycle"):
         check_cycle(model, Cycle("mine", "Mine.", explode), "mine", RANGES, 0.001)
 
     def far(model, dwell, step):

@@ -102,7 +102,7 @@ PLAN = Plan(STUDY, R, PACKED)
 POINTS, POINTS_PER_JOB = PLAN.points, PLAN.points_per_job
 FILLED = STUDY.surrogates.filling.enabled
 RUN_SETS, STUDY_SETS = PLAN.run_sets, PLAN.study_sets
-# Direct Monte Carlo stands beside the chosen surrogate's answer.
+# Direct Monte Carlo is shown next to the chosen surrogate's answer.
 DIRECT = STUDY.direct.enabled and STUDY.snr.model == "chosen" and not PARTITIONS
 # What a correction changes is asked where a loop is closed, or models of both sides are given.
 REEVALUATED = STUDY.reevaluate.enabled and bool(
@@ -331,7 +331,7 @@ def reevaluated_models(wildcards):
 
 
 def drawn_files(folder):
-    """Models that a closed loop draws beside those before and after."""
+    """Models that a closed loop draws in addition to those before and after."""
     paths = [drawn_path(stage, k + 1) for stage in ("before", "after") for k in range(STUDY.reevaluate.draws)]
     return [f"{folder}/{path}" for path in paths]
 

@@ -1,4 +1,4 @@
-# What a page tells of the configuration: not what else was asked for beside the study.
+# What a page tells of the configuration: not what else was asked for in addition to the study.
 REPORTED = {key: value for key, value in config.items() if key != "dataset"}
 # The demonstration's twin is the medium robot: in another robot's study it has no place.
 TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.robots

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from wearscope.config.base import Model, Section, SurrogateKind
 
-#: What a factor can be besides a number by its path.
+#: What a factor can be in addition to a number by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: Units of their natural values; a number by its path is in the model's unit, whatever it is called.
 UNITS = {
@@ -211,7 +211,7 @@ class DetectorSettings(Section):
 
 
 class FillingSettings(Section):
-    """Points simulated beside the paper's design, for the surrogate that is chosen for each cell.
+    """Points simulated in addition to the paper's design, for the surrogate that is chosen for each cell.
 
     The chosen surrogate learns from these and from the paper's identification and validation runs; its fit
     is stated on checking points, which no fit and no choice sees.

@@ -17,7 +17,6 @@ STAGES = ("before", "after")
 _OPTIONAL = (
     "signals",
     "profiles",
-    "diagnostics",
     "forward",
     "forward_series",
 )
@@ -32,7 +31,7 @@ class ClosedLoop:
     verdict : mapping
         ``verdict.json``.
     residual, candidates : DataFrame
-    signals, profiles, diagnostics, forward, forward_series : DataFrame or None
+    signals, profiles, forward, forward_series : DataFrame or None
         None where the loop was closed without them.
     """
 
@@ -41,7 +40,6 @@ class ClosedLoop:
     candidates: pd.DataFrame
     signals: pd.DataFrame | None = None
     profiles: pd.DataFrame | None = None
-    diagnostics: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
     forward_series: pd.DataFrame | None = None
 
@@ -111,22 +109,6 @@ def read_closed_loop(folder: str | Path) -> ClosedLoop:
 def number(value: Any) -> float:
     """A JSON number; what is null is not a number."""
     return np.nan if value is None else float(value)
-
-
-def gap_closed(joint: Mapping[str, Any]) -> tuple[float, str]:
-    """Share of the gap between the error before and the noise floor that was closed, and what to say of it.
-
-    (before^2 - after^2) / (before^2 - floor^2) on the test runs; NaN where no motion was repeated, or where
-    the gap is less than a tenth of the floor's variance.
-    """
-    before, after, floor = (number(joint.get(k)) for k in ("rms_before", "rms_after", "noise_floor"))
-    if not np.isfinite(floor):
-        return np.nan, "no motion repeated"
-    gap = before**2 - floor**2
-    if not gap > 0.1 * floor**2:
-        return np.nan, "no gap"
-    share = (before**2 - after**2) / gap
-    return share, f"{round(100 * share)} %".replace("-", "\N{MINUS SIGN}")
 
 
 def bounded(value: float, interval: Sequence[Any] | None) -> str:

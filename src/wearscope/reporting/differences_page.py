@@ -10,7 +10,7 @@ from markupsafe import Markup
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
-from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.labels import count_text, join_words, words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
 from wearscope.reporting.page_strip import Strip
 
@@ -98,7 +98,7 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
                     "before": errors.get("rms_before"),
                     "after": errors.get("rms_after"),
                     "unit": errors.get("unit", ""),
-                    "named": join_words(sorted(effects[joint])) if effects[joint] else "nothing",
+                    "named": words(join_words(sorted(effects[joint]))) or "nothing",
                 }
             )
     table = pd.DataFrame(rows)
@@ -164,7 +164,7 @@ def tell_studies(
             if one
         ]
     changed = differences[(differences["what"] == "conclusion") & (differences["detail"] != "")]
-    told += [f"{row.item.replace('_', ' ')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
+    told += [f"{words(row.item)}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
     if len(changed) > _TOLD:
         told.append(f"{len(changed) - _TOLD} more conclusions differ.")
     counts = [count_text(n, kind) for kind, _ in _KINDS if (n := int((differences["what"] == kind).sum()))]
@@ -174,16 +174,17 @@ def tell_studies(
 
 
 def tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:
-    """What two verdicts name differently, a sentence a joint."""
-    told = []
+    """What two verdicts name differently, a sentence for the joints with the same difference."""
+    found: dict[str, list[str]] = {}
     for joint in dict.fromkeys([*left, *right]):
         only = [
-            f"{join_words(gone)} in {name} only"
+            f"{words(join_words(gone))} in {name} only"
             for name, one, other in zip(names, (left, right), (right, left), strict=True)
             if (gone := sorted(set(one.get(joint, [])) - set(other.get(joint, []))))
         ]
         if only:
-            told.append(f"{joint}: {join_words(only)}.")
+            found.setdefault(join_words(only), []).append(joint)
+    told = [f"{join_words(joints)}: {only}." for only, joints in found.items()]
     return told or ["Both name the same effects at every joint."]
 
 

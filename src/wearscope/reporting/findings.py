@@ -129,7 +129,7 @@ def _judge(
 
 def _pairs(names: dict[str, str], pairs: Sequence[str]) -> list[tuple[str, str]]:
     """Names of pairs of letters that the study has."""
-    return [(names[one], names[other]) for one, other in pairs if {one, other} <= set(names)]
+    return [(names[pair[0]], names[pair[1]]) for pair in pairs if set(pair) <= set(names)]
 
 
 def coefficients(study: Study, term: str, model: str = "") -> pd.DataFrame:

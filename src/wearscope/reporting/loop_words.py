@@ -11,8 +11,6 @@ from wearscope.reporting.page import format_number
 
 Verdict = Mapping[str, Any]
 
-#: Growth of the error on the test runs from which a joint is said to have become worse.
-WORSE = 1.03
 #: Probability from which on an advised measurement is a promise.
 PROMISED = 0.9
 
@@ -99,7 +97,8 @@ def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
 
 def _tell_growth(verdict: Verdict) -> str:
     """Where the error on the test runs grows; empty where it does not."""
-    worse = [one for one in _changes(verdict) if one[0] > WORSE]
+    larger = {joint for joint, one in verdict["joints"].items() if one.get("error") == "larger"}
+    worse = [one for one in _changes(verdict) if one[1] in larger]
     if not worse:
         return ""
     ratio, joint, *_ = max(worse)

@@ -3,6 +3,7 @@
 import pandas as pd
 from markupsafe import Markup
 
+from wearscope.evaluation.certain_changes import SURE, Reevaluation, judge_detector
 from wearscope.reporting.labels import count_text, join_words, name_term, with_unit, words
 from wearscope.reporting.page import (
     Section,
@@ -13,13 +14,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
-from wearscope.reporting.reevaluation import (
-    SURE,
-    Reevaluation,
-    answer_sentences,
-    judge_detector,
-    truth_sentences,
-)
+from wearscope.reporting.reevaluation import answer_sentences, truth_sentences
 from wearscope.reporting.strips import reevaluation_strip
 
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not told": "neutral"}

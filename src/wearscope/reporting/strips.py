@@ -3,6 +3,7 @@
 import numpy as np
 from markupsafe import Markup
 
+from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import trust
 from wearscope.reporting.closed_loop import ClosedLoop, number
@@ -11,7 +12,7 @@ from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.reporting.page_strip import Strip
-from wearscope.reporting.reevaluation import Reevaluation, answer_sentences, count_truth, tell_headline
+from wearscope.reporting.reevaluation import answer_sentences, count_truth, tell_headline
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
 

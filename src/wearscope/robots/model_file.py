@@ -76,6 +76,8 @@ def read_model_file(path: Path) -> dict[str, Any]:
     InputError
         Where it cannot be read, is no mapping, names no URDF, or lists its effects in another form.
     """
+    if path.suffix.lower() == ".urdf":
+        raise InputError(f"{path}: is a URDF; make a robot of it first: wearscope new robot {path}.")
     try:
         fields = load_plain_yaml(read_text(path, "the robot's model file"))
     except yaml.YAMLError as error:
@@ -85,7 +87,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
     if not all(isinstance(key, str) for key in fields):
         raise InputError(f"{path}: a key is no text; write the model's fields as 'key: value'.")
     if not isinstance(fields.get("urdf"), str):
-        raise InputError(f"{path}: urdf: is missing or no text; name the URDF beside the model file.")
+        raise InputError(f"{path}: urdf: is missing or no text; name the URDF next to the model file.")
     list_effects(fields, str(path))
     return fields
 

@@ -109,9 +109,9 @@ def _read_joint(element: ET.Element, source: str) -> Joint:
     where = f"{source}: joint '{name}'"
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
-        raise InputError(f"{where} lacks <parent> or <child>; mend the URDF.")
+        raise InputError(f"{where} lacks <parent> or <child>; correct the URDF.")
     if kind not in (*MOVABLE, "fixed", "floating", "planar"):
-        raise InputError(f"{where} has the type '{kind}', which URDF does not know; mend the URDF.")
+        raise InputError(f"{where} has the type '{kind}', which URDF does not know; correct the URDF.")
     axis = _numbers(element.find("axis"), "xyz", "1 0 0", 3, where)
     norm = math.sqrt(sum(value * value for value in axis))
     if kind in MOVABLE:

@@ -130,7 +130,7 @@ def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, s
         except (Exception, SystemExit) as problem:
             raise InputError(
                 f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
-                f"{' '.join(str(problem).split())}; mend the test-cycle."
+                f"{' '.join(str(problem).split())}; correct the test-cycle."
             ) from problem
         check_reference(
             reference,

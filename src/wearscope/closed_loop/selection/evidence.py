@@ -35,7 +35,7 @@ class Refusal(Enum):
     CHANCE = "not significant once all candidates are counted"
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
-    DRIFTS = "not significant beside a residual that drifts"
+    DRIFTS = "not significant, as the residual drifts"
     ALONE = "a single run, or two, cannot show that it carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 

@@ -89,7 +89,7 @@ def _suit(search: Search, found: list[Found], joint: int, f: Found | None) -> li
             best = other
     if best.search is not search:
         label = best.found[-1].evidence.term.label
-        search.progress(f"{label}: beside a reversal of its own it leaves less than what was there")
+        search.progress(f"{label}: with a reversal of its own it leaves less than what was there")
         search.adopt(best.search)
     return best.found
 

@@ -12,7 +12,7 @@ class Policy(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     family_level: float = Field(0.005, gt=0, lt=1)
-    """p-value of a term, over all candidates, shapes and joints tried beside the same model, by sign flips
+    """p-value of a term, over all candidates, shapes and joints tried with the same model, by sign flips
     of blocks, or by residual and regressors made white where the residual is autocorrelated beyond a block: a
     machine whose search ends after ten terms then has a chance of 5 % at most of a false one, before held-out
     runs are asked."""
@@ -27,7 +27,7 @@ class Policy(BaseModel):
     lies below it, and none of them touches what stays the same along a run, such as a weight."""
 
     material_whole: float = Field(0.01, ge=0, lt=1)
-    """The same of what the joint's standard model (declared and standard terms) leaves: beside a term ten
+    """The same of what the joint's standard model (declared and standard terms) leaves: next to a term ten
     times its size, a further one is more often the first one's form, which no machine follows exactly.
     Rotor inertia, Coulomb and viscous, which every drive has, need remove no more than this of what the model
     leaves, nor need an offset before other names are asked for."""
@@ -44,7 +44,7 @@ class Policy(BaseModel):
     agreeing: float = Field(0.8, ge=0, le=1)
     """Least share of the runs that inform on a term (parts of a run where there are fewer than three) that it
     predicts better when they are held out: of up to four, all. Parts of a single run must not lose more than
-    their noise besides. Where no run does, one of three or four may lose, and plain friction, which every
+    their noise. Where no run does, one of three or four may lose, and plain friction, which every
     joint has, need only gain in most."""
 
     informing: float = Field(0.05, gt=0, lt=0.5)
@@ -60,7 +60,7 @@ class Policy(BaseModel):
     """The same in two runs, and in parts of a single one, which resemble each other more than runs do, and of
     what goes with time or temperature or is constant, as a torque that drifts is in few runs. A name that
     removes less is given up where a generic term in its place does better, and what gains less than this
-    share of the best alternative does not stand beside a name."""
+    share of the best alternative is not an equivalent name."""
 
     fewest_blocks: float = Field(4.0, ge=0)
     """Fewest blocks, effectively, that the evidence from a single run may lie in: fewer are one event,

@@ -31,7 +31,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
             stays = is_refined(search, f, others) and search.is_believable(own)
             stays = stays or search.is_needed(beside, own) or is_much(search, f.chosen, others)
             if not stays and not is_accepted(search, f, others):
-                search.progress(f"{own.term.label} is dropped: not needed beside the others")
+                search.progress(f"{own.term.label} is dropped: not needed with the others")
                 found = others
                 continue
             better = None if f.effect.is_in_every_drive else find_better(search, others, f)
@@ -42,7 +42,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
             continue
         again = ask_again(search, beside, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
         if again is None:
-            search.progress(f"{f.evidence.term.label} is dropped: not needed beside the others")
+            search.progress(f"{f.evidence.term.label} is dropped: not needed with the others")
             found = others
             changed.add(f.joint)
         else:
@@ -174,7 +174,7 @@ def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept:
         else:
             needed = search.judge(own) is Refusal.NONE and own.fitted >= search.policy.material_share
         if not needed:
-            search.progress(f"{own.term.label} is dropped: not needed beside unknown structure")
+            search.progress(f"{own.term.label} is dropped: not needed with unknown structure")
             found = others
     return found
 
@@ -190,7 +190,7 @@ def restore_standard(search: Search, found: list[Found], joints: Collection[int]
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
             own = weigh(beside, candidate, subset, search.policy)
             if search.is_needed(beside, own) or is_much(search, own.chosen, found):
-                search.progress(f"{own.term.label}: needed beside what was found")
+                search.progress(f"{own.term.label}: needed in addition to what was found")
                 found = [*found, Found(own.chosen, own)]
                 beside = search.assemble(found, standard=True)
     return found

@@ -83,8 +83,6 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
         found["friction"] = study.friction[["robot", "joint", "speed", "temperature", "wear", "torque"]]
     if study.postures is not None:
         found["postures"] = study.postures
-    if study.audit is not None and len(study.audit):
-        found["audit"] = audit_cells(study)
     return found
 
 
@@ -170,15 +168,3 @@ def fit_cells(study: Study) -> pd.DataFrame:
         )
     rows = study.validation[study.validation["model"] == model]
     return rows[[*_KEYS, "fit"]].assign(ceiling=np.nan, kind=f"{model} quadratic")
-
-
-def audit_cells(study: Study) -> pd.DataFrame:
-    """Error of the surrogates where they were audited, in half-widths of their 95 % intervals."""
-    rows = study.audit
-    assert rows is not None
-    half = 0.5 * (rows["high"] - rows["low"]).to_numpy(dtype=float)
-    error = (rows["y_direct"] - rows["y_surrogate"]).to_numpy(dtype=float)
-    ratio = np.full(len(rows), np.nan)
-    np.divide(error, half, out=ratio, where=half > 0)
-    columns = {"point": rows["point"], "direct": rows["y_direct"], "surrogate": rows["y_surrogate"]}
-    return rows[_KEYS].assign(**columns, error=ratio, inside=rows["inside"].astype(str))

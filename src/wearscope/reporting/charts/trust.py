@@ -1,4 +1,4 @@
-"""Charts of how far the surrogates can be trusted: their fit, and their error where they were audited."""
+"""How well the surrogates fit."""
 
 import altair as alt
 
@@ -29,44 +29,4 @@ def chart_fits(study: Study) -> Chart:
         {"fits": Source("fits", BY_CELL)},
         "A point is a cell, a row a robot; 100 % is perfect, a constant has 0 %. Ticks: what a perfect "
         "surrogate would have, as the noise of single runs leaves the rest.",
-    )
-
-
-def chart_audit(study: Study) -> Chart:
-    """Error of the surrogates at the audited points."""
-    names = study.detector_names()
-    band = (
-        alt.Chart(alt.InlineData([{"low": -1, "high": 1}]))
-        .mark_rect(color="var(--line)", opacity=0.5)
-        .encode(y="low:Q", y2="high:Q")
-    )
-    points = (
-        named("audit")
-        .mark_circle(opacity=0.7)
-        .encode(
-            x=alt.X("point:O", title="audited point", axis=alt.Axis(labelAngle=0)),
-            xOffset=alt.XOffset("fda:N", scale=alt.Scale(domain=list(names))),
-            y=alt.Y(
-                "error:Q",
-                title="error in half-widths of the 95 % interval",
-                scale=alt.Scale(type="symlog", constant=2),
-            ),
-            color=alt.Color("fda:N", **colour(names)),
-            tooltip=[
-                *cell_tips(),
-                *tips(
-                    "point:O; direct:Q|simulated directly|.4; surrogate:Q||.4; "
-                    "error:Q|in half-widths|.3; inside:N|within the interval"
-                ),
-            ],
-        )
-    )
-    return Chart(
-        "audit",
-        "Surrogates against direct simulation",
-        "Error of the surrogates at the audited points in half-widths of their 95 % intervals.",
-        alt.layer(band, points).properties(width="container", height=280),
-        {"audit": Source("audit", BY_CELL)},
-        "Within the grey band the surrogate's 95 % prediction interval holds the value that was simulated "
-        "directly. The points lie at nominal and at the edges of the scopes.",
     )

@@ -1,4 +1,4 @@
-"""Fig. 4: group scope matrices of one factor, by both methods, and where the methods disagree."""
+"""Fig. 4: group scope matrices of one factor, by both methods."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ def draw_scope(
 def draw_scope_counts(
     counts: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
 ) -> Figure:
-    """Group scope matrices (Fig. 4): a column for each group, a row for each method, then their difference.
+    """Group scope matrices (Fig. 4): a column for each group, a row for each method.
 
     The solid line bounds where half the cells of a group pass; the dashed one, where half of them pass with
     95 % confidence in the surrogate's coefficients.
@@ -56,14 +56,13 @@ def draw_scope_counts(
     groups = list(split_groups(rows, by))
     shown = groups[:MOST]
     methods = [method for method in METHOD_NAMES if (rows["method"] == method).any()]
-    compare = len(methods) == 2
     with figure_style():
         if not groups:
             figure = new_figure(5.0, 1.2)
             figure.text(0.5, 0.5, f"{factor} moves no torque and was dropped on every robot", ha="center")
             return figure
-        figure = new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * (len(methods) + compare))
-        axes = figure.subplots(len(methods) + compare, len(shown), squeeze=False, sharex=True, sharey=True)
+        figure = new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * len(methods))
+        axes = figure.subplots(len(methods), len(shown), squeeze=False, sharex=True, sharey=True)
         cells = max(_cells(group) for _, group in shown)
         norm = BoundaryNorm(np.arange(-0.5, cells + 1), 256) if cells < 12 else Normalize(0, cells)
         for column, (name, group) in enumerate(shown):
@@ -74,13 +73,11 @@ def draw_scope_counts(
             last = column == len(shown) - 1
             _add_natural(axes[0, column], first, known.get(factor), known.get("f"), last)
         figure.colorbar(
-            ScalarMappable(norm, colormaps["cividis"]), ax=axes[: len(methods)].ravel().tolist(),
+            ScalarMappable(norm, colormaps["cividis"]), ax=axes.ravel().tolist(),
             label="cells that pass", aspect=30, pad=0.02,
             ticks=MaxNLocator(integer=True),
         )  # fmt: skip
-        if compare:
-            _draw_differences(figure, axes[-1], [group for _, group in shown])
-        names = [METHOD_NAMES[method] for method in methods] + ["KDE − closed form"] * compare
+        names = [METHOD_NAMES[method] for method in methods]
         for ax, name in zip(axes[:, 0], names, strict=True):
             ax.set_ylabel(f"{name}\nchange Δ of wear [coded]")
         for ax in axes[-1]:
@@ -151,24 +148,3 @@ def _scaling(
         lambda place: step * (grid[0] + (np.asarray(place, dtype=float) - 0.5) * width),
         lambda natural: (np.asarray(natural, dtype=float) / step - grid[0]) / width + 0.5,
     )
-
-
-def _draw_differences(figure: Figure, axes: NDArray[np.object_], groups: Sequence[pd.DataFrame]) -> None:
-    """Number of cells that pass by kernel density estimate and not exactly, less the reverse."""
-    found = []
-    for rows in groups:
-        exact, kde = (rows[rows["method"] == method] for method in METHOD_NAMES)
-        grid = count_matrix(exact, kde["passes"].to_numpy() - exact["passes"].to_numpy())
-        found.append((*grid, int(exact["differ"].sum()), int(exact["cells"].sum())))
-    reach = max(1.0, *(float(np.abs(count).max()) for _, _, count, _, _ in found))
-    for ax, (sigma, delta, count, n, total) in zip(axes, found, strict=True):
-        _draw_grid(ax, sigma, delta, count, cmap="PuOr", vmin=-reach, vmax=reach)
-        ax.text(
-            0.03, 0.97, f"{n:,} of {total:,} verdicts\ndiffer ({100 * n / total:.2g} %)",
-            transform=ax.transAxes, va="top", fontsize=7.5,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
-        )  # fmt: skip
-    figure.colorbar(
-        ScalarMappable(Normalize(-reach, reach), colormaps["PuOr"]), ax=list(axes), label="cells", aspect=14,
-        pad=0.02, ticks=MaxNLocator(integer=True),
-    )  # fmt: skip

@@ -4,15 +4,16 @@ from typing import Any
 
 import pandas as pd
 import yaml
+from markupsafe import Markup
 
 from wearscope.reporting import trust
 from wearscope.reporting.assumptions import list_assumptions
 from wearscope.reporting.charts.robots import chart_friction, chart_motion
-from wearscope.reporting.charts.trust import chart_audit, chart_fits
+from wearscope.reporting.charts.trust import chart_fits
 from wearscope.reporting.labels import COLUMNS, join_words
 from wearscope.reporting.page import badge, render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
-from wearscope.reporting.study_tables import render_chosen
+from wearscope.reporting.study import Study
 
 VERDICT_KINDS = {
     "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
@@ -25,6 +26,31 @@ def name_columns(table: pd.DataFrame) -> pd.DataFrame:
     return shown.rename(columns=COLUMNS)
 
 
+def render_chosen(study: Study) -> Markup:
+    """The chosen surrogates by detector: kinds, fits, states."""
+    if study.chosen is None:
+        return Markup("")
+    records = []
+    for fda, rows in study.chosen.groupby("fda", sort=True):
+        states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
+        records.append(
+            {"detector": fda, "cells": len(rows)}
+            | {state: int(states.get(state, 0)) for state in ("reached", "at ceiling", "short", "constant")}
+            | {
+                "median fit [%]": float(rows["fit"].median()),
+                "worst fit [%]": float(rows["fit"].min()),
+                "median ceiling [%]": float(rows["ceiling"].median()),
+                "kinds": ", ".join(f"{str(kind).replace('_', ' ')} {n}" for kind, n in kinds.items()),
+                "answer": "withheld" if fda in study.withheld() else "given",
+            }
+        )
+    note = (
+        "The surrogate chosen for each cell by cross-validation, its fit on runs that no choice saw; "
+        "ceiling: what the noise of a run, known from replicates, leaves."
+    )
+    return render_table(pd.DataFrame(records), note, filter_by={"detector": "fda"})
+
+
 class Trust(StudySection):
     """Fits, audit, direct simulation, failed points, the design."""
 
@@ -33,7 +59,6 @@ class Trust(StudySection):
     def context(self) -> dict[str, Any]:
         """Sentences, charts, tables."""
         study = self.study
-        audited = study.audit is not None and len(study.audit) > 0
         columns = ["model", "points", "terms", "rank", "condition", "dof", "resolution", "variance_centre"]
         checks = study.checks[[*columns, "variance_nominal", "nominal_outside"]]
         failed = [*trust.failed_simulations(study), trust.failed_points(study)]
@@ -44,7 +69,6 @@ class Trust(StudySection):
             "audited": say(
                 [*trust.audit_outcome(study), *trust.direct_outcome(study), *trust.mismatch_outcome(study)]
             ),
-            "audit": embed_charts([chart_audit(study)] if audited else []),
             "failed": say(failed),
             "failures": [
                 render_table(name_columns(table), text)

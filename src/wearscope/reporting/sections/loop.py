@@ -13,7 +13,7 @@ from wearscope.reporting.charts.loop import (
     chart_residual,
     chart_torque,
 )
-from wearscope.reporting.closed_loop import STAGES, bounded, gap_closed, number
+from wearscope.reporting.closed_loop import STAGES, bounded, number
 from wearscope.reporting.labels import count_text, join_words, words
 from wearscope.reporting.page import badge, render_part, render_table
 from wearscope.reporting.sections.base import JOINT, LoopSection, embed_charts
@@ -35,9 +35,7 @@ class Errors(LoopSection):
             for stage in STAGES:
                 value = number(one.get(f"rms_{stage}"))
                 record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"))
-            records.append(
-                record | {"noise floor": number(one.get("noise_floor")), "gap closed": gap_closed(one)[1]}
-            )
+            records.append(record | {"noise floor": number(one.get("noise_floor"))})
             for run, values in one.get("relative_error_percent", {}).items():
                 before, after = map(number, values)
                 row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after}
@@ -57,12 +55,12 @@ def _compare(before: float, after: float) -> Markup:
 
 
 class Residual(LoopSection):
-    """Torque and residual over time and signals, and diagnostics."""
+    """Torque and residual over time and signals."""
 
     title, anchor = "Residual", "residual"
 
     def context(self) -> dict[str, Any]:
-        """Charts and tables."""
+        """Charts."""
         loop, joint = self.loop, self.loop.foremost()
         runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
         run = str(runs.iloc[0]) if len(runs) else ""
@@ -71,21 +69,7 @@ class Residual(LoopSection):
             chart_residual(loop, joint, run),
             chart_against(loop, joint),
         ]
-        parts, folded = [embed_charts(charts)], []
-        if loop.diagnostics is not None:
-            names = {
-                "relative_error": "relative error [%]", "peak": "largest at [Hz]",
-                "bandwidth": "90 % below [Hz]", "lag_correlation": "correlation",
-                "ljung_box_p": "Ljung-Box p",
-            }  # fmt: skip
-            text = (
-                "Correlation: of neighbouring samples, thinned so that white noise would show almost none; a "
-                "small Ljung-Box p says that the residual is not white."
-            )
-            by = JOINT | {"run": "run"}
-            table = render_table(loop.diagnostics.rename(columns=names), text, filter_by=by)
-            folded.append(("Size, spectrum and whiteness of every residual", False, table))
-        return {"parts": parts, "folded": folded}
+        return {"parts": [embed_charts(charts)]}
 
 
 class Candidates(LoopSection):
