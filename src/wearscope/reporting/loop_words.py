@@ -98,7 +98,7 @@ def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
 def _tell_growth(verdict: Verdict) -> str:
     """Where the error on the test runs grows; empty where it does not."""
     larger = {joint for joint, one in verdict["joints"].items() if one.get("error") == "larger"}
-    worse = [one for one in _changes(verdict) if one[1] in larger]
+    worse = [one for one in _changes(verdict) if one[1] in larger and one[0] > 1.0]
     if not worse:
         return ""
     ratio, joint, *_ = max(worse)
