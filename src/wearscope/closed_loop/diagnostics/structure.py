@@ -110,6 +110,7 @@ def judge_joints(
         own_test, keep_test = [r[:, j] for r in tested], [run.keep[:, j] for run in test]
         error = _rms(own_test, keep_test)
         noisier = _compare_noise([x[:, j] for x in full], [x[:, j] for x in full_test])
+        inside = [one for one in inside if one.share >= policy.structure_share]
         seen = [*inside, *_from_test(own, keep, error, policy, noisier)]
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
