@@ -2,7 +2,8 @@
 
 What a model leaves is noise, with a tail of its own, and structure. An event stands out from that tail: taken
 for an exponential through the upper quartile and the upper tenth of the sizes, it gives the size that none of
-so many rows reaches by chance.
+so many rows reaches by chance. Near reversals models miss more than elsewhere: these rows have a spread and a
+tail of their own.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import interpolate, signal
+from scipy import interpolate, ndimage, signal
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
@@ -22,8 +23,11 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Robust standard deviations at an event's ends; longest event and longest gap within one [s]; share of the
 #: rows from which it is no event but structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
-#: Share of a joint's largest speed below which what is left may be a reversal's form.
-_SLOW = 0.05
+#: Share of a joint's largest speed below which what is left may be a reversal's form, and how far the filters
+#: carry that, in periods of the common cut-off.
+_SLOW, _REACH = 0.05, 1.0
+#: Rows over which what is left is averaged, next to each by itself.
+_WIDTHS = (2, 4)
 #: Fewest passes of a place with an event, of more than half of all, that make it the machine's own.
 _COMES_BACK = 3
 #: Share of the joint's torque, RMS, that an event has at least.
@@ -69,40 +73,95 @@ def find_events(
     events: list[Event] = []
     for j in np.flatnonzero(moving).tolist():
         kept = [run.keep[:, j] for run in runs]
-        every = np.abs(np.concatenate([x[k, j] for x, k in zip(left, kept, strict=True)]))
-        scale = 1.4826 * float(np.median(every)) if len(every) else 0.0
-        if not scale > 0.0:
-            continue
-        sizes = [np.where(k, np.abs(x[:, j]), 0.0) / scale for x, k in zip(left, kept, strict=True)]
+        near = [_is_near_reversal(run, j, top_speed[j]) for run in runs]
+        classes = [[k & ~n, k & n] for k, n in zip(kept, near, strict=True)]
+        own = [x[:, j] for x in left]
+        sizes = _measure_sizes(own, kept, classes)
         parts = [_find_stretches(run, size, j, top_speed[j]) for run, size in zip(runs, sizes, strict=True)]
         torque = np.concatenate([run.measured[k, j] for run, k in zip(runs, kept, strict=True)])
-        calm, limit, small = every / scale, np.inf, _SMALL * float(np.sqrt(np.mean(torque**2))) / scale
+        least = _SMALL * float(np.sqrt(np.mean(torque**2))) if len(torque) else 0.0
         if change is not None:
             parts = [
-                [part for part in own if size[part].max() * scale > _find_step(run.t, added[:, j], part)]
-                for run, size, added, own in zip(runs, sizes, change, parts, strict=True)
+                [p for p in some if np.abs(x[p]).max() > _find_step(run.t, added[:, j], p)]
+                for run, x, added, some in zip(runs, own, change, parts, strict=True)
             ]
-        for _ in range(_PASSES):
-            # Events stand in the tail that they are judged by, so that the next pass is without them.
-            limit = min(limit, _find_limit(calm))
-            least = max(limit, small)
-            found = [
-                [p for p in own if size[p].max() > least] for size, own in zip(sizes, parts, strict=True)
-            ]
-            outside = [k.copy() for k in kept]
-            for k, own in zip(outside, found, strict=True):
-                for part in own:
-                    k[part] = False
-            calm = np.concatenate([size[k] for size, k in zip(sizes, outside, strict=True)])
-        if len(calm) < (1.0 - _MOST) * len(every):
+        parts = [
+            [p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)
+        ]
+        found, outside = _stand_out(sizes, parts, classes)
+        if outside < (1.0 - _MOST) * len(torque):
             continue
-        for run, x, own in zip(runs, left, _leave_places(runs, sizes, found, j), strict=True):
-            for part in own:
-                t, torque = run.t[part], x[part, j] * run.keep[part, j]
-                peak = float(torque[np.argmax(np.abs(torque))])
+        for run, x, some in zip(runs, own, _leave_places(runs, sizes, found, j), strict=True):
+            for p in some:
+                t, missed = run.t[p], x[p] * run.keep[p, j]
+                peak = float(missed[np.argmax(np.abs(missed))])
                 where = {"run": run.file, "joint": joints[j], "t": float(t[0])}
                 events.append(where | {"seconds": float(t[-1] - t[0]), "size": peak})
     return events
+
+
+def _is_near_reversal(run: PreparedRun, joint: int, top: float) -> np.ndarray:
+    """Rows (M,) so near to a reversal or a rest that friction's form may be felt in them."""
+    slow = np.abs(run.signals.v[:, joint]) < _SLOW * top
+    reach = int(_REACH / run.band.torque * run.band.rate)
+    felt = ndimage.maximum_filter1d(slow, 2 * reach + 1)
+    return np.asarray(felt[rows(run.band, len(slow))])
+
+
+def _measure_sizes(
+    left: Sequence[np.ndarray], kept: Sequence[np.ndarray], classes: Sequence[Sequence[np.ndarray]]
+) -> list[np.ndarray]:
+    """What is left of each run (M,) over its robust spread in rows of the same class, over the best width.
+
+    A torque that lasts for several rows stands out of their mean further than of each of them.
+    """
+    relative = [np.zeros(len(x)) for x in left]
+    for c in range(2):
+        every = np.concatenate([x[own[c]] for x, own in zip(left, classes, strict=True)])
+        spread = _find_spread(every)
+        for z, x, own in zip(relative, left, classes, strict=True):
+            z[own[c]] = x[own[c]] / spread
+    best = [np.abs(z) for z in relative]
+    for width in _WIDTHS:
+        box = np.ones(width)
+        means = [
+            np.where(k, np.convolve(z, box, "same")[: len(z)], 0.0) for z, k in zip(relative, kept, strict=True)
+        ]
+        spread = _find_spread(np.concatenate([x[k] for x, k in zip(means, kept, strict=True)]))
+        best = [np.maximum(size, np.abs(x) / spread) for size, x in zip(best, means, strict=True)]
+    return best
+
+
+def _find_spread(x: np.ndarray) -> float:
+    """Robust standard deviation; infinite where there is none to be seen."""
+    spread = 1.4826 * float(np.median(np.abs(x))) if len(x) else 0.0
+    return spread if spread > 0.0 else np.inf
+
+
+def _stand_out(
+    sizes: Sequence[np.ndarray],
+    parts: Sequence[Sequence[slice]],
+    classes: Sequence[Sequence[np.ndarray]],
+) -> tuple[list[list[slice]], int]:
+    """Stretches that stand out of the tail of their class's rows, and how many rows are in none."""
+    limits = np.full(2, np.inf)
+    calm = [[c.copy() for c in own] for own in classes]
+    found: list[list[slice]] = []
+    for _ in range(_PASSES):
+        # Events stand in the tail that they are judged by, so that the next pass is without them.
+        for c in range(2):
+            rest = np.concatenate([size[own[c]] for size, own in zip(sizes, calm, strict=True)])
+            limits[c] = min(limits[c], _find_limit(rest)) if len(rest) else np.inf
+        over = [
+            (own[0] & (size > limits[0])) | (own[1] & (size > limits[1]))
+            for size, own in zip(sizes, classes, strict=True)
+        ]
+        found = [[p for p in some if o[p].any()] for some, o in zip(parts, over, strict=True)]
+        calm = [[c.copy() for c in own] for own in classes]
+        for own, some in zip(calm, found, strict=True):
+            for p in some:
+                own[0][p] = own[1][p] = False
+    return found, sum(int(c.sum()) for own in calm for c in own)
 
 
 def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
@@ -122,8 +181,8 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event."""
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
     at = np.flatnonzero(size > _END)
-    parts = np.split(at, np.flatnonzero(np.diff(run.t[at]) > _GAP) + 1)
-    whole = [slice(int(part[0]), int(part[-1]) + 1) for part in parts if len(part)]
+    split = np.split(at, np.flatnonzero(np.diff(run.t[at]) > _GAP) + 1)
+    whole = [slice(int(part[0]), int(part[-1]) + 1) for part in split if len(part)]
     return [
         part
         for part in whole
