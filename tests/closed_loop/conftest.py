@@ -155,6 +155,24 @@ def pose_problem(folder: Path, own=()) -> Problem:
     return Problem(prepare(dataset), declared, own)
 
 
+@pytest.fixture
+def carry():
+    """Torque of a further load [kg] in the hand, run by run."""
+
+    def make(masses):
+        given = iter(masses)
+        declared = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=PAYLOAD)
+
+        def torque(t, q, v, a, rng):
+            load = Payload(PAYLOAD.mass + next(given), PAYLOAD.com)
+            heavier = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=load)
+            return heavier.inverse_dynamics(q, v, a) - declared.inverse_dynamics(q, v, a)
+
+        return torque
+
+    return make
+
+
 @pytest.fixture(scope="session")
 def record_at() -> Record:
     """`write_dataset`, for fixtures of a whole module."""

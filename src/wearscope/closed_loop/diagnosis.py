@@ -12,6 +12,7 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
+from wearscope.closed_loop.diagnostics.loads import tell_loads
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
@@ -227,12 +228,14 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     here = [a.term for a in named if a.kept]
     gone = [(a.term, a.evidence.share) for a in named if not a.kept]
     states = judge_joints(prepared, after, here, answer.left, answer.dependence, search.policy, gone)
-    worth = measure_worth(prepared, predict_runs(prepared, before, after))
+    predicted = predict_runs(prepared, before, after)
+    worth = measure_worth(prepared, predicted)
     states = withhold_judgement(prepared, states, worth)
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    notes = [one.describe(prepared.dataset.joints) for one in impossible]
+    notes = tell_loads(prepared, predicted)
+    notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
         "model gives its drive an inertia of its own, which is no name."

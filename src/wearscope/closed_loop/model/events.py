@@ -85,9 +85,7 @@ def find_events(
                 [p for p in some if np.abs(x[p]).max() > _find_step(run.t, added[:, j], p)]
                 for run, x, added, some in zip(runs, own, change, parts, strict=True)
             ]
-        parts = [
-            [p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)
-        ]
+        parts = [[p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)]
         found, outside = _stand_out(sizes, parts, classes)
         if outside < (1.0 - _MOST) * len(torque):
             continue
@@ -125,7 +123,8 @@ def _measure_sizes(
     for width in _WIDTHS:
         box = np.ones(width)
         means = [
-            np.where(k, np.convolve(z, box, "same")[: len(z)], 0.0) for z, k in zip(relative, kept, strict=True)
+            np.where(k, np.convolve(z, box, "same")[: len(z)], 0.0)
+            for z, k in zip(relative, kept, strict=True)
         ]
         spread = _find_spread(np.concatenate([x[k] for x, k in zip(means, kept, strict=True)]))
         best = [np.maximum(size, np.abs(x) / spread) for size, x in zip(best, means, strict=True)]

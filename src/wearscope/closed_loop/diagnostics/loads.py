@@ -1,0 +1,92 @@
+"""A load that differs between runs, which a model holds to be as it is declared in all of them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.prediction import Predicted
+from wearscope.effects.base import PayloadEffect
+from wearscope.effects.vocabulary import session_effects
+
+#: Share of what is left, over all joints, that loads by run explain at least.
+_MOST = 0.5
+#: Singular values of a run's load, over the largest one, that count.
+_SEEN = 1e-3
+
+
+def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
+    """A sentence where what a model leaves is most of all a load of each run's own; else nothing.
+
+    A load that is fitted to one half of a run must predict what is left of the other half, better than the
+    load of all other runs does.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    predicted : sequence of Predicted
+        Along all runs.
+    """
+    effect = next((one for one in session_effects() if isinstance(one, PayloadEffect)), None)
+    files = list(dict.fromkeys(p.run.file for p in predicted))
+    if effect is None or len(files) < 2:
+        return []
+    rows = _gather(prepared, predicted, effect, files)
+    if any(len(y) < 4 * x.shape[1] for pair in rows for x, y in pair):
+        return []
+    size = np.sqrt(np.mean(np.concatenate([x**2 for pair in rows for x, _ in pair]), axis=0))
+    rows = [[(x / np.maximum(size, 1e-300), y) for x, y in pair] for pair in rows]
+    whole = sum(float(y @ y) for pair in rows for _, y in pair)
+    own, common = 0.0, 0.0
+    loads = np.zeros((len(rows), 2, len(size)))
+    for k, pair in enumerate(rows):
+        others = _solve([one for i, other in enumerate(rows) if i != k for one in other])
+        for half, (x, y) in enumerate(pair):
+            loads[k, half] = _solve([pair[half]])
+            own += _miss(*pair[1 - half], loads[k, half])
+            common += _miss(x, y, others)
+    share = 1.0 - own / max(whole, 1e-300)
+    if share < _MOST or 1.0 - common / whole > 0.5 * share:
+        return []
+    told = f"the load differs between runs: loads by run explain {100 * share:.0f} % of what is left"
+    mass, error = loads[..., 0].mean(axis=1) / size[0], np.ptp(loads[..., 0], axis=1) / size[0]
+    if 2.0 * error.max() < np.ptp(mass):
+        each = ", ".join(f"{file} {m:+.2g} kg" for file, m in zip(files, mass, strict=True))
+        told += f" (mass against the model's: {each})"
+    return [f"{told}; declare each run's payload, or leave out the runs with another load."]
+
+
+def _gather(
+    prepared: Prepared, predicted: Sequence[Predicted], effect: PayloadEffect, files: Sequence[str]
+) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """By file and half of its time, a load's columns (R, P) and what is left (R,), over joints' scales."""
+    last = prepared.n - 1
+    left = [p.run.measured - p.after for p in predicted]
+    keep = [p.run.keep & prepared.moving for p in predicted]
+    square = sum(np.sum(np.where(k, x, 0.0) ** 2, axis=0) for x, k in zip(left, keep, strict=True))
+    scale = np.sqrt(np.maximum(square / np.maximum(sum(k.sum(axis=0) for k in keep), 1), 1e-300))
+    gathered = []
+    for file in files:
+        own = [i for i, p in enumerate(predicted) if p.run.file == file]
+        middle = np.median(np.concatenate([predicted[i].run.t for i in own]))
+        pair = []
+        for second in (False, True):
+            parts = []
+            for i in own:
+                run = predicted[i].run
+                columns = run.reduce(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
+                counts = keep[i] & ((run.t >= middle) == second)[:, None]
+                parts.append(((columns / scale[:, None])[counts], (left[i] / scale)[counts]))
+            pair.append((np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])))
+        gathered.append(pair)
+    return gathered
+
+
+def _solve(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    x, y = (np.concatenate(one) for one in zip(*parts, strict=True))
+    return np.asarray(np.linalg.lstsq(x, y, rcond=_SEEN)[0])
+
+
+def _miss(x: np.ndarray, y: np.ndarray, load: np.ndarray) -> float:
+    return float(np.sum((y - x @ load) ** 2))

@@ -1,0 +1,48 @@
+"""A load that is not as declared in some runs only is told as that, with the mass of each run."""
+
+import re
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.loads import tell_loads
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.prediction import predict_runs
+
+
+def grow_friction(sizes):
+    given = iter(sizes)
+    return lambda t, q, v, a, rng: next(given) * np.sign(v)
+
+
+@pytest.fixture
+def tell(record, pose):
+    def told(**options):
+        problem = pose(record(runs=4, duration=8.0, **options))
+        model = fit_declared_model(
+            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+        )
+        return tell_loads(problem.prepared, predict_runs(problem.prepared, model, model))
+
+    return told
+
+
+def test_each_run_s_load_is_told(tell, carry):
+    planted = [0.0, 1.5, 0.0, 1.5]
+    (sentence,) = tell(extra_torque=carry(planted), seed=31)
+    assert sentence.startswith("the load differs between runs")
+    masses = [float(x) for x in re.findall(r"([+-][\d.]+) kg", sentence)]
+    # What all runs have in common may have become the model's.
+    assert np.array(masses) - np.mean(masses) == pytest.approx(np.array(planted) - np.mean(planted), abs=0.4)
+
+
+@pytest.mark.parametrize("kind", ["none", "all", "friction"])
+def test_no_other_difference_is_a_load(tell, carry, kind):
+    extra = {"none": None, "all": carry([1.5] * 4), "friction": grow_friction([0.0, 3.0, 0.0, 3.0])}[kind]
+    assert tell(extra_torque=extra, seed=32) == []
+
+
+def test_a_load_that_differs_is_a_note_of_the_verdict(record, carry):
+    found = diagnose(record(runs=4, duration=8.0, extra_torque=carry([0.0, 1.5, 0.0, 1.5]), seed=31))
+    assert any(note.startswith("the load differs between runs") for note in found.verdict["notes"])
