@@ -307,6 +307,7 @@ PASSIVE = {
     "friction_wear_temperature": {"eta0": 6.0, "eta3": 0.05, "eta5": 5.0, "eta6": 0.25},
     "stribeck": {"level": 4.0, "speed": 0.8, "exponent": 1.0},
     "torque_ripple": {"cosine": 1.5, "sine": -0.5, "wavenumber": 6.0},
+    "load_dependent_friction": {"coefficient": 0.2},
 }
 #: Friction with a memory is no function of position and speed; tests/export replay it.
 WITH_MEMORY = {"presliding_hysteresis"}
@@ -317,13 +318,15 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
     t = np.linspace(0.0, 1.0, 101)
     q, v = 0.3 + np.sin(5.0 * t)[:, None], 5.0 * np.cos(5.0 * t)[:, None]
     zero = np.zeros_like(q)
-    signals = Signals(t, q, v, zero, np.sign(v), zero, np.full_like(q, 40.0), zero)
+    load = 20.0 * np.cos(q)
+    signals = Signals(t, q, v, zero, np.sign(v), load, np.full_like(q, 40.0), zero)
     for name, given in PASSIVE.items():
         effect = EFFECTS[name]
         values = {p.name: p.default if p in effect.shape else 0.0 for p in effect.parameters} | given
         held = effect.passive(values, 40.0)
         torque = held.get("friction", 0.0) * np.sign(v) + held.get("damping", 0.0) * v
         torque += held.get("quadratic", 0.0) * v * np.abs(v)
+        torque += held.get("by_load", 0.0) * np.abs(load) * np.sign(v)
         torque += held.get("stiffness", 0.0) * q + held.get("preload", 0.0)
         level, speed, exponent = held.get("falling", (0.0, 1.0, 1.0))
         torque += level * np.exp(-(np.abs(v / speed) ** exponent)) * np.sign(v)

@@ -26,4 +26,6 @@ EFFECT = Effect(
     parents=("coulomb",),
     excitation=PAYLOAD,
     changes=2,
+    passive=lambda values, temperature: {"by_load": values["coefficient"]},
+    passive_lacks="its friction is held at one load, the mean of the motion that is compared",
 )

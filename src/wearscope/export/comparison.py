@@ -7,9 +7,11 @@ import numpy as np
 
 from wearscope.cycles.base import Reference, required_torque
 from wearscope.export.formats import make_spec
+from wearscope.export.gears import find_gears, follow_links, place_gears
 from wearscope.export.holdings import Holdings, without_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
+from wearscope.simulation.plant import build_plant
 
 #: A joint moves above this share of its highest speed: there MuJoCo's friction, which it solves for as a soft
 #: constraint, has reached its level.
@@ -42,9 +44,16 @@ class Comparison:
 
 
 def inverse_dynamics(
-    spec: mujoco.MjSpec, joints: list[str], reference: Reference, friction: bool = True
+    spec: mujoco.MjSpec,
+    joints: list[str],
+    reference: Reference,
+    friction: bool = True,
+    links: Reference | None = None,
 ) -> Array:
-    """MuJoCo's inverse dynamics (N, n) along a motion, with or without Coulomb friction."""
+    """MuJoCo's inverse dynamics (N, n) along a motion, with or without Coulomb friction.
+
+    Where the model has gears, the links move as `links`.
+    """
     model = spec.compile()
     # Planned motions keep to the limits; MuJoCo's push back softly from a little before them.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -56,13 +65,17 @@ def inverse_dynamics(
     v = [int(joint.dofadr[0]) for joint in place]
     model.opt.timestep = float(reference.t[1] - reference.t[0]) / _STEPS
     torque = np.empty(reference.q.shape)
+    gears = find_gears(model, joints) if links is not None else []
+    lag = [getattr(links or reference, key) - getattr(reference, key) for key in ("q", "v", "a")]
     for row in range(len(reference.t)):
         for _ in range(_STEPS if model.na else 1):
             # Steps let the passive motors' bristles follow the motion.
             data.qpos[q], data.qvel[v] = reference.q[row], reference.v[row]
+            place_gears(data, gears, (lag[0][row], lag[1][row], lag[2][row]))
             mujoco.mj_step(model, data)
         passive = data.qfrc_actuator[v].copy()
         data.qpos[q], data.qvel[v], data.qacc[v] = reference.q[row], reference.v[row], reference.a[row]
+        place_gears(data, gears, (lag[0][row], lag[1][row], lag[2][row]))
         mujoco.mj_inverse(model, data)
         torque[row] = data.qfrc_inverse[v] - passive
     return torque
@@ -70,8 +83,16 @@ def inverse_dynamics(
 
 def whole_torque(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Array:
     """Torque (N, n) that a motion needs of the whole model [N m or N]."""
-    links = model.rigid_body().inertial_regressor(reference.q, reference.v, reference.a)
-    return required_torque(reference, model, temperature, 0.0, 1.0) + links @ held.corrected.ravel()
+    corrected = model.rigid_body().inertial_regressor(reference.q, reference.v, reference.a)
+    links, body = link_motion(model, held, reference), held.body
+    lag = body.inverse_dynamics(links.q, links.v, links.a)
+    lag -= body.inverse_dynamics(reference.q, reference.v, reference.a)
+    return required_torque(reference, model, temperature, 0.0, 1.0) + corrected @ held.corrected.ravel() + lag
+
+
+def link_motion(model: RobotModel, held: Holdings, reference: Reference) -> Reference:
+    """Motion of the whole model's links, which its gears let lag."""
+    return follow_links(build_plant(model), held.body, reference)
 
 
 def compare(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Comparison:
@@ -85,9 +106,11 @@ def compare(model: RobotModel, held: Holdings, reference: Reference, temperature
     temperature : float
         [deg C]
     """
-    theirs = inverse_dynamics(make_spec(model, held), model.joints, reference)
+    links = link_motion(model, held, reference)
+    theirs = inverse_dynamics(make_spec(model, held), model.joints, reference, links=links)
     load = held.body.inverse_dynamics(reference.q, reference.v, reference.a)
-    own = held.torque(reference.v, reference.a, reference.q, load)
+    behind = held.body.inverse_dynamics(links.q, links.v, links.a)
+    own = held.torque(reference.v, reference.a, reference.q, behind)
     whole = whole_torque(model, held, reference, temperature)
     bare = without_motors(held)
     smooth = inverse_dynamics(make_spec(model, bare), model.joints, reference, friction=False)

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 import mujoco
 import numpy as np
 
+from wearscope.export.gears import add_gear
 from wearscope.export.holdings import Holdings
 from wearscope.export.passive_motors import add_passive_motors
 from wearscope.robots.model import RobotModel
@@ -117,6 +118,7 @@ def _add_joint(
     # The robot's own limits: those of a corrected model are the recordings'.
     if max(abs(stated.lower), abs(stated.upper)) < OPEN_LIMIT:
         joint.limited, joint.range = True, [float(stated.lower), float(stated.upper)]
+    add_gear(spec, body, joint, held, j)
     motor = spec.add_actuator(name=name, target=name)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
     limit = float(model.torque_limit[j])

@@ -4,8 +4,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from wearscope.effects.base import Effect, load_effect
-from wearscope.effects.kinds import ArmatureEffect, InertialEffect, PayloadEffect, RigidBodyEffect
+from wearscope.effects.base import Effect, Plant, load_effect
+from wearscope.effects.kinds import (
+    ArmatureEffect,
+    InertialEffect,
+    PayloadEffect,
+    RigidBodyEffect,
+    TransmissionEffect,
+)
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array, Inertia
@@ -32,6 +38,8 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
+#: Highest frequency of a gear with the inertia on its two sides that a step of 1 ms takes [rad/s].
+FASTEST = 1000.0
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3
 
@@ -70,6 +78,8 @@ class Holdings:
         With the payload, both as corrected.
     corrected : ndarray (n, 10)
         Corrections of the links' inertial parameters in the model, those of the payload at the last link.
+    by_load : ndarray (n,)
+        Coulomb friction over the load, which `friction` holds at one load.
     left : list of Left
     falling : dict of int to list
         By joint: level, speed and exponent of friction that falls with the speed.
@@ -77,6 +87,8 @@ class Holdings:
         Level, and displacement over which it turns round.
     wave : dict of int to list
         Cosine, sine and wavenumber of a torque that goes with the position.
+    gear : dict of int to tuple
+        Compliance, lost motion and the torque that takes it up.
     """
 
     friction: Array
@@ -87,10 +99,17 @@ class Holdings:
     preload: Array
     body: RigidBody
     corrected: Array
+    by_load: Array
     left: list[Left] = field(default_factory=list)
     falling: dict[int, list[tuple[float, float, float]]] = field(default_factory=dict)
     presliding: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     wave: dict[int, list[tuple[float, float, float]]] = field(default_factory=dict)
+    gear: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+
+    def gear_inertia(self, j: int) -> float:
+        """Inertia of a gear's two sides against each other at home [kg m^2 or kg]."""
+        link = float(self.body.mass_matrix(np.zeros(len(self.friction)))[j, j])
+        return float(self.armature[j]) * link / (float(self.armature[j]) + link)
 
     def torque(self, v: Array, a: Array, q: Array, load: Array, format: str = MJCF) -> Array:
         """Torque (N, n) that is held, with the rigid body's `load` (N, n)."""
@@ -110,8 +129,8 @@ class Holdings:
 
 
 def without_motors(held: Holdings) -> Holdings:
-    """What MJCF holds without passive motors."""
-    return replace(held, falling={}, presliding={}, wave={})
+    """What MJCF holds without passive motors and gears."""
+    return replace(held, falling={}, presliding={}, wave={}, gear={})
 
 
 def held_by(held: Holdings, format: str) -> Holdings:
@@ -123,7 +142,7 @@ def held_by(held: Holdings, format: str) -> Holdings:
     return replace(bare, armature=zero) if format == URDF else bare
 
 
-def take_holdings(model: RobotModel, temperature: float) -> Holdings:
+def take_holdings(model: RobotModel, temperature: float, load: Array | None = None) -> Holdings:
     """What URDF and MJCF hold of a model without wear at a temperature [deg C].
 
     Parameters
@@ -131,12 +150,22 @@ def take_holdings(model: RobotModel, temperature: float) -> Holdings:
     model : RobotModel
     temperature : float
         At which friction that depends on it is taken.
+    load : ndarray (n,), optional
+        At which friction that depends on it is taken [N m or N]; that at home by default.
     """
     plant = build_plant(model)
-    zeros = [np.zeros(model.n) for _ in range(5)]
+    zeros = [np.zeros(model.n) for _ in range(6)]
     body = model.rigid_body(model.declared_payload)
     held = Holdings(
-        zeros[0], zeros[1], zeros[2], plant.armature.copy(), zeros[3], zeros[4], body, plant.inertials
+        zeros[0],
+        zeros[1],
+        zeros[2],
+        plant.armature.copy(),
+        zeros[3],
+        zeros[4],
+        body,
+        plant.inertials,
+        zeros[5],
     )
     for j in np.flatnonzero(held.armature):
         held.left.append(Left(URDF, model.joints[j], "rotor_inertia", "URDF has no rotor inertia"))
@@ -145,6 +174,9 @@ def take_holdings(model: RobotModel, temperature: float) -> Holdings:
         _take(
             held, model, model.joints.index(entry.joint), entry.joint, effect, entry.parameters, temperature
         )
+    if load is None:
+        load = np.abs(body.bias(model.home_posture, np.zeros(model.n)))
+    held.friction += held.by_load * load
     for number, terms in held.presliding.items():
         if sum(level for level, _ in terms) > held.friction[number] or min(level for level, _ in terms) < 0.0:
             reason = "its level is not one of the Coulomb friction, of which it is a part"
@@ -152,7 +184,25 @@ def take_holdings(model: RobotModel, temperature: float) -> Holdings:
             terms.clear()
     _take_inertials(held, model)
     _refuse_negative(held, model)
+    _take_gears(held, model, plant)
     return held
+
+
+def _take_gears(held: Holdings, model: RobotModel, plant: Plant) -> None:
+    """Gears that yield, as stiff as MuJoCo's step allows."""
+    for j in np.flatnonzero((plant.compliance > 0.0) | (plant.lost_motion > 0.0)).tolist():
+        if not held.armature[j] > 0.0:
+            _leave(
+                held, MJCF, model.joints[j], "transmission", "a gear needs the rotor's inertia, which is 0"
+            )
+            continue
+        least = 1.0 / (held.gear_inertia(j) * FASTEST**2)
+        own = float(plant.compliance[j])
+        if least > own:
+            unit = f"{model.position_units[j]}/({model.torque_units[j]})"
+            reason = f"its compliance is {least:.3g} {unit}, not {own:.3g}: as stiff as a step of 1 ms takes"
+            _leave(held, MJCF, model.joints[j], "transmission", reason)
+        held.gear[j] = (max(own, least), float(plant.lost_motion[j]), float(plant.mesh_torque[j]))
 
 
 def _take(
@@ -167,10 +217,14 @@ def _take(
     name = effect.name
     if isinstance(effect, BODIES):
         return
+    if isinstance(effect, TransmissionEffect):
+        for format in (URDF, ISAAC):
+            _leave(held, format, joint, name, "its joints have no gear that yields")
+        return
     if effect.passive is None:
         reason = "it has no such term"
         if effect.row is None or effect.n_states:
-            reason = "it has no memory of the kind and no such sensor or transmission"
+            reason = "it has no memory of the kind and no such sensor"
         elif any("temp" in signal or signal == "t" for signal in effect.depends_on):
             reason = "it knows no temperature and no time"
         for format in FORMATS:

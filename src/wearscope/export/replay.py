@@ -10,14 +10,16 @@ import mujoco
 import numpy as np
 
 from wearscope.cycles.base import Reference
-from wearscope.export.comparison import inverse_dynamics, whole_torque
+from wearscope.export.comparison import inverse_dynamics, link_motion, whole_torque
 from wearscope.export.formats import make_spec
+from wearscope.export.gears import find_gears, place_gears
 from wearscope.export.holdings import FORMATS, MJCF, Holdings, held_by, without_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
-#: Times after which the position is compared [s], and between two starts; time for the bristles to follow.
-HORIZONS, _EVERY, _WARM = (0.1, 0.5, 2.0), 0.5, 0.1
+#: Times after which the position is compared [s], and between two starts; time for bristles and gears to
+#: follow.
+HORIZONS, _EVERY, _WARM = (0.1, 0.5, 2.0), 0.5, 0.3
 #: MuJoCo's step [s].
 STEP = 1e-3
 WITHOUT = f"{MJCF} without passive motors"
@@ -35,12 +37,14 @@ def compare_replays(
         motion [N m or N], and `position`, median absolute difference by time [rad or m].
     """
     whole = whole_torque(model, held, reference, temperature)
+    links = link_motion(model, held, reference)
     formats = {format: held_by(held, format) for format in FORMATS} | {WITHOUT: without_motors(held)}
     found: dict[str, dict[str, Any]] = {}
     for format, one in formats.items():
         spec = make_spec(model, one)
-        torque = np.sqrt(np.mean((inverse_dynamics(spec, model.joints, reference) - whole) ** 2, axis=0))
-        position = replay(spec, model.joints, reference, whole)
+        own = inverse_dynamics(spec, model.joints, reference, links=links)
+        torque = np.sqrt(np.mean((own - whole) ** 2, axis=0))
+        position = replay(spec, model.joints, reference, whole, links)
         found[format] = {
             joint: {
                 "torque": float(torque[j]),
@@ -51,25 +55,36 @@ def compare_replays(
     return found
 
 
-def replay(spec: mujoco.MjSpec, joints: list[str], reference: Reference, torque: Array) -> Array:
-    """Median position error (3, n) after each of `HORIZONS` under a torque (N, n) along a motion."""
+def replay(
+    spec: mujoco.MjSpec,
+    joints: list[str],
+    reference: Reference,
+    torque: Array,
+    links: Reference | None = None,
+) -> Array:
+    """Median position error (3, n) after each of `HORIZONS` under a torque (N, n) along a motion.
+
+    Where the model has gears, they begin where the motion of the `links` has them.
+    """
     model = spec.compile()
     model.opt.timestep = STEP
     data = mujoco.MjData(model)
     q = [int(model.joint(name).qposadr[0]) for name in joints]
     v = [int(model.joint(name).dofadr[0]) for name in joints]
     t = np.arange(reference.t[0], reference.t[-1], STEP)
-    place, speed, drive = (
+    gears, behind = find_gears(model, joints), links or reference
+    place, speed, drive, lag, slip = (
         np.column_stack([np.interp(t, reference.t, column) for column in x.T])
-        for x in (reference.q, reference.v, torque)
+        for x in (reference.q, reference.v, torque, behind.q - reference.q, behind.v - reference.v)
     )
     ends = [round(one / STEP) for one in HORIZONS]
     warm = round(_WARM / STEP)
     errors = []
     for start in range(warm, len(t) - ends[-1], round(_EVERY / STEP)):
         mujoco.mj_resetData(model, data)
+        place_gears(data, gears, (lag[start - warm], slip[start - warm], 0.0 * slip[0]))
         for row in range(start - warm, start):
-            data.qpos[q], data.qvel[v] = place[row], speed[row]
+            data.qpos[q], data.qvel[v], data.qfrc_applied[v] = place[row], speed[row], drive[row]
             mujoco.mj_step(model, data)
         data.qpos[q], data.qvel[v] = place[start], speed[start]
         reached = []

@@ -108,10 +108,13 @@ def export_model(
     from wearscope.export.replay import compare_replays
 
     out = Path(folder)
-    held = take_holdings(model, temperature)
-    compared = None
+    compared = load = None
     if reference is None and model.drive.speed_limit is not None:
         reference = MOTION.build(model, 0.05, STEP)
+    if reference is not None:
+        body = model.rigid_body(model.declared_payload)
+        load = np.abs(body.inverse_dynamics(reference.q, reference.v, reference.a)).mean(axis=0)
+    held = take_holdings(model, temperature, load)
     if reference is not None:
         compared = compare(model, held, reference, temperature)
     summary = {
