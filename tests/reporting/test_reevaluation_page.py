@@ -7,7 +7,7 @@ import pytest
 from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.reevaluation import answer_sentences, tell_headline, truth_sentences
-from wearscope.reporting.reevaluation_page import render_reevaluation, summarise_reevaluation
+from wearscope.reporting.reevaluation_page import render_reevaluation
 from wearscope.reporting.study_page import render_study
 
 
@@ -99,7 +99,8 @@ def test_the_page_stands_alone_and_escapes(one):
 
 def test_without_a_truth_the_page_names_none(one, table):
     table[["truth", "truth_low", "truth_high", "p_nearer"]] = np.nan
-    text = str(summarise_reevaluation(one))
+    chosen = pd.DataFrame(columns=["robot", "axis", "fda", "kind", "fit", "state", "n_points"])
+    text = render_reevaluation(one, chosen)
     assert "cannot be simulated" in text and "in truth" not in text
 
 
@@ -109,7 +110,10 @@ def test_the_study_s_first_page_says_what_the_correction_changes(one, change):
     summary = (
         page[: page.index("Compared with the paper</h2>")] if "Compared with the paper</h2>" in page else page
     )
-    assert "What the correction changes" in summary and "After is nearer to the truth" in summary
+    assert (
+        "What the correction changes" in summary
+        and "The corrected model is nearer to the truth for 2 of 2" in summary
+    )
     assert "What the correction changes" not in render_study(change(), compare_with_paper(change()))
 
 

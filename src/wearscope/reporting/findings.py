@@ -21,7 +21,7 @@ from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
 STAND_INS = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
-"""Modules in the place of the paper's confidential FDAs."""
+"""Modules in the place of the paper's confidential detectors."""
 LARGE, EQUAL, SMALL = 0.5, 1.0, 0.25
 """Median |normalised coefficient| that counts as considerable, as much as wear, and insignificant."""
 TABLE_4 = {"full": (83.7, 95.0), "simplified": (64.6, 89.8)}
@@ -62,7 +62,7 @@ def compare_with_paper(study: Study) -> list[Finding]:
     }
     warm, load = "temperature", "payload_mass_error"
     tells = [
-        (warm, "Temperature considerably affects every FDA.", "ABC", (), LARGE),
+        (warm, "Temperature considerably affects every detector.", "ABC", (), LARGE),
         (warm, "C has the lowest median coefficient of temperature.", "ABC", ("AC", "BC"), None),
         (load, "Payload mass error moves A more than wear does.", "A", (), EQUAL),
         (load, "B and C respond less to payload mass error than A.", "ABC", ("AB", "AC"), None),
@@ -164,7 +164,7 @@ def _coefficient_finding(
 
 
 def _quiet_finding(study: Study, names: dict[str, str]) -> Finding:
-    paper = "Wear of the other joints and point-to-point delay are insignificant for every FDA."
+    paper = "Wear of the other joints and point-to-point delay are insignificant for every detector."
     quiet = [*study.factors_of("wear"), *study.factors_of("dwell")]
     if not quiet or not names:
         return _absent("Q-1", paper)

@@ -31,7 +31,7 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
     """
     robot = str(one.table["robot"].iloc[0])
     sections = [
-        Section("Summary", summarise_reevaluation(one), "summary"),
+        Section("Summary", _summarise(one), "summary"),
         Section("Detector by detector", _detectors(one), "detectors"),
         Section("Which factors matter", _question(one, "coefficient"), "q1"),
         Section("Which detector is best", _ranks(one), "q2"),
@@ -47,22 +47,23 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
     )
 
 
-def summarise_reevaluation(one: Reevaluation) -> Markup:
-    """Sentences and figure for the first page: which answers change, and what is nearer to the truth."""
+def draw_change(one: Reevaluation) -> Markup:
+    """Figure of every detector's SNR on each side."""
     from wearscope.reporting.figures.reevaluation import draw_reevaluation  # Matplotlib is for few studies
 
+    sides = "before, after and in truth" if one.has_truth else "before and after"
+    caption = f"SNR {sides} with 95 % intervals, over the models that the data allow; linear below 1."
+    return embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption)
+
+
+def _summarise(one: Reevaluation) -> Markup:
+    """Which answers change, and what is nearer to the truth."""
     assumed = (
         f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
         "the joint's own friction."
     )
-    sides = "before, after and in truth" if one.has_truth else "before and after"
-    caption = (
-        f"SNR {sides} with 95 % intervals, over the models that the data allow and their surrogates; linear "
-        "below 1."
-    )
-    figure = embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption)
     sentences = render_part(listed=[*answer_sentences(one), *truth_sentences(one)])
-    return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[figure])
+    return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[draw_change(one)])
 
 
 def _value(row: object, side: str) -> str:

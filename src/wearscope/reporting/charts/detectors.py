@@ -52,7 +52,7 @@ def chart_snr(study: Study) -> Chart:
     told = tips("fda:N|detector; robot:N; median:Q|median SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; rank:Q")
     bound = (
         named("rankings")
-        .transform_filter(f"!({deployable})")
+        .transform_filter(f"!({deployable}) && datum.robot === {json.dumps(together(study))}")
         .mark_rule(strokeDash=[6, 4], strokeWidth=2, color="var(--soft)")
         .encode(x=alt.X("median:Q", title="signal-to-noise ratio"), y=rows, tooltip=told)
     )

@@ -3,7 +3,9 @@
 from typing import Any
 
 from wearscope.reporting.loop_words import conclude_loop, tell_planted
-from wearscope.reporting.reevaluation_page import summarise_reevaluation
+from wearscope.reporting.page import render_part
+from wearscope.reporting.reevaluation import count_truth, tell_headline
+from wearscope.reporting.reevaluation_page import draw_change
 from wearscope.reporting.sections.base import StudySection, say
 
 DEMONSTRATION = "twin"
@@ -19,9 +21,10 @@ class Correction(StudySection):
         return self.study.reevaluation is not None
 
     def context(self) -> dict[str, Any]:
-        """Sentences and figure; the page of its own has the rest."""
+        """Two sentences and the figure; the page of its own has the rest."""
         assert self.study.reevaluation is not None
-        return {"told": summarise_reevaluation(self.study.reevaluation)}
+        one = self.study.reevaluation
+        return {"told": render_part(listed=[tell_headline(one), count_truth(one)], parts=[draw_change(one)])}
 
 
 class Loops(StudySection):
