@@ -226,7 +226,7 @@ def loop(tmp_path_factory):
 @pytest.mark.parametrize("width, scheme", [(1280, "dark"), (390, "light")])
 def test_every_chart_of_a_loop_is_drawn(loop, width, scheme):
     with open_page(loop / "report.html", width, scheme) as page:
-        assert page.locator("figure.chart .view svg").count() == 7
+        assert page.locator("figure.chart .view svg").count() == 6
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
