@@ -28,7 +28,7 @@ export NO_MKDOCS_2_WARNING := true
 run: setup
 	$(BIN)/snakemake --cores $(CORES)
 
-PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile
+PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
 
 # About eleven minutes on two cores; what is left to test-slow has a smaller test here.
 test: developed

@@ -49,10 +49,17 @@ def pytest_collection():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    slow = pick_slow(read_seconds())
+    seconds = read_seconds()
+    slow = pick_slow(seconds)
+    of_file = defaultdict(float)
     for item in items:
-        if item.nodeid.removeprefix("tests/") in slow:
+        name = item.nodeid.removeprefix("tests/")
+        if name in slow:
             item.add_marker("slow")
+        else:
+            of_file[item.path] += seconds.get(name, 0.0)
+    # The last files are short, so that no worker waits long for another.
+    items.sort(key=lambda item: -of_file[item.path])
 
 
 def pytest_addoption(parser):
