@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from wearscope.closed_loop.selection import drifting, evidence, generic, revision, search, standard
+from wearscope.closed_loop.selection import evidence, generic, revision, search, stepwise, whitening
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
@@ -29,7 +29,7 @@ from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import refine_reversals
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.shape_fit import refine
-from wearscope.closed_loop.selection.standard import _scale_of
+from wearscope.closed_loop.selection.stepwise import _scale_of
 from wearscope.closed_loop.selection.sums import Added, Sums
 from wearscope.closed_loop.selection.whitening import drift_p_value
 
@@ -221,13 +221,13 @@ def remember() -> Iterator[Memory]:
         return take(("remake", problem, *tell_chosen([chosen])), lambda: remake(problem, chosen))
 
     instead = [
-        (search, "Assembly", assemble), (standard, "Assembly", assemble), (evidence, "Assembly", assemble),
-        (search, "weigh", weigh_once), (standard, "weigh", weigh_once), (revision, "weigh", weigh_once),
-        (search, "refine", refine_once), (drifting, "drift_p_value", drift_once),
-        (drifting, "Assembly", assemble), (drifting, "weigh", weigh_once),
+        (search, "Assembly", assemble), (stepwise, "Assembly", assemble), (evidence, "Assembly", assemble),
+        (search, "weigh", weigh_once), (stepwise, "weigh", weigh_once), (revision, "weigh", weigh_once),
+        (search, "refine", refine_once), (whitening, "drift_p_value", drift_once),
+        (whitening, "Assembly", assemble), (whitening, "weigh", weigh_once),
         (search, "refine_reversals", reverse_once), (search, "list_candidates", list_once),
         (generic, "try_generic", generic_once),
-        (standard, "_scale_of", scale_standard_once), (Search, "scale", scale_once),
+        (stepwise, "_scale_of", scale_standard_once), (Search, "scale", scale_once),
         (Problem, "reverse_over", reverse_over_once),
         (Problem, "remake", remake_once),
     ]  # fmt: skip

@@ -5,13 +5,11 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.direction import Reversals
-from wearscope.closed_loop.selection.law_fit import fit_law
-from wearscope.closed_loop.selection.laws import is_law, suit_laws
+from wearscope.closed_loop.selection.laws import fit_law, is_law, suit_laws
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.reversal import is_wide
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.standard import find_standard
-from wearscope.closed_loop.selection.stepwise import extend
+from wearscope.closed_loop.selection.stepwise import extend, find_standard
 from wearscope.effects.base import load_effect
 from wearscope.effects.vocabulary import list_effects
 

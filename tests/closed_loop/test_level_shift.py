@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wearscope.closed_loop.diagnostics.level_shift import fit_shift
+from wearscope.closed_loop.diagnostics.jumps import fit_shift
 
 T = np.arange(800) / 20.0
 

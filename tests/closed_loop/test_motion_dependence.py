@@ -5,10 +5,10 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection.held_out_sums import HeldOut
 from wearscope.closed_loop.selection.motion_dependence import find_dependence, mix_phases, move
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.sums import HeldOut
 
 SMALL = {"runs": 4, "duration": 10.0}
 

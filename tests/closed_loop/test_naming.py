@@ -11,8 +11,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal
 from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search

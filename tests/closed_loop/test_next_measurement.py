@@ -12,7 +12,7 @@ from wearscope.closed_loop.diagnostics.next_measurement import (
     planning_model,
     write_measurements,
 )
-from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
+from wearscope.closed_loop.diagnostics.plan import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names, look_along
 from wearscope.cycles.base import Reference
 from wearscope.reporting.loop_words import tell_measurement

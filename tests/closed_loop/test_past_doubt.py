@@ -6,8 +6,7 @@ from scipy.signal import lfilter
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection import answer, generic
-from wearscope.closed_loop.selection.evidence import weigh
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Found, weigh
 from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search

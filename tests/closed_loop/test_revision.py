@@ -9,8 +9,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection import generic, revision, stepwise
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
-from wearscope.closed_loop.selection.evidence import Refusal, weigh
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Found, Refusal, weigh
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.revision import drop_superfluous, is_much, is_refined, revise
 from wearscope.closed_loop.selection.search import Search

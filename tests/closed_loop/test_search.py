@@ -8,13 +8,13 @@ import pytest
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
-from wearscope.closed_loop.selection.drifting import count_kinds
 from wearscope.closed_loop.selection.evidence import Evidence, weigh
 from wearscope.closed_loop.selection.naming import opposes_gravity
 from wearscope.closed_loop.selection.offers import list_subsets
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.standard import find_standard
+from wearscope.closed_loop.selection.stepwise import find_standard
+from wearscope.closed_loop.selection.whitening import count_kinds
 from wearscope.effects.base import load_effect
 
 POLICY = Policy(flips=199)

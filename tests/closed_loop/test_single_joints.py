@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.selection.evidence import Refusal
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Found, Refusal
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search

@@ -15,8 +15,7 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.diagnostics.next_measurement import hold_still, list_motions, planning_model
-from wearscope.closed_loop.diagnostics.plan import DWELL
-from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
+from wearscope.closed_loop.diagnostics.plan import DWELL, make_planned_run
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.cycles.base import Reference

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wearscope.closed_loop.diagnostics.jumps import find_jumps
-from wearscope.closed_loop.diagnostics.level_shift import fit_shift
+from wearscope.closed_loop.diagnostics.jumps import find_jumps, fit_shift
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.selection.lines import CommonLine, find_common_line, find_line
 from wearscope.closed_loop.selection.policy import Policy

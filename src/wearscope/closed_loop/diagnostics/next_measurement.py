@@ -21,9 +21,9 @@ from wearscope.closed_loop.diagnostics.plan import (
     Plan,
     list_payloads,
     list_temperatures,
+    make_planned_run,
 )
 from wearscope.closed_loop.diagnostics.planned_rests import plan_rests
-from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names, look_along
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.prepared import Prepared

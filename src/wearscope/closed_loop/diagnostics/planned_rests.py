@@ -13,8 +13,8 @@ from wearscope.closed_loop.diagnostics.plan import (
     Plan,
     list_payloads,
     list_temperatures,
+    make_planned_run,
 )
-from wearscope.closed_loop.diagnostics.planned_run import make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.signals import join_signals

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wearscope.closed_loop.diagnostics.planned_run import with_runs
+from wearscope.closed_loop.diagnostics.plan import with_runs
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.candidates import reduce_columns

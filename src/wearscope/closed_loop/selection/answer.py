@@ -1,18 +1,17 @@
 """From a problem to its names: the search, what has no name, sets of names, and what is left."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from wearscope.closed_loop.selection.evidence import Evidence
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection import rule
+from wearscope.closed_loop.selection.evidence import Evidence, Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import prefer_single_joints
-from wearscope.closed_loop.selection.standard import find_standard
-from wearscope.closed_loop.selection.stepwise import extend, settle
-from wearscope.closed_loop.selection.unbelievable import find_unbelievable
+from wearscope.closed_loop.selection.stepwise import extend, find_standard, settle
 
 
 @dataclass(frozen=True)
@@ -57,3 +56,28 @@ def find_named(search: Search) -> list[Found]:
     found = prefer_single_joints(search, found)
     suited = suit_laws(search, found)
     return found if suited is found else settle(search, search.settle_reversals(suited))
+
+
+def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int]) -> dict[int, Evidence]:
+    """By joint, the name that explains most of what is left, and is refused for its parameters alone.
+
+    What has its form is there, whatever it is: it makes the joint `unexplained`.
+
+    Parameters
+    ----------
+    search : Search
+    found : list of Found
+        All that was named.
+    joints : iterable of int
+        Those that are asked.
+    """
+    search.sigma = search.scale(found)
+    assembly = search.assemble(found)
+    offered = search.candidates(assembly, found, joints, every=True)
+    by_run = search.problem.layout.folds.by_run
+    left: dict[int, Evidence] = {}
+    for e in sorted(search.weigh_all(assembly, offered, search.find_least(assembly)), key=lambda e: -e.gain):
+        explains = rule.explains_unbelievably(e, search.policy, by_run)
+        if e.joint not in left and explains and not search.drifts(assembly, e):
+            left[e.joint] = e
+    return left

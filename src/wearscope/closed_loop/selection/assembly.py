@@ -295,3 +295,18 @@ class Assembly:
         """Power (B,) of one shape's torque, in residual variances."""
         each = (self.weight[j] * (x[:, 0] @ beta) ** 2 for j, x in sums.rows.items())
         return self.layout.sum_blocks(sum(each))
+
+    def relieve_prior(self, sums: Sums, beta: np.ndarray) -> float:
+        """By how much the parameters come nearer to where they are expected, beside one shape's columns.
+
+        Difference of the squared distances, in standard deviations a priori.
+        """
+        inverse, theta = self.whole
+        beside = theta - inverse[:, sums.columns] @ (sums.cross[:, 0].sum(axis=0).T @ beta)
+        return float(theta @ self.prior @ theta - beside @ self.prior @ beside)
+
+    @cached_property
+    def joint_sums(self) -> np.ndarray:
+        """Held-out losses (2, n) by joint [squares of the torque], with runs and with fifths held out."""
+        sums = [np.nansum(one.joint_losses, axis=0) for one in (self, self.by_fifths)]
+        return np.array(sums) * self.sigma**2

@@ -1,6 +1,6 @@
 """Evidence on a candidate beside a model: what held-out runs gain, chance, agreement, determinacy. Frozen."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -11,7 +11,6 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen, find_reach
-from wearscope.closed_loop.selection.displaced import relieve_prior
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import (
     adjust,
@@ -21,6 +20,7 @@ from wearscope.closed_loop.selection.significance import (
     score_chance,
 )
 from wearscope.closed_loop.selection.sums import Sums
+from wearscope.effects.base import Effect
 
 
 class Refusal(Enum):
@@ -206,7 +206,7 @@ def weigh(
         beta=beta,
         tried=candidate.tried,
         by_fifths=by_fifths,
-        relief=relieve_prior(assembly, sums.at(best), beta),
+        relief=assembly.relieve_prior(sums.at(best), beta),
     )
 
 
@@ -325,3 +325,26 @@ def adjust_p_values(weighed: list[Evidence]) -> list[Evidence]:
     """The same evidence with p-values over all of it."""
     p_values = adjust([e.statistic for e in weighed], [e.chance for e in weighed], [e.tried for e in weighed])
     return [replace(e, p_value=float(p)) for e, p in zip(weighed, p_values, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A term that was named, with the evidence on it beside all others."""
+
+    chosen: Chosen
+    evidence: Evidence
+
+    @property
+    def effect(self) -> Effect:
+        """Its effect."""
+        return self.chosen.candidate.effect
+
+    @property
+    def joint(self) -> int:
+        """Its joint."""
+        return self.chosen.candidate.joint
+
+
+def count_parameters(found: Iterable[Found]) -> int:
+    """Parameters of terms together."""
+    return sum(f.evidence.complexity for f in found)

@@ -14,8 +14,14 @@ from wearscope.closed_loop.model.regression import penalise, regularise
 from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, adjust_p_values, on_same_folds, weigh
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import (
+    Evidence,
+    Found,
+    Refusal,
+    adjust_p_values,
+    on_same_folds,
+    weigh,
+)
 from wearscope.closed_loop.selection.motion_dependence import Dependence
 from wearscope.closed_loop.selection.past_doubt import doubt_for_past
 from wearscope.closed_loop.selection.policy import Policy

@@ -7,16 +7,31 @@ others once more, each with the width that fits best beside it.
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy import optimize
 
-from wearscope.closed_loop.model.candidates import make_candidate
+from wearscope.closed_loop.intake.direction import Reversals
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.rough_model import fit_bounded
+from wearscope.closed_loop.intake.threads import map_runs
+from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Refusal
-from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.law_fit import fit_law
-from wearscope.closed_loop.selection.reversal import is_wide
+from wearscope.closed_loop.selection.chosen import Chosen
+from wearscope.closed_loop.selection.evidence import Found, Refusal
+from wearscope.closed_loop.selection.reversal import (
+    DIFFERENCE,
+    LEAST,
+    STARTS,
+    WIDEST,
+    find_top,
+    is_wide,
+    list_own,
+    reduce_term,
+    take_rest,
+)
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import Effect
 
@@ -115,3 +130,96 @@ class _Suited:
         wide = [is_wide(one.search.problem.prepared, joint) for one in (self, other)]
         likelier = wide == [False, True] and len(self.found) == len(other.found)
         return gain > (-clear if likelier else clear)
+
+
+#: Sum of squares, of what the present law leaves, from which another one at its start is not fitted further.
+_HOPELESS = 4.0
+#: Most steps of the fit; share of the sum of squares below which a step is the last.
+_STEPS, _NEAR = 12, 1e-3
+
+
+def fit_law(
+    prepared: Prepared, assembly: Assembly, joint: int, own: Chosen | None, effect: Effect,
+    shapes: np.ndarray,
+) -> tuple[np.ndarray, Reversals] | None:  # fmt: skip
+    """Shape of a law of a joint's speed, in the place of a term, and the reversal that fits best with it.
+
+    From the best of the shapes and of some widths on, within the range of the shapes' positive numbers and up
+    to a width that drives have (variable projection, Golub and Pereyra 1973).
+
+    Parameters
+    ----------
+    prepared : Prepared
+    assembly : Assembly
+        The model.
+    joint : int
+    own : Chosen or None
+        The term of it in whose place the law stands, if it does.
+    effect : Effect
+        The law.
+    shapes : ndarray (S, k)
+        Of it.
+
+    Returns
+    -------
+    (ndarray (k,), Reversals) or None
+        Nothing where it is far from what the model leaves, wherever it starts.
+    """
+    fit = _LawFit(prepared, assembly, joint, own, effect)
+    today = prepared.reversals
+    top = float(find_top(prepared)[joint])
+    widths = [share * top for share in STARTS]
+    tried = [(float(e @ e), width, s) for width in widths for s, e in enumerate(fit.leave(width, shapes))]
+    least, width, s = min(tried)
+    if least > _HOPELESS * fit.present:
+        return None
+    free = np.flatnonzero((np.ptp(shapes, axis=0) > 0.0) & (shapes.min(axis=0) > 0.0))
+    shape = np.array(shapes[s], dtype=float)
+
+    def leave(z: np.ndarray) -> np.ndarray:
+        shape[free] = np.exp(z[1:])
+        return fit.leave(float(np.exp(z[0])), shape[None])[0]
+
+    low = np.log([LEAST * top, *shapes[:, free].min(axis=0)])
+    high = np.log([WIDEST * top, *shapes[:, free].max(axis=0)])
+    start = np.clip(np.log([width, *shape[free]]), low + 1e-3, high - 1e-3)
+    found = optimize.least_squares(
+        leave, start, bounds=(low, high), diff_step=DIFFERENCE, max_nfev=_STEPS, ftol=_NEAR
+    )
+    shape[free] = np.exp(found.x[1:])
+    return shape, Reversals(np.where(fit.only, np.exp(found.x[0]), today.width), today.form)
+
+
+class _LawFit:
+    """Least squares of a joint's torque on its own plain terms and a law, with a reversal of any width."""
+
+    def __init__(
+        self, prepared: Prepared, assembly: Assembly, joint: int, own: Chosen | None, effect: Effect
+    ) -> None:
+        self.prepared, self.effect, self.joint = prepared, effect, joint
+        mine = list_own(assembly.chosen, self.joint)
+        self.target, self.keep = take_rest(assembly, self.joint, mine)
+        replaced = None if own is None else own.candidate
+        self.kept = [assembly.chosen[k] for k in mine if assembly.chosen[k].candidate is not replaced]
+        self.only = np.arange(prepared.n) == self.joint
+        bounded = [c.candidate.effect.coefficients[k] for c in self.kept for k in c.subset]
+        self.low = np.array([p.lower for p in (*bounded, *effect.coefficients)])
+        every = [assembly.chosen[k].rows[0][self.keep] for k in mine]
+        unbounded = np.full(sum(x.shape[1] for x in every), -np.inf)
+        left = _leave_bounded(np.column_stack(every), self.target, unbounded)
+        self.present = float(left @ left)
+
+    def leave(self, width: float, shapes: np.ndarray) -> list[np.ndarray]:
+        """Torque (K,) that is left with each shape, no coefficient below its bound."""
+        today = self.prepared.reversals
+        changed = Reversals(np.where(self.only, width, today.width), today.form)
+        runs = self.prepared.try_reversals(changed, self.joint)
+        kept = [reduce_term(c, runs)[self.keep] for c in self.kept]
+        law = np.concatenate(map_runs(partial(reduce_columns, self.effect, self.joint, shapes), runs))
+        each = np.split(law[self.keep], len(shapes), axis=1)
+        return [_leave_bounded(np.column_stack([*kept, x]), self.target, self.low) for x in each]
+
+
+def _leave_bounded(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
+    """What columns leave whose coefficients are not below bounds."""
+    return np.asarray(y - x @ fit_bounded(x, y, low, np.full(x.shape[1], np.inf))[1])

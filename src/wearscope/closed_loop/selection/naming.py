@@ -6,8 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, on_same_folds
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.revision import match_gain

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal
 from wearscope.closed_loop.selection.search import NEAR, Search
 
 #: What may be said of a term that another one hides: of a size that matters, but that looks like chance, of

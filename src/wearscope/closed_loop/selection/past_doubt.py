@@ -4,10 +4,8 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
-from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.motion_dependence import Dependence
-from wearscope.closed_loop.selection.past_signals import list_past
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, on_same_folds, weigh
+from wearscope.closed_loop.selection.motion_dependence import Dependence, list_past
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.unknown import LEVELS
 from wearscope.effects.vocabulary import empirical_effect

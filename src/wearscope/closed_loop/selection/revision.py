@@ -6,8 +6,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, on_same_folds, weigh
-from wearscope.closed_loop.selection.found import Found
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, on_same_folds, weigh
 from wearscope.closed_loop.selection.search import HOPELESS, NEAR, Search
 
 #: What is said of a term that stays unless another one is better.

@@ -9,25 +9,24 @@ from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.candidate_rows import tell_candidates
 from wearscope.closed_loop.selection.chosen import Chosen, find_reach
 from wearscope.closed_loop.selection.delays import is_lag, lags_away_from_reversals, lags_slow_torque
-from wearscope.closed_loop.selection.drifting import does_drift_explain
 from wearscope.closed_loop.selection.evidence import (
     Evidence,
+    Found,
     Refusal,
     adjust_p_values,
     on_same_folds,
     weigh,
 )
 from wearscope.closed_loop.selection.forms import Forms
-from wearscope.closed_loop.selection.found import Found
-from wearscope.closed_loop.selection.offers import list_candidates, list_subsets
+from wearscope.closed_loop.selection.offers import list_candidates, list_subsets, tell_candidates
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_reversals
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
+from wearscope.closed_loop.selection.whitening import does_drift_explain
 from wearscope.effects.base import Effect
 
 #: Share of the best term's gain from which another one's shape is refined before they are compared; share of
@@ -201,8 +200,7 @@ class Search:
         key = (frozenset((c.candidate, c.subset) for c in terms), tuple(beside.sigma))
         if key not in self._beside_bodies:
             standard = Assembly(beside.layout, beside.target, tuple(terms), beside.sigma)
-            losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
-            self._beside_bodies[key] = np.minimum(np.array(losses) * beside.sigma**2, self.standard_losses)
+            self._beside_bodies[key] = np.minimum(standard.joint_sums, self.standard_losses)
         return self._beside_bodies[key]
 
     def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
@@ -240,9 +238,7 @@ class Search:
     def keep_standard(self, found: Sequence[Found]) -> None:
         """Keep the loss of the standard model, with which a name's gain is compared."""
         self.sigma = self.scale(found)
-        standard = self.assemble(found)
-        losses = [np.nansum(one.joint_losses, axis=0) for one in (standard, standard.by_fifths)]
-        self.standard_losses = np.array(losses) * self.sigma**2
+        self.standard_losses = self.assemble(found).joint_sums
 
     def settle_reversals(self, found: list[Found], forms: bool = True) -> list[Found]:
         """Fit how the frictions reverse beside the terms found, and make all anew along them."""

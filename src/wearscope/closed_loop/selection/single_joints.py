@@ -11,7 +11,7 @@ from copy import copy
 import numpy as np
 
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.found import Found, count_parameters
+from wearscope.closed_loop.selection.evidence import Found, count_parameters
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.stepwise import extend, settle
 
