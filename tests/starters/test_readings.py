@@ -7,90 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from recorded_chain import LINK, Bench, chain, rub
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
 from wearscope.cli.new_dataset import _name_option
 from wearscope.closed_loop.diagnosis import diagnose
-
-LINK = """<link name="l{n}"><inertial><origin xyz="0 0 {z}"/><mass value="{m}"/><inertia ixx="{i}"
- ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial></link>
- <joint name="j{n}" type="revolute"><parent link="{p}"/>
- <child link="l{n}"/><origin xyz="0 0 {o}"/><axis xyz="0 -1 0"/>
- <limit lower="-3.1" upper="3.1" effort="900" velocity="9"/></joint>"""
-
-
-def move(rng, t, n, size, frequencies):
-    q, v, a = np.zeros((3, len(t), n))
-    for j in range(n):
-        for f in frequencies:
-            w, phase = 2 * np.pi * f * rng.uniform(0.9, 1.1), rng.uniform(0, 6.28)
-            amplitude = size * rng.uniform(0.4, 1.0)
-            q[:, j] += amplitude * np.sin(w * t + phase)
-            v[:, j] += amplitude * w * np.cos(w * t + phase)
-            a[:, j] -= amplitude * w**2 * np.sin(w * t + phase)
-    return q, v, a
-
-
-def chain(q, v, a, mass, length, gravity=9.81):
-    """Torque of a hanging planar chain of point masses at the links' ends, by Newton's law alone."""
-    th, om, al = (np.cumsum(x, 1) for x in (q, v, a))
-    ax = np.cumsum(length * (np.cos(th) * al - np.sin(th) * om**2), 1)
-    az = np.cumsum(length * (np.sin(th) * al + np.cos(th) * om**2), 1) + gravity
-    x, z = np.cumsum(length * np.sin(th), 1), np.cumsum(-length * np.cos(th), 1)
-    tau = np.zeros_like(q)
-    for j in range(q.shape[1]):
-        x0, z0 = (x[:, j - 1], z[:, j - 1]) if j else (0.0, 0.0)
-        tau[:, j] = sum(
-            mass * ((x[:, i] - x0) * az[:, i] - (z[:, i] - z0) * ax[:, i]) for i in range(j, q.shape[1])
-        )
-    return tau
-
-
-class Bench:
-    """Recordings of a chain as CSV, and the command that takes them."""
-
-    def __init__(self, folder, n, mass=1.2, length=0.3, size=0.3, rate=100.0, seconds=14.0, runs=3):
-        self.folder, self.n, self.mass, self.length, self.runs = folder, n, mass, length, runs
-        self.size, self.rate, self.seconds = size, rate, seconds
-        self.frequencies = (0.11, 0.23, 0.37, 0.61)
-        links = [
-            LINK.format(n=k + 1, z=-length, m=mass, i=1e-5, o=-length if k else 0, p=f"l{k}" if k else "base")
-            for k in range(n)
-        ]
-        text = f'<robot name="chain"><link name="base"/>{"".join(links)}</robot>'
-        (folder / "arm.urdf").write_text(text)
-
-    def record(self, torque, clock=None, position=lambda q, k: q):
-        for k in range(self.runs):
-            rng = np.random.default_rng([self.n, k])
-            t = np.arange(int(self.seconds * self.rate)) / self.rate if clock is None else clock(k)
-            q, v, a = move(rng, t, self.n, self.size, self.frequencies)
-            tau = torque(q, v, a, rng, t)
-            names = [f"{kind}{j + 1}" for kind in ("q", "tau") for j in range(self.n)]
-            table = np.column_stack([t, position(q, k), tau])
-            header = ",".join(["time", *names])
-            np.savetxt(self.folder / f"run{k}.csv", table, "%.8g", ",", header=header, comments="")
-        return self
-
-    def take(self, *options):
-        files = [str(self.folder / f"run{k}.csv") for k in range(self.runs)]
-        place = ["--urdf", str(self.folder / "arm.urdf"), "--name", "d", "--in", str(self.folder)]
-        return CliRunner().invoke(wearscope, ["new", "dataset", *files, *place, *options])
-
-    def refuse(self, *options):
-        done = self.take(*options)
-        assert done.exit_code != 0 and not (self.folder / "d").exists()
-        return " ".join(str(done.exception or done.output).split())
-
-    def accept(self, *options):
-        done = self.take(*options)
-        assert done.exit_code == 0, done.output + str(done.exception)
-        return check_dataset(self.folder / "d").notes
-
-
-def rub(v, coulomb, viscous):
-    return coulomb * np.tanh(v / 0.01) + viscous * v
 
 
 @pytest.mark.parametrize(

@@ -234,3 +234,21 @@ def test_a_real_servo_from_its_own_columns(tmp_path):
     found = np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=None)[0]
     assert mapped.servo.back_emf + found[4] == pytest.approx(0.042, abs=0.009)
     assert 0.2 < found[5] < 0.6, "friction grows with the motor's torque"
+
+
+def test_registers_of_a_servo_are_brought_to_its_units(tmp_path):
+    """Counts from the middle of the turn, tenths of a volt: as if they had been recorded in rad and V."""
+    urdf = tmp_path / "pendulum.urdf"
+    urdf.write_text(PENDULUM)
+    t = np.arange(0.0, 12.0, 0.01)
+    q = 0.8 * np.sin(t)
+    counts = np.round(2048 + q * 4096 / (2 * np.pi))
+    table = {"Timestamp": t, "Present Position": counts, "Present PWM": 300 * np.cos(t)}
+    for name, volts in (("tenths", 74), ("volts", 7.4)):
+        pd.DataFrame({**table, "Present Input Voltage": np.full(len(t), volts)}).to_csv(
+            tmp_path / f"{name}.csv", index=False
+        )
+        mapped = Mapped(servo=read_servo_option("sts3215"), counts_per_turn=[4096.0])
+        made = convert_recordings([tmp_path / f"{name}.csv"], urdf, mapped).runs[0].frame
+        np.testing.assert_allclose(made["q_arm"], q[: len(made)], atol=8e-4)
+        np.testing.assert_allclose(made["volts_arm"], 7.4, rtol=1e-12)

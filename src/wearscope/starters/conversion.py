@@ -17,6 +17,7 @@ from wearscope.starters.figures import take_option
 from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import open_recordings
+from wearscope.starters.servos import read_raw_units
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
 from wearscope.starters.uses import Recorded, choose_uses, find_common_rate
@@ -152,6 +153,8 @@ def _convert(
     unit = position_unit(file, groups["position"], values["position"], ordered, mapped, notes)
     ratio = take_ratios(gear, "--side motor", len(joints)) if mapped.side == "motor" else np.ones(len(joints))
     speed = groups["velocity"].factors if "velocity" in groups and groups["velocity"].units else unit
+    if mapped.servo is not None:
+        notes += read_raw_units(file, values, mapped.counts_per_turn)
     if mapped.counts_per_turn:
         values |= {kind: unwrap_counts(values[kind]) for kind in ("position", "goal") if kind in values}
     for kind, prefix, factor in (("position", "q", unit / ratio), ("velocity", "qd", speed / ratio)):

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wearscope.errors import InputError
+from wearscope.robots.spatial import Array
 from wearscope.servos import COLUMNS, ServoFields, read_servo
 from wearscope.starters.columns import Group, find_groups, is_commanded, match_pattern
 
@@ -23,6 +26,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 #: Kinds of a servo's columns, next to those of every recording.
 SERVO_KINDS = ("goal", "duty", "volts", "on")
+#: Whole numbers above it are tenths of a volt, as the registers of these servos have them.
+_TENTHS = 30.0
 #: Columns that are taken where a recording has them.
 _OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
 
@@ -94,3 +99,28 @@ def choose_servo_groups(
             "to --servo."
         )
     return groups
+
+
+def read_raw_units(file: Path, values: dict[str, Array], counts: Sequence[float]) -> list[str]:
+    """Bring a servo's own units to volts and to counts from the middle of its turn, with notes.
+
+    Parameters
+    ----------
+    file : Path
+    values : dict of str to ndarray (N, n)
+        Columns by kind, which are changed.
+    counts : sequence of float
+        Of a turn, for each joint or for all; empty where positions are no counts.
+    """
+    notes = []
+    volts = values.get("volts")
+    if volts is not None and np.all(volts == np.round(volts)) and np.median(volts) > _TENTHS:
+        values["volts"] = volts / 10.0
+        notes.append(f"{file.name}: the supply is read as tenths of a volt, by its size.")
+    position = values["position"]
+    if len(counts) and np.all((position >= 0.0) & (position < counts)):
+        for kind in ("position", "goal"):
+            if kind in values:
+                values[kind] = values[kind] - np.array(counts) / 2.0
+        notes.append(f"{file.name}: counts of a servo's turn are taken from its middle (else --shift).")
+    return notes

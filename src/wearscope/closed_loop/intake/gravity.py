@@ -7,14 +7,12 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import WORTH, Rows
+from wearscope.closed_loop.intake.joint_fit import Rows
 
 #: Rows on which a direction is sought; part of gravity along an axis below which there is none.
 _FEW, _LEVEL = 300, 0.03
 #: Cosine of the angle to the stated direction from which there is no other.
 _AS_STATED = 0.9
-#: Shares of variance by which another mount may leave more than springs of all joints would.
-_ALIKE = 0.01
 
 
 def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
@@ -74,4 +72,5 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
     found = found / np.linalg.norm(found)
     # A balancer gives at most what gravity does, and is a tilt; a spring may give more, and fits better.
     tilts = float(np.linalg.norm(found - stated / size)) < 1.0
-    return np.asarray(found) if few.is_worth(miss(found), WORTH if tilts else -_ALIKE) else None
+    told = few.is_worth if tilts else few.rivals_springs
+    return np.asarray(found) if told(miss(found)) else None

@@ -30,6 +30,8 @@ _COST, _CARRIED, _LOADED = 0.02, 0.01, 0.05
 LEAST_ROWS = 30
 #: Share of a torque's variance that a reading removes at least.
 WORTH = 0.05
+#: Share of a torque's variance that is none.
+_ALIKE = 0.01
 _HELD = 1e-9
 
 
@@ -71,9 +73,13 @@ class Rows:
     gravity: float = 1.0
     springs: bool = False
 
-    def is_worth(self, total: float, worth: float = WORTH) -> bool:
-        """Whether a reading leaves less, by `worth`, than springs and balancers of all joints would."""
-        return total < replace(self, springs=True).products.fit().total - worth
+    def is_worth(self, total: float) -> bool:
+        """Whether a reading leaves clearly less than springs and balancers of all joints would."""
+        return total < replace(self, springs=True).products.fit().total - WORTH
+
+    def rivals_springs(self, total: float) -> bool:
+        """Whether a reading does about as well as springs and balancers of all joints would."""
+        return total < 2.0 * replace(self, springs=True).products.fit().total + _ALIKE
 
     @property
     def n(self) -> int:
@@ -226,6 +232,14 @@ class Products:
     def heard(self) -> list[int]:
         """Joints that say something."""
         return [j for j, gram in enumerate(self.grams) if gram.size]
+
+    def resize(self, size: np.ndarray) -> "Products":
+        """Products of torques divided by a size (n,), in units of the spread that they have then."""
+        grams = []
+        for gram, one in zip(self.grams, size.tolist(), strict=True):
+            scale = np.append(np.full(max(len(gram) - 1, 0), one), 1.0)[: len(gram)]
+            grams.append(gram * np.outer(scale, scale))
+        return replace(self, grams=grams, scale=self.scale / np.abs(size))
 
     def fit(self, turned: np.ndarray | None = None, friction: float = 1.0) -> Fit:
         """Fit all joints at once.

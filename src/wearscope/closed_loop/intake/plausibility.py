@@ -14,9 +14,10 @@ from wearscope.closed_loop.intake.asked import Asked, Reading
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import SMALL, find_reading, say_factors
+from wearscope.closed_loop.intake.readings import find_reading
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
+from wearscope.closed_loop.intake.sizes import find_impossible_sizes, leave, say_sizes
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
@@ -24,14 +25,13 @@ from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 _DOUBTFUL = 0.1
 #: A data set is refused without a remedy where this share of the variance stays at half of its joints.
 _HOPELESS = 0.8
+#: Share of a torque's variance, half of it as RMS, beyond which no name can be judged.
+_UNJUDGED = 0.25
 #: Most rows of all runs, and of one run, that the readings are weighed on.
 _MOST_ROWS, _MOST_OF_RUN = 4000, 1200
 #: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
 #: explains all but a share of it.
 _QUIET, _IDLE = 0.2, 0.3
-#: Torque over what the body needs beyond which no undeclared drive's inertia explains it, where that inertia
-#: and the body move alike: the body's own share of its torque there.
-_LARGEST, _OWN = 300.0, 0.05
 #: Counts of a torque that a joint which holds still may swing by.
 _COUNTS = 5.0
 #: Share of its reach below which a joint rests in a run.
@@ -124,37 +124,16 @@ def _refuse(prepared: Prepared, where: str, told: str, *codes: str) -> None:
 
 def _check_sizes(prepared: Prepared, whole: Rows) -> None:
     """Torques of joints at which body and drive's inertia move alike, so that one passes for the other."""
-    factors = np.full((len(prepared.runs), prepared.n), np.nan)
-    for k in range(len(prepared.runs)):
-        own = whole.pick(whole.run == k)
-        # A light wrist's drive may have a thousand times its body's inertia, yet needs less than the arm's.
-        heard = own.products.heard
-        most = max((float(own.known[own.counts[:, j], j].std()) for j in heard), default=0.0)
-        for j in heard:
-            at = own.counts[:, j]
-            known, plain = own.known[at, j], [np.ones(at.sum()), own.sign[at, j], own.v[at, j]]
-            if _leave(known, [*plain, own.a[at, j]]).std() > _OWN * known.std():
-                continue
-            tau, body = _leave(own.tau[at, j], plain), _leave(known, plain)
-            if (body @ tau) ** 2 > 0.5 * (body @ body) * (tau @ tau):
-                factor = body @ tau / (body @ body)
-                factors[k, j] = factor if abs(factor) < 1.0 or tau.std() > most else np.nan
-    with np.errstate(invalid="ignore"):
-        off = (np.abs(factors) < SMALL) | (np.abs(factors) > _LARGEST)
-    runs = np.flatnonzero(off.any(axis=1))
+    every = range(len(prepared.runs))
+    sizes = np.array([find_impossible_sizes(whole.pick(whole.run == k)) for k in every])
+    runs = np.flatnonzero(np.isfinite(sizes).any(axis=1))
     if len(runs):
         where = prepared.dataset.folder
         if len(runs) < len(prepared.runs):
             where = where / prepared.runs[runs[0]].file
-        at = np.flatnonzero(off[runs[0]])
-        told, codes = say_factors(_ask(prepared, whole), at, factors[runs[0]])
+        at = np.flatnonzero(np.isfinite(sizes[runs[0]]))
+        told, codes = say_sizes(_ask(prepared, whole), at, sizes[runs[0]])
         _refuse(prepared, str(where), told, *codes)
-
-
-def _leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
-    """What columns do not explain of a signal."""
-    x = np.column_stack(columns)
-    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
 
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
@@ -241,6 +220,22 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
                 "middle joint's); check that the columns belong together, their units, and the URDF."
             )
             _refuse(prepared, str(prepared.dataset.folder / run.file), told, "unrelated tau")
+    own = np.nan_to_num(replace(whole, springs=True).products.fit().left)
+    bad = np.flatnonzero(own > _UNJUDGED)
+    names, sizes = [f"tau_{prepared.dataset.joints[j]}" for j in bad], 100 * np.sqrt(own[bad])
+    # One joint may have what no other has; most joints together lack something that moves them all.
+    if 1 < len(bad) >= 0.5 * len(whole.products.heard):
+        told = (
+            f"body, friction and springs leave {sizes.min():.0f} to {sizes.max():.0f} % (RMS) of "
+            f"{', '.join(names)}, as where the base moves or something is touched; measure on a fixed base "
+            "and free of contact, or check that the columns belong together, their units, and the URDF."
+        )
+        _refuse(prepared, str(prepared.dataset.folder), told, "unrelated tau")
+    for name, size in zip(names, sizes, strict=True):
+        prepared.notes.append(
+            f"{name}: body, friction and springs leave {size:.0f} % of this torque (RMS), and no reading of "
+            "its column is better."
+        )
 
 
 def _free_misfit(own: Rows, j: int) -> float:
@@ -279,7 +274,7 @@ def _needs_body(whole: Rows, j: int) -> bool:
     """Whether a joint's body has much torque that the drive's own inertia and friction cannot have."""
     at = whole.counts[:, j]
     own = [np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]]
-    return bool(_leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
+    return bool(leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
 
 
 def _torque_spread(run: PreparedRun) -> np.ndarray:

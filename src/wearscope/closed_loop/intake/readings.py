@@ -15,6 +15,7 @@ from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
+from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
 
 _MOTION = ("q", "v", "a", "sign")
@@ -27,12 +28,8 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
 #: What the stated reading must leave for others to be asked, in shares of a torque's variance; a reading's
 #: joints must then keep less than a share of what it removes. Totals that differ by less are alike.
 _DOUBTFUL, _CLEAR, _ALIKE = 0.015, 0.3, 0.02
-#: Torque over need beyond which a factor is no error of the model.
-SMALL, _LARGE = 0.25, 4.0
-#: Least share of a torque that a body must explain for its factor to mean anything.
-_BODY = 0.5
-#: Rows of a first look; least span of a position in degrees, or in mm, that is a motion.
-_FIRST_LOOK, _LEAST_DEGREES, _LEAST_MM = 900, 1.0, 5.0
+#: Rows of a first look; least span of a position in degrees that is a motion.
+_FIRST_LOOK, _LEAST_DEGREES = 900, 1.0
 #: Longest delay that is sought, its step, and the least that is the recorder's [s];
 #: runs that must show it, at most; delays of two runs that differ by less are alike.
 _LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
@@ -73,7 +70,7 @@ def _list_readings(
     """Readings from the likeliest to the unlikeliest: of those alike the first is taken."""
     rows, heard = asked.rows, tuple(asked.rows.products.heard)
     yield from read_gravity(asked, heard)
-    yield from _read_factors(asked, stated, factor, loose, without)
+    yield from read_sizes(asked, stated, factor, loose, without)
     turned = _turn_torques(rows)
     if turned is not None:
         yield _tell_turned(asked, turned, np.zeros(rows.n, dtype=bool), rows.products.fit(_signs(turned)))
@@ -86,45 +83,6 @@ def _list_readings(
     yield from _read_turned_positions(asked)
     yield from read_zeros(asked, stated)
     yield from _read_exchanges(asked, stated)
-
-
-def _read_factors(
-    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
-) -> Iterator[Reading]:
-    """Motor-side torque, currents, newton-millimetres, masses in grams."""
-    rows = asked.rows
-    with np.errstate(invalid="ignore"):
-        off = (np.abs(factor) < SMALL) | (np.abs(factor) > _LARGE)
-        off &= loose < _BODY * without
-    at = np.flatnonzero(off)
-    if not len(at):
-        return
-    divisor = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0)
-    read = rows.times(1.0 / divisor, "tau")
-    told, codes = say_factors(asked, at, factor)
-    yield Reading(told, codes, tuple(at.tolist()), read.products.fit(), True)
-
-
-def say_factors(asked: Asked, at: np.ndarray, factor: np.ndarray) -> tuple[str, tuple[str, ...]]:
-    """What is said of joints `at` with torques `factor` (n,) times what the body needs, and its codes."""
-    middle = float(np.median(factor[at]))
-    hint = (
-        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
-    )
-    ratio = asked.gear_ratio
-    if ratio is not None and 0.3 < abs(middle * float(np.median(np.abs(np.array(ratio)[at])))) < 3.0:
-        hint = "it looks like motor-side torque: multiply it with the gear ratio"
-    elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
-        hint += ", and that q is in rad"
-    elif all(asked.slides[j] and np.ptp(asked.rows.q[:, j]) > _LEAST_MM for j in at):
-        hint += ", and that q is in m"
-    names = asked.names(at)
-    sizes = ", ".join(f"{one:.3g}" for one in factor[at])
-    told = (
-        f"{say_columns(names)} {'is' if len(at) == 1 else 'are'} {sizes} times what the rigid body needs, as "
-        f"currents or torques in another unit or before a gear are; {hint}."
-    )
-    return told, tuple(f"gain {name}" for name in names)
 
 
 def _signs(turned: np.ndarray) -> np.ndarray:
@@ -235,7 +193,7 @@ def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     span = np.ptp(rows.q, axis=0)
     for kind, unit, target, factor, least in (
         (~slides, "degrees", "rad", np.pi / 180.0, _LEAST_DEGREES),
-        (slides, "mm", "m", 1e-3, _LEAST_MM),
+        (slides, "mm", "m", 1e-3, LEAST_MM),
     ):
         moved = kind & (span > least)
         picked = [moved, *(np.arange(rows.n) == j for j in np.flatnonzero(moved) if moved.sum() > 1)]

@@ -1,0 +1,114 @@
+"""Torques of another size than the rigid body needs: currents, another unit, another side of the gear."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
+from wearscope.closed_loop.intake.joint_fit import Fit, Products, Rows
+
+#: Torque over need beyond which a factor is no error of the model.
+_SMALL, _LARGE = 0.25, 4.0
+#: Torque over what the body needs beyond which no undeclared drive's inertia explains it, where that inertia
+#: and the body move alike: the body's own share of its torque there.
+_LARGEST, _OWN = 300.0, 0.05
+#: Least share of a torque that a body must explain for its factor to mean anything.
+_BODY = 0.5
+#: Factors that are tried, in octaves; shares of a torque's variance from which another is sought, and that it
+#: must remove.
+_OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
+#: Least span of a position in mm that is a motion.
+LEAST_MM = 5.0
+
+
+def read_sizes(
+    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
+) -> Iterator[Reading]:
+    """Motor-side torque, currents, newton-millimetres, masses in grams."""
+    rows = asked.rows
+    with np.errstate(invalid="ignore"):
+        off = _is_off(factor) & (loose < _BODY * without)
+    size = _find_sizes(rows.products, np.where(off, np.nan_to_num(np.abs(factor), nan=1.0), 1.0))
+    size = np.where(_is_off(size), size, 1.0)
+    fit = rows.products.resize(size).fit()
+    at = np.flatnonzero(size != 1.0)
+    # A torque in which no body is seen is of any size.
+    if len(at) and np.all(fit.left[at] < _BODY * without[at]) and rows.rivals_springs(fit.total):
+        told, codes = say_sizes(asked, at, size)
+        yield Reading(told, codes, tuple(at.tolist()), fit, True)
+
+
+def _is_off(size: np.ndarray) -> np.ndarray:
+    return np.asarray((np.abs(size) < _SMALL) | (np.abs(size) > _LARGE))
+
+
+def _find_sizes(products: Products, start: np.ndarray) -> np.ndarray:
+    """Torque over need (n,) at which the fit of all joints leaves least, the most telling joint first."""
+    size, free = start.copy(), list(products.heard)
+
+    def miss(octave: float, j: int) -> float:
+        other = size.copy()
+        other[j] *= 2.0**octave
+        return products.resize(other).fit().total
+
+    least = products.resize(size).fit().total
+    while free and least > _LEFT:
+        total, octave, j = min((miss(octave, j), octave, j) for j in free for octave in _OCTAVES)
+        if total > least - _ALIKE:
+            break
+        bounds = (octave - 2.0, octave + 2.0)
+        fine = optimize.minimize_scalar(
+            miss, bounds=bounds, args=(j,), method="bounded", options={"xatol": 0.02}
+        )
+        size[j] *= 2.0**fine.x
+        least = float(fine.fun)
+        free.remove(j)
+    return size
+
+
+def say_sizes(asked: Asked, at: np.ndarray, size: np.ndarray) -> tuple[str, tuple[str, ...]]:
+    """What is said of joints `at` with torques `size` (n,) times what the body needs, and its codes."""
+    middle = float(np.median(size[at]))
+    hint = (
+        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
+    )
+    ratio = asked.gear_ratio
+    if ratio is not None and 0.3 < abs(middle * float(np.median(np.abs(np.array(ratio)[at])))) < 3.0:
+        hint = "it looks like motor-side torque: multiply it with the gear ratio"
+    elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
+        hint += ", and that q is in rad"
+    elif all(asked.slides[j] and np.ptp(asked.rows.q[:, j]) > LEAST_MM for j in at):
+        hint += ", and that q is in m"
+    names = asked.names(at)
+    sizes = ", ".join(f"{one:.3g}" for one in size[at])
+    told = (
+        f"{say_columns(names)} {'is' if len(at) == 1 else 'are'} {sizes} times what the rigid body needs, as "
+        f"currents or torques in another unit or before a gear are; {hint}."
+    )
+    return told, tuple(f"gain {name}" for name in names)
+
+
+def find_impossible_sizes(rows: Rows) -> np.ndarray:
+    """Torque over need (n,) of joints at which body and rotor move alike; NaN where it is possible."""
+    size = np.full(rows.n, np.nan)
+    # A light wrist's drive may have a thousand times its body's inertia, yet needs less than the arm's.
+    heard = rows.products.heard
+    most = max((float(rows.known[rows.counts[:, j], j].std()) for j in heard), default=0.0)
+    for j in heard:
+        at = rows.counts[:, j]
+        known, plain = rows.known[at, j], [np.ones(at.sum()), rows.sign[at, j], rows.v[at, j]]
+        if leave(known, [*plain, rows.a[at, j]]).std() > _OWN * known.std():
+            continue
+        tau, body = leave(rows.tau[at, j], plain), leave(known, plain)
+        if (body @ tau) ** 2 > 0.5 * (body @ body) * (tau @ tau):
+            one = body @ tau / (body @ body)
+            if abs(one) < _SMALL or (abs(one) > _LARGEST and tau.std() > most):
+                size[j] = one
+    return size
+
+
+def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
+    """What columns do not explain of a signal."""
+    x = np.column_stack(columns)
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])

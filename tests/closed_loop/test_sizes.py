@@ -1,0 +1,52 @@
+"""Torques of another size, told where the stated body explains little; contacts, which nothing explains."""
+
+import re
+
+import numpy as np
+import pytest
+from recorded_chain import Bench, chain, rub
+
+
+def torque(factors, mass=1.0):
+    """Chain of point masses with friction, each joint's torque in a unit of its own."""
+
+    def made(q, v, a, rng, t):
+        tau = chain(q, v, a, mass, 0.3) + rub(v, 0.25 * mass, 0.4 * mass)
+        return np.array(factors) * (tau + rng.normal(0, 0.02 * mass, q.shape))
+
+    return made
+
+
+@pytest.mark.parametrize("factors", [(1000.0, 1.0), (1.0, 8.0), (0.08, 1.0), (1.0, 60.0, 1.0)])
+def test_a_joint_in_another_unit_is_told_with_a_poor_body(tmp_path, factors):
+    """The URDF has moments of inertia about the joints and masses that are a third off."""
+    bench = Bench(tmp_path, len(factors), seconds=9.0)
+    urdf = (tmp_path / "arm.urdf").read_text().replace('mass value="1.2"', 'mass value="1.3"')
+    (tmp_path / "arm.urdf").write_text(re.sub(r'i(xx|yy|zz)="1e-05"', r'i\1="0.12"', urdf))
+    text = bench.record(torque(factors)).refuse()
+    odd = next(k for k, one in enumerate(factors) if one != 1.0)
+    said = re.search(r"'tau_j(\d)' is (\S+) times what the rigid body needs", text)
+    assert said is not None and int(said[1]) == odd + 1
+    assert float(said[2]) == pytest.approx(factors[odd], rel=0.4)
+
+
+def test_a_strong_spring_is_no_other_mount_and_no_other_unit(tmp_path):
+    bench = Bench(tmp_path, 1, size=0.5, seconds=9.0)
+    weight = 1.2 * 0.3 * 9.81
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 1.2, 0.3) + rub(v, 0.1, 0.1) - 2.5 * weight * (q + 0.4)
+    ).accept()
+
+
+def test_a_leg_that_walks_is_refused(tmp_path):
+    """A foot's force on half of the time acts on all joints, and no joint has it for its own."""
+    bench = Bench(tmp_path, 3, seconds=9.0)
+    bench.frequencies = (0.4, 0.9, 1.3)
+
+    def walk(q, v, a, rng, t):
+        angle = np.cumsum(q, axis=1)
+        down = 60.0 * (np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6)) > 0) * (1.0 + 0.3 * np.sin(9.0 * t))
+        along = np.cumsum((0.3 * np.sin(angle))[:, ::-1], axis=1)[:, ::-1]
+        return torque((1.0, 1.0, 1.0))(q, v, a, rng, t) - along * down[:, None]
+
+    assert "as where the base moves or something is touched" in bench.record(walk).refuse()
