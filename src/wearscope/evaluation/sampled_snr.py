@@ -16,7 +16,7 @@ from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 Array = NDArray[np.float64]
 NODES = 4096
 DRAW_NODES = 256
-MOST_RUNS = 5_000
+MOST_RUNS = 20_000
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
