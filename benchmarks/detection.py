@@ -15,7 +15,7 @@ from scipy.stats import norm
 FEWEST = 12
 """Fewest effects of which a curve is fitted."""
 AXES = ("noise_level", "rate", "reversal", "encoder", "duration")
-"""Axes of numbers that the surrogate has beside the size; the logarithm of each, centred."""
+"""Axes of numbers that the surrogate has in addition to the size; the logarithm of each, centred."""
 
 
 def _say_no(note: str, effects: int) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def _is_separated(size: NDArray[np.float64], found: NDArray[np.float64]) -> bool
 def _fit_axes(
     chosen: pd.DataFrame, matrix: NDArray[np.float64], found: NDArray[np.float64]
 ) -> dict[str, dict[str, float]]:
-    """Effect of each axis on the logit beside the size; weakly ridged, so that few cases do not diverge."""
+    """Effect of each axis on the logit given the size; weakly ridged, so that few cases do not diverge."""
     columns, names = [], []
     for axis in AXES:
         if f"axis_{axis}" in chosen:

@@ -1,4 +1,4 @@
-"""Large studies of copies of one robot: written, run here, measured, and foretold by smaller ones."""
+"""Large studies of copies of one robot: written, run here, measured, and predicted from smaller ones."""
 
 import argparse
 import json
@@ -171,7 +171,7 @@ def run_study(
     return found
 
 
-def foretell(before: list[Found], robots: int, points: int) -> Found:
+def predict(before: list[Found], robots: int, points: int) -> Found:
     """What a study takes by the line through studies of one robot, once for each of its robots."""
     there = np.array([list(asdict(one).values()) for one in before])
     runs = 6 * (points + 1)
@@ -180,13 +180,13 @@ def foretell(before: list[Found], robots: int, points: int) -> Found:
 
 
 def check_plan(folder: Path, given: argparse.Namespace) -> None:
-    """Run studies of one robot, then divided ones, and print what came, with what those before foretell."""
+    """Run studies of one robot, then divided ones, and print what came, with what those before predict."""
     print("| study | | simulations | jobs | files | GB | processor [h] | wall [h] |\n|" + 8 * "---|")
     line: list[Found] = []
     for asked in [*given.run, *given.partitions]:
         robots, points = map(int, asked.split("x"))
         if len(line) > 1:
-            foretell(line, robots, points).tell(asked, f"foretold by the {len(line)} before")
+            predict(line, robots, points).tell(asked, f"predicted from the {len(line)} before")
         cores = given.cores if asked in given.partitions else None
         found = run_study(folder / asked, robots, points, given, cores)
         for target, one in found.items():

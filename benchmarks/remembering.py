@@ -3,7 +3,7 @@
 `remember` puts memories in front of the pure functions that a search spends its time in: normal equations,
 the evidence on a candidate, its shape, drifts, reversals, generic terms. Outcomes are kept by the very
 objects that they depend on, and a function that meets the same objects again gives the outcome itself: a
-search takes the same steps and ends with the same bits as without. What the rule says is asked anew every
+search takes the same steps and ends with the same bits as without. What the rule says is tested again every
 time; what is remembered of evidence reads the signs and `informing`, which are part of what the outcomes are
 kept by.
 """
@@ -58,7 +58,7 @@ class Memory:
 
 
 def tell_chosen(chosen: Any) -> tuple:
-    """What a model's terms are, in order: candidates stand for themselves."""
+    """What a model's terms are, in order: candidates represent themselves."""
     return tuple((c.candidate, c.subset) for c in chosen)
 
 

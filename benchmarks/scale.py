@@ -4,7 +4,7 @@
     .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
     .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
     .venv/bin/python benchmarks/scale.py --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
-                                                                             foretell one, divided, and run it
+                                                                             predict one, divided, and run it
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
 than two minutes of its one processor or more than 2 GiB is ended, and said so. `--dry ROBOTSxPOINTS` plans 6

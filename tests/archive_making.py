@@ -8,7 +8,7 @@ import pandas as pd
 
 from wearscope import archive, tables
 
-#: Stands for the code that made a study.
+#: Represents the code that made a study.
 CODE = [__file__]
 
 

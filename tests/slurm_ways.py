@@ -48,7 +48,7 @@ WORKS = {
     "quick": Work("all", "in_one_job", lambda _: ["--configfile", "config/quick.yaml"]),
     "track": Work("track", "track_in_one_job", make_machine),
 }
-#: Beside the local one, see `build_command`.
+#: In addition to the local one, see `build_command`.
 WAYS = ("srun", "one job")
 
 

@@ -3,7 +3,7 @@
     python -m benchmarks.board.advice --part development --cases 60 --seed 7 --jobs 2 --out DIR
 
 A case has one effect of the vocabulary planted in a machine of which two short runs of one kind of motion are
-recorded, so that names are often left open. Where the set of names of the planted effect holds it beside
+recorded, so that names are often left open. Where the set of names of the planted effect holds it next to
 others, the advised runs are recorded on the same machine, as many as are promised, and the loop is closed
 again. The advice sees the recordings only.
 """
@@ -49,7 +49,7 @@ def run_advice_case(case: Case, place: Path) -> dict[str, Any]:
     dict
         `number`, `told`, `outcome`: ``error``, ``not in the set`` (the planted effect is not among the names
         at its joint), ``one name`` (nothing is open), ``no plan``, or of an open one ``right`` (it alone is
-        named afterwards), ``still open`` (named beside others), ``lost`` (it is not among the names any
+        named afterwards), ``still open`` (named next to others), ``lost`` (it is not among the names any
         more); with `names`, `after`, `cycle`, `runs`, `power`, angles, `seconds`.
     """
     from wearscope.closed_loop.diagnosis import diagnose

@@ -1,4 +1,4 @@
-"""What a recording has besides the machine: torque noise of several kinds, encoder error, sampling jitter."""
+"""What a recording has next to the machine: torque noise of several kinds, encoder error, sampling jitter."""
 
 import numpy as np
 from numpy.typing import NDArray

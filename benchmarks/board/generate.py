@@ -237,7 +237,7 @@ def generate_dataset(
     seed : int
     recipe : Recipe, optional
     truth_path : path-like, optional
-        Where the truth is sealed as JSON; beside it, ``<stem>.signals.parquet`` holds the noiseless torque
+        Where the truth is sealed as JSON; next to it, ``<stem>.signals.parquet`` holds the noiseless torque
         (`clean_<joint>`), the noise (`noise_<joint>`), the plants' torque (`effect_<joint>`) and the
         positions as recorded (`position_<joint>`) by run.
 

@@ -46,7 +46,7 @@ def accepted_names(effect: str) -> tuple[str, ...]:
 def project_parameter(families: Families, effect: str, torque: list[Array]) -> float | None:
     """Coefficient of the usual form nearest to a planted torque.
 
-    Refitted beside it are the declared effects, plain friction and rotor inertia: it is what a perfect fit of
+    Refitted with it are the declared effects, plain friction and rotor inertia: it is what a perfect fit of
     the usual form would find; None where the form has free shape parameters.
     """
     if effect not in ONE_COEFFICIENT:

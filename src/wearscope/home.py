@@ -1,4 +1,4 @@
-"""Where the workflow is: beside the package in a clone, inside it where a wheel was installed."""
+"""Where the workflow is: next to the package in a clone, inside it where a wheel was installed."""
 
 from pathlib import Path
 

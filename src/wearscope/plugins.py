@@ -159,7 +159,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         failure = error
     if isinstance(failure, ModuleNotFoundError) and str(failure.name).startswith((_PREFIX, "<dynamic>")):
-        # Compiled functions kept beside the file before it was moved here.
+        # Compiled functions kept next to the file before it was moved here.
         for kept in place.parent.glob(f"__pycache__/{place.stem}.*.nb[ci]"):
             kept.unlink(missing_ok=True)
         try:

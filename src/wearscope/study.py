@@ -116,7 +116,7 @@ class Study:
         return self.table("scope", **where)
 
     def sensitivity(self, **where: Any) -> pd.DataFrame:
-        """How much each factor moves a detector beside wear, as `table` gives it."""
+        """How much each factor moves a detector in addition to wear, as `table` gives it."""
         return self.table("sensitivity", **where)
 
     def test_quantities(self, **where: Any) -> pd.DataFrame:

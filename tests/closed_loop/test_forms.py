@@ -1,4 +1,4 @@
-"""A small term beside one a hundred times its size: told from that one's form, or not named."""
+"""A small term next to one a hundred times its size: told from that one's form, or not named."""
 
 import numpy as np
 import pytest

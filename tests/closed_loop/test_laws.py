@@ -1,4 +1,4 @@
-"""Friction laws beside reversals: what rises smoothly from rest is no wide reversal beside another law."""
+"""Friction laws and reversals: what rises smoothly from rest is no wide reversal with another law."""
 
 import numpy as np
 import pytest

@@ -31,7 +31,7 @@ def turning(t, q, v, a, rng):
 
 
 def dragging(t, q, v, a, rng):
-    """A torque by another joint's position, beside a hum of its size."""
+    """A torque by another joint's position, with a hum of its size."""
     hum = np.sin(2 * np.pi * 3.1 * t + rng.uniform(0, 6))
     return np.column_stack([1.2 * np.sin(2.0 * q[:, 1]) + hum, 0.0 * t])
 
@@ -69,7 +69,7 @@ def knock(t, q, v, a, rng):
 
 @pytest.fixture
 def ask(record, pose):
-    """What depends on the motion beside the declared model, by joint."""
+    """What depends on the motion conditional on the declared model, by joint."""
 
     def depend(extra, seed, **more):
         return find_dependence(

@@ -113,7 +113,7 @@ def test_an_evident_second_name_is_left_out_nearly_always():
 
 @pytest.fixture(scope="module")
 def two_effects(record_at, tmp_path_factory):
-    """A Stribeck effect, found first, and a ripple beside which its shape and its scale are others."""
+    """A Stribeck effect, found first, and a ripple that changes its shape and its scale."""
     planted = [
         (0, "stribeck", {"level": 10.0, "speed": 0.3, "exponent": 1.0}),
         (0, "torque_ripple", {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}),
@@ -186,7 +186,7 @@ def test_the_simplest_able_name_of_the_set_is_given_and_the_others_stand_beside_
     complex_, simple = evidence("stribeck", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
     assert complex_.complexity > simple.complexity
     assert named(complex_, simple) == ("joint_spring", ["stribeck"])
-    # What was refused may stand beside a name, and does not give it, whatever its gain.
+    # What was refused may be listed with a name, and does not give it, whatever its gain.
     refused = replace(simple, refusal=Refusal.CHANCE)
     assert named(complex_, refused) == ("stribeck", ["joint_spring"])
     assert named(complex_, replace(simple, refusal=Refusal.ABSORBED)) == ("stribeck", [])
@@ -213,11 +213,11 @@ def test_what_is_no_delay_is_no_name():
 
 def test_what_is_compared_is_near_the_best_that_may_be_named():
     own, other = evidence("quadratic_viscous", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
-    # One that may not be named gains far more; beside it the other would not be near.
+    # One that may not be named gains far more; next to it the other would not be near.
     absorbed = replace(evidence("torque_offset", losses(-1.0, 2)), gain=500.0, refusal=Refusal.ABSORBED)
     name, beside = named(own, other, absorbed)
     assert {name, *beside} == {"quadratic_viscous", "joint_spring"}
-    # One that may be named gains far more, and the other is left out beside it.
+    # One that may be named gains far more, and the other is left out.
     able = evidence("torque_offset", losses(-3.0, 2))
     assert "joint_spring" not in {named(own, other, able)[0], *named(own, other, able)[1]}
 

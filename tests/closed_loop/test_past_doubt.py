@@ -1,4 +1,4 @@
-"""Where a joint last turned round has no name, and no name stands for it."""
+"""Where a joint last turned round has no name, and no name represents it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Friction's reversal beside the model: its width is recovered, and its form is given no name."""
+"""Friction's reversal, fitted with the model: its width is recovered, and its form is given no name."""
 
 import numpy as np
 import pytest

@@ -96,7 +96,7 @@ def test_a_name_goes_beside_what_explains_it(beside_balancer, name):
     ("asked_again", "grown", "settled"),
     [
         ("ab", "ab", "ab"),
-        # Beside all others it is not needed; alone the weights of the smaller model ask for it.
+        # Conditional on all others it is not needed; alone the weights of the smaller model ask for it.
         ("a", "ab", "a"),
         # Another one has its place.
         ("ac", "ac", "ac"),
@@ -148,7 +148,7 @@ def test_the_torque_at_rest_of_a_spring_is_no_offset(record, effect, values):
 
 
 def test_plain_friction_that_was_hidden_is_asked_for_before_what_refines_it(record, pose):
-    """A drag that was missing beside something larger is a drag, and no curve of the speed."""
+    """A drag that was missing together with something larger is a drag, and no curve of the speed."""
     planted = [(0, "torque_ripple", {"cosine": 30.0, "sine": 0.0, "wavenumber": 20.0})]
     folder = record(planted, seed=5, declared=["rigid_body", "rotor_inertia", "coulomb"])
     told: list[str] = []
@@ -205,7 +205,7 @@ def test_both_frictions_of_one_coupling_are_one_name(record, pose):
 
 
 def test_what_is_small_beside_a_wrong_mass_is_no_part_of_it(record, pose):
-    """A rigid body is followed exactly: what a curve removes is held against what is left beside the load."""
+    """A rigid body is followed exactly: what a curve removes is held against what the load leaves."""
     planted = [
         (0, "payload_error", {"mass": 16.0, "moment_x": 8.0}),
         (1, "stribeck", {"level": 1.5, "speed": 0.3, "exponent": 2.0}),
@@ -216,7 +216,7 @@ def test_what_is_small_beside_a_wrong_mass_is_no_part_of_it(record, pose):
 
 
 def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, pose):
-    """A weight, which an offset has most of, is of the standard model's loss, not of what is beside it."""
+    """A weight, which an offset has most of, is of the standard model's loss, not of the rest."""
     planted = [(0, "payload_error", {"mass": 16.0, "moment_x": 8.0})]
     search = Search(pose(record(planted, seed=5)), Policy())
     found = find_named(search)
@@ -243,7 +243,7 @@ def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, 
 def test_a_name_that_gains_on_held_out_rows_alone_is_not_needed(
     record, pose, monkeypatch, judged, fitted, stays
 ):
-    """Beside a spline that gain is the spline's penalty; what matters is in `material_share`."""
+    """Conditional on a spline that gain is the spline's penalty; what matters is in `material_share`."""
     search = Search(pose(record(seed=2, runs=3, duration=6.0)), Policy(flips=99))
     name = find(search, "load_dependent_friction", 0)
     own = replace(name.evidence, share=0.3, fitted=fitted * search.policy.material_share)

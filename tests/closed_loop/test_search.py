@@ -35,7 +35,7 @@ def arm(request, record_at, pose, tmp_path_factory):
 
 
 def weigh_everything(search, turned=False):
-    """Evidence on every candidate beside the declared model, by effect, joint and subset."""
+    """Evidence on every candidate conditional on the declared model, by effect, joint and subset."""
     search.sigma = search.scale(())
     search.standard_losses = np.zeros((2, len(search.sigma)))
     assembly = search.assemble(())
@@ -75,7 +75,7 @@ def test_a_search_that_has_been_used_gives_the_same_bits(problem):
 
 
 def test_evidence_kept_is_evidence_weighed_anew(problem):
-    """What is not weighed again beside a changed model is what weighing would give."""
+    """What is not weighed again conditional on a changed model is what weighing would give."""
     search = Search(problem, POLICY)
     find_named(search)
     kept = dict(search._weighed)

@@ -18,7 +18,7 @@ BLOCKS = 60
 
 
 def family_of(rng, flips, candidates=6, shapes=3, blocks=BLOCKS):
-    """Family-wise p-values of candidates beside a residual that none of them has made."""
+    """Family-wise p-values of candidates on a residual that none of them has made."""
     observed, chance = [], []
     for k in range(candidates):
         m = 1 + k % 2

@@ -24,7 +24,7 @@ LOADS = [{"mass": 2.0, "moment_x": 0.5, "moment_z": 0.1, "inertia_yy": 0.1}, {"m
 
 @pytest.fixture
 def search(record, pose):
-    """A search, and the best name of the whole robot beside the declared model."""
+    """A search, and the best name of the whole robot conditional on the declared model."""
 
     def make(planted, name, **more):
         made = Search(pose(record(planted, seed=3, **more)), Policy())
@@ -46,7 +46,7 @@ def test_what_two_drives_do_is_not_named_wrong_masses(search):
     assert count_parameters(single) < count_parameters(found)
     # What was asked on the way is in the table of candidates.
     assert {row["effect"] for row in made.rows if row["taken"]} == {name for _, name, _ in DRIVES}
-    # What many parameters follow a little closer does not come back, but may stand beside a name.
+    # What many parameters follow a little closer does not come back, but may be listed with a name.
     assert not any(c.effect.per_robot for c in made.candidates(made.assemble([]), [], [1]))
     assert any(c.effect.per_robot for c in made.list_rivals(made.assemble([]), [], [1], every=True))
     named, _ = name_terms(made, single)

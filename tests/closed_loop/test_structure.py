@@ -48,7 +48,7 @@ def heavy(t, q, v, a, rng):
 
 @pytest.fixture
 def judge(record, pose):
-    """States of both joints beside the declared model, with further torque."""
+    """States of both joints conditional on the declared model, with further torque."""
 
     def states(extra, seed, **more):
         problem = pose(record(extra_torque=extra, seed=seed, **SMALL, **more))
@@ -258,7 +258,7 @@ def test_halves_of_runs_tell_a_mean_that_differs_from_a_drift():
 
 @pytest.mark.parametrize("torque", [square, product, hidden])
 def test_structure_is_named_unknown_or_said_to_be_left(record, torque):
-    """Never an empty verdict beside a residual of many times the noise."""
+    """Never an empty verdict where there is a residual of many times the noise."""
     folder = record(extra_torque=torque, seed=65, repeat=True, **SMALL)
     verdict = diagnose(folder).verdict
     names = {(e["joint"], e["effect"]) for e in verdict["verdict"]}

@@ -1,4 +1,4 @@
-"""Ripples of few periods over a joint's range, where a curve may pose as one, and beside the unknown."""
+"""Ripples of few periods over a joint's range, where a curve may pose as one, and with an unknown torque."""
 
 import numpy as np
 import pytest

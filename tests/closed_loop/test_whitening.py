@@ -1,4 +1,4 @@
-"""Drifts of the torque channels do not pass for effects, and effects are found beside drifts."""
+"""Drifts of the torque channels do not pass for effects, and effects are found in spite of drifts."""
 
 import shutil
 
@@ -43,7 +43,7 @@ def search_of(pose):
 
 @pytest.fixture
 def planted(record, search_of):
-    """Search over a data set with a Stribeck effect beside a walk, and the term that was planted."""
+    """Search over a data set with a Stribeck effect and a random walk, and the term that was planted."""
     search = search_of(record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk))
     candidate = search.problem.candidate(load_effect("stribeck"), 0)
     nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))

@@ -1,4 +1,4 @@
-"""Detector E against friction that is planted, and beside C on the same recordings."""
+"""Detector E against friction that is planted, and compared with C on the same recordings."""
 
 import importlib.util
 from dataclasses import replace

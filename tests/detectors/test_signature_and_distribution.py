@@ -157,7 +157,7 @@ def test_binned_density_agrees_with_the_exact_kernel_estimate():
 
 
 def test_distance_of_two_gaussians_is_the_known_divergence():
-    # Quantiles stand for samples; kernel smoothing widens both to variance s^2 + h^2.
+    # Quantiles represent samples; kernel smoothing widens both to variance s^2 + h^2.
     sample = norm.ppf((np.arange(20000) + 0.5) / 20000) * 10
     shift, width = 6.0, 2.0
     detector = fitted(
@@ -229,7 +229,7 @@ def test_batch_refuses_shapes_that_do_not_fit():
 
 
 def test_the_path_of_a_steady_motion_is_at_the_middle_of_each_sample():
-    """Five equal steps cover a fifth of the path each, and a sample stands for the middle of its step."""
+    """Five equal steps cover a fifth of the path each, and a sample represents the middle of its step."""
     t = np.arange(5) / 250.0
     qd = np.column_stack([np.zeros(5), np.full(5, 0.8)])
     batch = Batch(t, np.cumsum(qd, axis=0) / 250.0, qd, np.column_stack([np.zeros(5), np.arange(1.0, 6.0)]))

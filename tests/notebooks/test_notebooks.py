@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-#: Of a machine that others measured, beside a clone or where the variable says; not part of the repository.
+#: Of a machine that others measured, next to a clone or where the variable says; not part of the repository.
 REAL = Path(os.environ.get("WEARSCOPE_DATA", ROOT.parent / "shared" / "data"))
 
 

@@ -1,4 +1,4 @@
-"""The default study's own page in a headless browser, against the Parquet files that lie beside it.
+"""The default study's own page in a headless browser, against the Parquet files that lie next to it.
 
 ``WEARSCOPE_RESULTS`` names another folder of results of the study than ``results/paper``.
 """

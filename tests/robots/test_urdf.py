@@ -1,4 +1,4 @@
-"""URDF intake: physics kept, engines agree, every refusal says what to mend."""
+"""URDF intake: physics kept, engines agree, every refusal says what to correct."""
 
 import itertools
 
@@ -356,7 +356,7 @@ def test_leniency_mends_and_says_so(text, note):
     assert len(notes) == 1 and note in notes[0]
     body = RigidBody(normalise_urdf(text, ["hinge"], strict=False), ["hinge"])
     assert body.is_physically_consistent()
-    # What was mended is accepted, and left alone, by the strict reading.
+    # What was corrected is accepted, and left alone, by the strict reading.
     assert normalise_urdf(body.urdf_text()) == body.urdf_text()
 
 

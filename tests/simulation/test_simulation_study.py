@@ -80,7 +80,7 @@ def test_every_factor_bites(medium, move):
 
 
 def test_wear_changes_the_torque_as_eq_17_says(medium, move):
-    """The motion gives way a little, so that the torque changes by not quite all of it."""
+    """The motion yields a little, so that the torque changes by not quite all of it."""
     nominal, worn = (simulate_point(medium, move, Conditions(wear=(f,))) for f in (0.0, 50.0))
     values = medium.effects[0].parameters
     fast = nominal.qd[:, 0] > 0.5

@@ -77,7 +77,7 @@ def test_changes_at_two_joints_are_both_named():
 
 
 def test_what_another_change_takes_over_is_dropped():
-    # The gain looked best at first, but is nothing beside the friction that is named after it.
+    # The gain looked best at first, but is nothing conditional on the friction that is named after it.
     alone = {"torque_constant_error": (1e-9, 200.0), "torque_offset": (1e-9, 100.0)}
     left = {("torque_constant_error", "torque_offset"): (0.6, 0.0)}
     assert names(name_changes(EVERY, ask_of(alone, left), 0.01)) == [("torque_offset", ())]

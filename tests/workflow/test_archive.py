@@ -150,7 +150,7 @@ def test_archive_of_a_release_opens(tmp_path, capsys, version, form, commit):
 
 
 def holds(new, old):
-    """Whether a configuration keeps every setting of an old one; new settings may stand beside them."""
+    """Whether a configuration keeps every setting of an old one; new settings may be added."""
     if isinstance(old, dict):
         return all(name in new and holds(new[name], value) for name, value in old.items())
     return new == old

@@ -11,7 +11,7 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 ENVS = ROOT / "envs"
-#: Locked by themselves, beside what every study needs.
+#: Locked by themselves, in addition to what every study needs.
 BESIDE = ("cluster", "mutants")
 
 

@@ -19,7 +19,7 @@ def storage(tmp_path):
 
 @pytest.mark.long
 def test_what_jobs_declare_is_all_that_later_ones_need(storage, tmp_path):
-    """What a job leaves beside its outputs is lost with its local copies, twice in the study."""
+    """What a job leaves next to its outputs is lost with its local copies, twice in the study."""
     options, store, local = storage
     here, there = (clones.copy_tree(tmp_path / name) for name in ("here", "there"))
     clones.run_well(here)

@@ -1,4 +1,4 @@
-"""Targets beside the study: a stage, a model that borrows, reevaluation, data sets."""
+"""Targets in addition to the study: a stage, a model that borrows, reevaluation, data sets."""
 
 import re
 from pathlib import Path

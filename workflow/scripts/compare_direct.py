@@ -1,4 +1,4 @@
-"""SNR by direct simulation beside the chosen surrogates'."""
+"""SNR by direct simulation next to the chosen surrogates'."""
 
 from job import run_job
 from wearscope import tables

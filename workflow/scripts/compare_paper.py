@@ -1,4 +1,4 @@
-"""What the paper found, beside what this study found."""
+"""What the paper found, next to what this study found."""
 
 from job import run_job
 from wearscope import tables

@@ -1,4 +1,4 @@
-"""Models before and after, those drawn beside them and the truth, completed; the design of their runs."""
+"""Models before and after, those drawn around them and the truth, completed; the design of their runs."""
 
 import json
 from pathlib import Path

@@ -124,7 +124,7 @@ def diagnose(
     progress : callable
         Called with a line of text at each step.
     effects : sequence of path-like
-        Files of own effects, candidates beside the vocabulary.
+        Files of own effects, candidates in addition to the vocabulary.
     allow_code : bool
         Whether effect files that the data set itself names may run.
     budget : Budget, optional
@@ -260,7 +260,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
 def settle_rests(
     problem: Problem, after: Regression, first: int, equivalent: Sequence[Sequence[str]]
 ) -> tuple[Regression, list[list[str]]]:
-    """The model, and what stands beside each of its names, after what the joints' rests say of them.
+    """The model, and the equivalents of each of its names, after what the joints' rests say of them.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def settle_rests(
     first : int
         Of the named terms among its entries.
     equivalent : sequence of sequence of str
-        Names beside each.
+        Equivalent names of each.
     """
     effects = {effect.name: effect for effect in problem.effects}
     left = []

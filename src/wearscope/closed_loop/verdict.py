@@ -1,4 +1,4 @@
-"""The machine-readable outcome, and the tables beside it."""
+"""The machine-readable outcome, and the tables with it."""
 
 import importlib.metadata
 from typing import Any

@@ -166,7 +166,7 @@ def check_estimable(
         Coded columns as the axis sees them.
     model : {"main", "full", "simplified"}
     names : sequence of str, optional
-        Factor columns; default those with a natural column beside them.
+        Factor columns; default those with a natural column next to them.
     axis : int, optional
         Named in the message.
 

@@ -36,7 +36,7 @@ class Factor:
     nominal : float, optional
         Coded level of the nominal point z0, eq. (18); default -2 (none) for wear, 0 for all else.
     validation_low, validation_high : float, optional
-        Natural levels that the levels -2 and +2 stand for in the validation design (Table 3); default the
+        Natural levels that the levels -2 and +2 represent in the validation design (Table 3); default the
         inner 80 % of the range.
     axis : int, optional
         Of a factor of kind wear: the axis that it wears; axis k for the k-th of them by default.
@@ -121,7 +121,7 @@ class Factor:
     def validation_to_coded(self, level: ArrayLike) -> NDArray[np.float64]:
         """Identification coding of the levels -2..2 of the validation matrix (Table 3).
 
-        The validation matrix has the same entries as the identification matrix, but they stand for other
+        The validation matrix has the same entries as the identification matrix, but they represent other
         natural values; the surrogate is evaluated in the identification coding.
         """
         low, high = self.validation_range

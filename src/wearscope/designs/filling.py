@@ -1,4 +1,4 @@
-"""Runs beside the paper's design: space-filling ones, ones where the questions are asked, and checks."""
+"""Runs next to the paper's design: space-filling ones, ones where the questions are asked, and checks."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def filling_design(
     axes: Sequence[int] = (1, 2, 3),
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Points that the chosen surrogates learn from, beside those of the paper's design.
+    """Points that the chosen surrogates learn from, in addition to those of the paper's design.
 
     A Latin hypercube over the whole region, every second point of which is drawn towards nominal, where SNR
     and scope ask; points along the lines that the scope asks about, with the wear of one axis; and some

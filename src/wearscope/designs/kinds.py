@@ -279,7 +279,7 @@ def make_design(
 def validation_design(
     kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
 ) -> pd.DataFrame:
-    """Make the validation design: the same matrix, whose levels stand for other natural values (Table 3).
+    """Make the validation design: the same matrix, whose levels represent other natural values (Table 3).
 
     The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube
     is drawn anew. Parameters, columns and errors as `make_design`.

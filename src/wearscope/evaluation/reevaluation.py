@@ -1,4 +1,4 @@
-"""What a correction changes: coefficients, SNR, ranks and scope before and after, and beside the truth."""
+"""What a correction changes: coefficients, SNR, ranks and scope before, after and in truth."""
 
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet

@@ -1,4 +1,4 @@
-"""What a surrogate says of the test quantity over one factor at a time, beside the runs that it rests on."""
+"""What a surrogate says of the test quantity over one factor at a time, with the runs that it rests on."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

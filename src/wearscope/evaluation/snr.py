@@ -225,7 +225,7 @@ def answer_rows(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def is_noise_free(noise: float, size: float) -> bool:
-    """Whether a run's standard deviation is none beside y's size: nothing but the nuisances scatters."""
+    """Whether a run has (numerically) no standard deviation: nothing but the nuisances scatters."""
     return noise <= NOISE_FREE * size
 
 

@@ -1,4 +1,4 @@
-"""`RobotModel`: everything the platform knows of a robot, as one YAML file with its URDF beside it."""
+"""`RobotModel`: everything the platform knows of a robot, as one YAML file with its URDF next to it."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -371,7 +371,7 @@ def load_model(
 
 
 def save_model(model: RobotModel, path: str | Path) -> Path:
-    """Write the model file, and its normalised URDF beside it under the same stem.
+    """Write the model file, and its normalised URDF next to it under the same stem.
 
     Loading the file gives an equal model.
 

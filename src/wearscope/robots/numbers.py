@@ -22,7 +22,7 @@ SECTIONS: dict[str, type[Section]] = {
     "payload": DeclaredPayload,
     "controller": Controller,
 }
-#: Lists by joint that stand for zeros where a model states none.
+#: Lists by joint that are zeros where a model states none.
 ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
 #: Lists by joint of where a test-cycle goes: its first and last posture, and the range that it uses.
 RANGE = ("home", "lower", "upper")

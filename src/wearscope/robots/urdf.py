@@ -26,7 +26,7 @@ from wearscope.robots.urdf_file import MOVABLE, Joint, Link, Pose, Tree, parse_u
 
 # What a massless movable link gets where leniency is asked for: too little to be seen, enough to divide by.
 TINY_MASS, TINY_MOMENT = 1e-4, 1e-6
-# A principal moment may exceed the sum of the other two by this share (rounded figures): mended silently.
+# A principal moment may exceed the sum of the other two by this share (rounded figures): corrected silently.
 TRIANGLE_TOLERANCE = 1e-3
 # The share of the trace kept between a principal moment and the sum of the other two: PyBullet sets a tensor
 # that breaks the triangle inequality by rounding to zero.
@@ -68,7 +68,7 @@ def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
 
 
 def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tuple[Link, str | None]:
-    """Return the body, mended where that is allowed, and a note that says what was mended."""
+    """Return the body, corrected where that is allowed, and a note that says what was corrected."""
     where = f"{source}: link '{link.name}'"
     if len(parts) > 1:
         where += f" (with {', '.join(repr(part) for part in parts[1:])})"
@@ -95,14 +95,14 @@ def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tupl
             "(each positive, none above the sum of the other two); correct its <inertia>."
         )
     if np.trace(link.tensor) <= 0.0:
-        mended = link.mass * TINY_MOMENT / TINY_MASS * np.eye(3)
+        corrected = link.mass * TINY_MOMENT / TINY_MASS * np.eye(3)
     else:
         second = np.maximum(second, 2.0 * floor)
-        mended = np.diag(second.sum() - second)
+        corrected = np.diag(second.sum() - second)
     note = (
         f"link '{link.name}' had an inertia that no body has; the nearest one was taken" if broken else None
     )
-    return replace(link, tensor=mended), note
+    return replace(link, tensor=corrected), note
 
 
 def _place_bodies(

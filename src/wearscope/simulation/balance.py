@@ -30,7 +30,7 @@ PATIENCE = 25
 SAFETY, TRUST = 3.0, 50.0
 #: A motor rests where its speed at a part's end is less than this share of its change.
 REST = 1e-4
-#: What `balance_part` returns beside the share of the part after which a motor turns.
+#: What `balance_part` returns in addition to the share of the part after which a motor turns.
 WHOLE, NO_BALANCE = 1.0, -1.0
 
 

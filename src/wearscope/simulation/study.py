@@ -39,7 +39,7 @@ Numbers = tuple[tuple[Number, float], ...]
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a design point sets beside its reference motion.
+    """What a design point sets in addition to its reference motion.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def _keep(kept: dict, key: object, value: T) -> T:
 
 @dataclass(frozen=True)
 class Machine:
-    """A robot as it is, beside what its controller believes.
+    """A robot as it is, and what its controller believes.
 
     Attributes
     ----------

@@ -120,8 +120,8 @@ def usable_points(rows: pd.DataFrame, key: Sequence[object], max_failed_share: f
         points = ", ".join(str(point) for point in rows.loc[~good, "point"].head(5))
         raise InputError(
             f"cell {cell_name(key)}: {failed} of {len(rows)} test quantities failed (points {points}"
-            f"{', ...' if failed > 5 else ''}), more than the allowed share {max_failed_share:g}; mend the "
-            "detector or raise max_failed_share."
+            f"{', ...' if failed > 5 else ''}), more than the allowed share {max_failed_share:g}; correct "
+            "the detector or raise max_failed_share."
         )
     return rows[good]
 

@@ -23,7 +23,7 @@ from wearscope.effects.base import Signals
 _STIFF = 0.5
 #: Damping about w0 and beyond; corrections of the torque through a gear.
 _DAMPING, PASSES = 1.0, 4
-#: Where they run away: most steps, and residual at which they end.
+#: Where they diverge: most steps, and residual at which they end.
 _STEPS, _PRECISE = 12, 1e-3
 
 
@@ -81,7 +81,7 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
 
     For deflections proportional to the torque the equation is linear: corrections in which the swing of the
     mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring, or
-    by GMRES where these run away.
+    by GMRES where these diverge.
     Across a jump of the deflection the rigid body's torque below `Prepared.take_up` is the nearest that the
     motion gives. None where the model has no deflection.
     """
@@ -129,7 +129,7 @@ def _solve_whole(
 ) -> np.ndarray:
     """Torque (N, m) that misses nothing, by GMRES with `correct` as preconditioner, stopped early.
 
-    Saad and Schultz 1986. Corrections for a mean inertia run away where the inertia changes by much.
+    Saad and Schultz 1986. Corrections for a mean inertia diverge where the inertia changes by much.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _ROUGHNESS, _SHRINKAGE = 0.001, 0.01
 def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
-    There a coarse spline, which describes what is smooth, goes on as beside it (Eilers and Marx 1996), and
+    There a coarse spline, which describes what is smooth, continues its course (Eilers and Marx 1996), and
     every spline goes to zero: also where all heights together are what another term of the model is.
     """
     penalty = _SHRINKAGE * np.eye(knots)

@@ -1,4 +1,4 @@
-"""The twin as it truly is, for the simulator: what a study of its models is set beside."""
+"""The twin as it truly is, for the simulator: what a study of its models is compared with."""
 
 from collections.abc import Mapping
 from pathlib import Path

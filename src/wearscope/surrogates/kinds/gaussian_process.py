@@ -3,7 +3,7 @@
 Some test quantities change fast where one factor is nominal (detector A's residual all but vanishes where the
 temperature is the one that it learned from): a stationary process would need many runs there. So a process
 may see one factor bent: as the signed cube root of its distance to nominal with a smooth step at nominal
-beside it (``root``), or as it is with a narrow and a wide step beside it (``steps``). Whether and how is
+added (``root``), or as it is with a narrow and a wide step added (``steps``). Whether and how is
 chosen by cross-validation like everything else.
 """
 
@@ -27,7 +27,7 @@ SHAPES = ("root", "steps")
 FIRST_LENGTHS = (4.0, 1.5)
 ITERATIONS = 60
 #: Share of the likelihood's logarithm by which a step of the search must better it: with some hundreds of
-#: runs a thousandth, of no account beside the two that an interval of a hyperparameter spans.
+#: runs a thousandth, negligible against the two that an interval of a hyperparameter spans.
 ENOUGH = 1e-6
 #: Runs a hyperparameter from which half of them tell the starts of the search apart.
 FEWEST_HALVED = 8
