@@ -15,6 +15,7 @@ from wearscope.export.gears import sum_springs
 from wearscope.export.holdings import ISAAC, URDF, take_holdings, without_motors
 from wearscope.export.replay import replay
 from wearscope.export.run import export_model
+from wearscope.robots.model import load_model
 from wearscope.simulation.gear import deflection
 from wearscope.simulation.study import simulate_point
 
@@ -86,6 +87,29 @@ def test_a_gear_without_a_rotor_is_left_out():
     held = take_holdings(model, 50.0)
     assert ("MJCF", "transmission") in {(one.format, one.effect) for one in held.left}
     assert make_spec(model, held).compile().nv == 1
+
+
+def test_six_stiff_gears_stay_at_rest_with_their_arm():
+    """What is too stiff for the step would make the gears swing ever wider."""
+    model = load_model("medium")
+    stiff = [
+        {"joint": joint, "effect": effect, "parameters": parameters}
+        for joint in model.joints
+        for effect, parameters in (
+            ("joint_elasticity", {"compliance": 1e-9}),
+            ("backlash", {"lost_motion": 1e-4, "mesh_torque": 1.0}),
+        )
+    ]
+    model = model.replace(effects=[one.model_dump() for one in model.effects] + stiff)
+    compiled = make_spec(model, take_holdings(model, 50.0)).compile()
+    data = mujoco.MjData(compiled)
+    motors = [int(compiled.joint(name).qposadr[0]) for name in model.joints]
+    compiled.dof_damping[[int(compiled.joint(name).dofadr[0]) for name in model.joints]] += 500.0
+    widest = []
+    for _ in range(1500):
+        mujoco.mj_step(compiled, data)
+        widest.append(np.abs(np.delete(data.qpos, motors)).max())
+    assert max(widest[1000:]) < 0.02 and max(widest[1000:]) < 2.0 * max(widest[:500])
 
 
 def test_mujoco_needs_the_torque_of_the_links_behind_the_gear():
