@@ -11,7 +11,7 @@ from wearscope.closed_loop.diagnosis import diagnose, explains_more, find_prisma
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
-from wearscope.closed_loop.model.events import find_events, suggest_thresholds
+from wearscope.closed_loop.model.events import find_events, suggest_thresholds, take_out_common
 from wearscope.closed_loop.model.prediction import predict_runs
 from wearscope.detection.bridging import bridge_events
 
@@ -86,6 +86,24 @@ def test_rows_are_left_out_only_where_the_rest_is_explained_as_well(grown, bette
         for after in (left, more)
     )
     assert explains_more(first, again) is better
+
+
+def test_what_runs_of_one_motion_have_in_common_hides_no_push():
+    """Two runs of a motion say nothing of each other; a row that does not count says nothing to others."""
+    common = np.sin(np.arange(40.0))[:, None]
+    pushed = np.zeros((40, 1))
+    pushed[20:23] = 5.0
+    left = [common, common[:38] + pushed[:38], common.copy(), common + pushed, common.copy()]
+    left[2][7] = 99.0
+    keep = [np.ones(x.shape, dtype=bool) for x in left]
+    keep[2][7] = False
+    runs = [SimpleNamespace(keep=k) for k in keep]
+    out = take_out_common(runs, left, [(0, 1), (0, 2), (1, 2), (3, 4)])
+    assert out[0][7] == common[7]
+    np.testing.assert_allclose(np.delete(out[0][:38], 7, axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.delete(out[1], 7, axis=0), np.delete(pushed[:38], 7, axis=0), atol=1e-12)
+    np.testing.assert_array_equal(out[3], left[3])
+    np.testing.assert_array_equal(out[0][38:], common[38:])
 
 
 def test_noise_and_friction_are_no_events(look):

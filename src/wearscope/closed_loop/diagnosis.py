@@ -24,9 +24,9 @@ from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
 from wearscope.closed_loop.model.delays import find_delays, move_torque
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state
+from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_common, take_out_state
 from wearscope.closed_loop.model.possible import keep_possible
-from wearscope.closed_loop.model.prediction import predict_runs, refit, residual_table
+from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.selection.answer import Answer, find_terms
@@ -175,6 +175,7 @@ def list_events(diagnosis: Diagnosis) -> list[Event]:
     prepared = diagnosis.prepared
     runs = [p.run for p in diagnosis.predicted]
     left = take_out_state(runs, [p.run.measured - p.after for p in diagnosis.predicted])
+    left = take_out_common(runs, left, find_repeats(prepared))
     change = [p.after - p.before for p in diagnosis.predicted]
     return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed, change)
 

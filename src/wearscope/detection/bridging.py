@@ -6,8 +6,14 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.declared import fit_declared_model
-from wearscope.closed_loop.model.events import Event, find_events, mark_events, take_out_state
-from wearscope.closed_loop.model.prediction import predict_reduced
+from wearscope.closed_loop.model.events import (
+    Event,
+    find_events,
+    mark_events,
+    take_out_common,
+    take_out_state,
+)
+from wearscope.closed_loop.model.prediction import find_repeats, predict_reduced
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import load_effect
 
@@ -26,6 +32,7 @@ def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     theta = model.solve()
     left = [run.measured - predict_reduced(model, theta, run) for run in prepared.runs]
     left = take_out_state(prepared.runs, left)
+    left = take_out_common(prepared.runs, left, find_repeats(prepared))
     events = find_events(prepared.runs, left, joints, prepared.moving, prepared.top_speed)
     if not events:
         return prepared, []

@@ -32,6 +32,8 @@ _WIDTHS = (2, 4)
 _COMES_BACK = 3
 #: Share of the joint's torque, RMS, that an event has at least.
 _SMALL = 0.01
+#: Fewest runs of the same motion whose median a push in one of them does not move.
+_ALIKE = 3
 #: Passes of a robust fit.
 _PASSES = 5
 #: Speeds over which friction falls, over the largest one; places of a joint between which a torque is linear.
@@ -270,6 +272,30 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
         begins = np.cumsum([len(one) for one in left])[:-1]
         for one, rest in zip(out, np.split(y - x @ theta, begins), strict=True):
             one[:, j] = rest
+    return out
+
+
+def take_out_common(
+    runs: Sequence[PreparedRun], left: Sequence[np.ndarray], repeats: Sequence[tuple[int, int]]
+) -> list[np.ndarray]:
+    """What is left (M, n) of each run without its median over all runs of the same motion, of three or more.
+
+    Parameters
+    ----------
+    runs : sequence of PreparedRun
+    left : sequence of ndarray (M, n)
+    repeats : sequence of (int, int)
+        Pairs of runs of the same motion.
+    """
+    counted = [np.where(run.keep, x, np.nan) for run, x in zip(runs, left, strict=True)]
+    out = [x.copy() for x in left]
+    for i, own in enumerate(out):
+        alike = [i, *(a + b - i for a, b in repeats if i in (a, b))]
+        short = min(len(left[k]) for k in alike)
+        each = np.array([counted[k][:short] for k in alike])
+        common = np.ma.median(np.ma.masked_invalid(each), axis=0).filled(0.0)
+        enough = np.isfinite(each).sum(axis=0) >= _ALIKE
+        own[:short] -= np.where(enough, common, 0.0)
     return out
 
 
