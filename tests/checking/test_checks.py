@@ -15,7 +15,8 @@ from wearscope.checking.own_code import check_file, make_batch
 from wearscope.checking.robot import check_model, check_robot_folder
 from wearscope.checking.study import check_study
 from wearscope.cli.check import inspect
-from wearscope.closed_loop.intake.dataset_fields import list_breaches, list_conflicts, read_fields
+from wearscope.closed_loop.intake.dataset_fields import list_breaches, read_fields
+from wearscope.closed_loop.intake.field_checks import list_conflicts
 from wearscope.errors import InputError
 from wearscope.home import find_home
 from wearscope.robots.model import load_model

@@ -455,3 +455,19 @@ def test_mixed_joints_with_exchanged_units_are_refused(folder):
     folder.urdf = make_urdf(("prismatic", "revolute"))
     folder.document["units"] = {"q": ["rad", "m"], "tau": ["N m", "N"]}
     refuse(folder, "joint 'j1' is prismatic")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("turned: [tau_J9]", "turned: 'tau_J9' is none of"),
+        ("shifted: {tau_J1: 1.0}", "shifted: 'tau_J1' is none of"),
+        ("torque: {J9: link}", "there is no joint 'J9'"),
+    ],
+)
+def test_columns_that_are_none_are_refused_by_whoever_reads(record, line, told):
+    """Not by `check` alone: a correction that names no column would be left out silently."""
+    file = record() / "dataset.yaml"
+    file.write_text(file.read_text() + f"{line}\n")
+    with pytest.raises(InputError, match=told):
+        read_dataset(file.parent, find_prismatic)

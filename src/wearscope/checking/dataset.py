@@ -12,9 +12,9 @@ from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
     list_breaches,
-    list_conflicts,
     read_fields,
 )
+from wearscope.closed_loop.intake.field_checks import list_conflicts
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.table_files import read_columns, take_joints
 from wearscope.closed_loop.intake.thinning import prepare_thinned

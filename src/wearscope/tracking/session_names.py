@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from wearscope.closed_loop.intake.dataset_fields import check_fields, read_fields
+from wearscope.closed_loop.intake.dataset_fields import read_fields
+from wearscope.closed_loop.intake.field_checks import check_fields
 from wearscope.errors import InputError
 
 

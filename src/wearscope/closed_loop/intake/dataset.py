@@ -21,10 +21,10 @@ from wearscope.closed_loop.intake.dataset_fields import (
     PayloadFields,
     RunFields,
     UnitFields,
-    check_fields,
     load_fields,
     read_fields,
 )
+from wearscope.closed_loop.intake.field_checks import check_fields
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_run
 from wearscope.closed_loop.intake.servo import merge_notes, take_torques

@@ -1,26 +1,18 @@
-"""The fields of `dataset.yaml`, read and checked against each other."""
+"""The fields of `dataset.yaml` as they are read."""
 
 import difflib
-import math
 import re
-from collections import Counter
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from wearscope import limits, plugins
-from wearscope.closed_loop.intake.acceptance import Acceptance
-from wearscope.closed_loop.intake.data_folder import find_inside, read_text
+from wearscope import limits
+from wearscope.closed_loop.intake.data_folder import read_text
 from wearscope.errors import InputError, explain_yaml
 from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.servos import ServoFields, read_servos, refuse_bool
-
-#: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
-_STRONGEST = 15.0
 
 
 def _refuse_huge(value: float) -> float:
@@ -259,148 +251,3 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     if fields.units is not None:
         _refuse_typos(fields.units, f"{path}: units", notes)
     return fields
-
-
-def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[str]]:
-    """Refuse fields that do not fit each other: list lengths, names, effects, paths, uses.
-
-    Returns
-    -------
-    Acceptance
-        What the data set accepts.
-    list of str
-        Notes.
-
-    Raises
-    ------
-    InputError
-    """
-    files = [run.file for run in fields.runs]
-    _check_by_joint(path, fields.robot)
-    _check_effects(path, fields)
-    _check_channels(path, fields)
-    _check_runs(path, fields)
-    read_servos(str(path), fields.servo, fields.robot.joints)
-    accepted = Acceptance.read(str(path), fields.accept, fields.robot.joints, files)
-    strength = math.hypot(*fields.robot.gravity)
-    notes = []
-    if strength > _STRONGEST:
-        told = f"robot.gravity is {strength:.4g} m/s^2 strong, which it is nowhere on Earth; give m/s^2."
-        notes.append(accepted.refuse(str(path), told, "size gravity"))
-    return accepted, notes
-
-
-def list_conflicts(path: Path, fields: DatasetFields) -> list[str]:
-    """Everything that `check_fields` refuses, a sentence each."""
-    checks: list[Callable[[], object]] = [
-        partial(_check_by_joint, path, fields.robot),
-        partial(_check_effects, path, fields),
-        partial(_check_channels, path, fields),
-        partial(_check_columns, path, fields),
-        partial(_check_runs, path, fields),
-        partial(read_servos, str(path), fields.servo, fields.robot.joints),
-        partial(check_fields, path, fields),
-    ]
-    found = []
-    for check in checks:
-        try:
-            check()
-        except InputError as error:
-            found.append(str(error))
-    return list(dict.fromkeys(found))
-
-
-def _check_by_joint(path: Path, robot: RobotFields) -> None:
-    joints = robot.joints
-    if len(set(joints)) < len(joints):
-        raise InputError(f"{path}: robot.joints names a joint twice; name each once.")
-    for name in ("torque_limit", "gear_ratio", "rotor_inertia"):
-        values = getattr(robot, name)
-        if values is not None and len(values) != len(joints):
-            raise InputError(
-                f"{path}: robot.{name} has {len(values)} values for {len(joints)} joints; give one a joint."
-            )
-    if robot.rotor_inertia is not None and min(robot.rotor_inertia) < 0:
-        raise InputError(f"{path}: robot.rotor_inertia holds a negative value; give kg m^2 at the joint.")
-    if robot.torque_limit is not None and min(robot.torque_limit) <= 0:
-        raise InputError(f"{path}: robot.torque_limit must be positive; give the limit of each joint.")
-    for name, most in limits.DRIVE.items():
-        if max(map(abs, getattr(robot, name) or [0.0])) > most:
-            raise InputError(
-                f"{path}: robot.{name} holds a value above {most:g}, which no joint has; correct it."
-            )
-    if robot.gear_ratio is not None and 0.0 in robot.gear_ratio:
-        raise InputError(f"{path}: robot.gear_ratio holds a 0; give motor turns by joint turn.")
-
-
-def _check_effects(path: Path, fields: DatasetFields) -> None:
-    """Names must be known; own effect files must lie in the folder. None of them is run here."""
-    installed = plugins.list_installed("effects")
-    for reference in fields.effects:
-        if not reference.endswith(".py") and reference not in installed:
-            raise InputError(
-                f"{path}: effects: '{reference}' is no path of a .py file; name the files of own effects."
-            )
-    known = [name for name in plugins.list_names("effects", "EFFECT") if name != "unknown"] + installed
-    for name in [name for name in fields.effects + fields.declared_effects if name.endswith(".py")]:
-        if not find_inside(path.parent, name, f"{path}: effects").is_file():
-            raise InputError(f"{path.parent / name}: no such file; correct effects in dataset.yaml.")
-    for name in fields.declared_effects:
-        if name not in known and not name.endswith(".py"):
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; choose from {', '.join(known)}."
-            raise InputError(f"{path}: declared_effects: there is no effect '{name}'{hint}")
-    if len(set(fields.declared_effects)) < len(fields.declared_effects):
-        raise InputError(f"{path}: declared_effects names an effect twice; name each once.")
-
-
-def _check_channels(path: Path, fields: DatasetFields) -> None:
-    joints = fields.robot.joints
-    taken = {"t", *(f"{kind}_{joint}" for kind in ("q", "qd", "tau", "temp") for joint in joints)}
-    for name in fields.channels:
-        if name in taken:
-            raise InputError(
-                f"{path}: channels: '{name}' is a column that the format already gives a meaning; name "
-                "only further columns."
-            )
-
-
-def _check_columns(path: Path, fields: DatasetFields) -> None:
-    """What the columns are said to be: the torque's reading, and those that are turned round."""
-    joints = fields.robot.joints
-    for joint in fields.torque if isinstance(fields.torque, dict) else ():
-        if joint not in joints:
-            raise InputError(f"{path}: torque: there is no joint '{joint}'; choose from {', '.join(joints)}.")
-    if set(fields.readings().values()) == {"none"}:
-        raise InputError(f"{path}: torque is 'none' at every joint; leave it out where the torque counts.")
-    columns = [f"{kind}_{joint}" for kind in ("q", "tau") for joint in joints]
-    for column in fields.turned:
-        if column not in columns:
-            raise InputError(f"{path}: turned: '{column}' is none of {', '.join(columns)}; name one of them.")
-    for column in fields.shifted:
-        if column not in columns[: len(joints)]:
-            told = ", ".join(columns[: len(joints)])
-            raise InputError(f"{path}: shifted: '{column}' is none of {told}; name one of them.")
-    for joint in fields.robot.locked:
-        if joint in joints:
-            raise InputError(
-                f"{path}: robot.locked: joint '{joint}' is one of robot.joints; leave it out of one of them."
-            )
-
-
-def _check_runs(path: Path, fields: DatasetFields) -> None:
-    files = [run.file for run in fields.runs]
-    times = Counter(files)
-    for file in files:
-        find_inside(path.parent, file, f"{path}: runs[].file")
-        if times[file] > 1:
-            raise InputError(f"{path}: runs names {file} more than once; a run is either train or test.")
-    for use in ("train", "test"):
-        if not any(run.use == use for run in fields.runs):
-            raise InputError(f"{path}: no run has 'use: {use}'; give at least one.")
-    sessions = {run.session for run in fields.runs}
-    for session in fields.reference:
-        if session not in sessions:
-            raise InputError(
-                f"{path}: reference: no run has 'session: {session}'; name sessions that the runs state."
-            )

@@ -232,10 +232,8 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
         )
         _refuse(prepared, str(prepared.dataset.folder), told, "unrelated tau")
     for name, size in zip(names, sizes, strict=True):
-        prepared.notes.append(
-            f"{name}: body, friction and springs leave {size:.0f} % of this torque (RMS), and no reading of "
-            "its column is better."
-        )
+        told = f"{name}: body, friction and springs leave {size:.0f} % of this torque (RMS), and no reading"
+        prepared.notes.append(f"{told} of its column is better.")
 
 
 def _free_misfit(own: Rows, j: int) -> float:

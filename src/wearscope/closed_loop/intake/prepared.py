@@ -12,6 +12,10 @@ from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
 from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
 from wearscope.effects.base import Parameter, Signals
+from wearscope.errors import InputError
+
+#: Fewest rows of a run after the filters.
+LEAST_ROWS = 40
 
 
 @dataclass
@@ -150,6 +154,26 @@ class Prepared:
         """
         joints = list(range(self.n)) if joint is None else [joint]
         return [_try_reversals(run, reversals, joints) for run in self.runs_for("train")]
+
+
+def leave_out_short(
+    dataset: Dataset, runs: list[PreparedRun], band: Band, notes: list[str]
+) -> list[PreparedRun]:
+    """Runs with rows enough; pieces without are left out.
+
+    Raises
+    ------
+    InputError
+        Where nothing is left of a recording.
+    """
+    kept = [run for run in runs if len(run.t) >= LEAST_ROWS]
+    for run in runs:
+        if len(run.t) < LEAST_ROWS:
+            if run.file not in {other.file for other in kept}:
+                where = dataset.folder / run.file
+                raise InputError(f"{where}: too short for a {band.torque:.3g} Hz filter; record longer.")
+            notes.append(f"{run.label}: too short for a {band.torque:.3g} Hz filter; the piece is left out.")
+    return kept
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:

@@ -25,7 +25,14 @@ from wearscope.closed_loop.intake.filtering import (
     rows,
     thin,
 )
-from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia, take_direction
+from wearscope.closed_loop.intake.prepared import (
+    LEAST_ROWS,
+    Prepared,
+    PreparedRun,
+    known_inertia,
+    leave_out_short,
+    take_direction,
+)
 from wearscope.closed_loop.intake.reversals import choose_reversal_widths
 from wearscope.closed_loop.intake.rough_model import RoughRun, bridge_rest, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
@@ -43,8 +50,6 @@ _ALL = 0.8
 _STILL = 1e-6
 #: Ends of a recording that are left out, in periods of the motion filter's cut-off.
 _END_PERIODS = 1.0
-#: Fewest rows of a run after the filters.
-_LEAST_ROWS = 40
 
 
 def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared:
@@ -256,7 +261,7 @@ def cut_ends(source: Source, made: Motion, count: int) -> tuple[Source, Motion]:
     Where a recording starts or stops in motion, the motion filter does not know what comes before or after:
     the acceleration there is wrong by its own size, and the common filter would carry that far into the run.
     """
-    count = min(count, max(len(made.t) // 2 - _LEAST_ROWS, 0))
+    count = min(count, max(len(made.t) // 2 - LEAST_ROWS, 0))
     if not count:
         return source, made
     part = slice(count, len(made.t) - count)
@@ -322,26 +327,6 @@ def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -
     if source.lost.any():
         bad |= _thin_marks(source.lost[:, None], factor)
     return bad
-
-
-def leave_out_short(
-    dataset: Dataset, runs: list[PreparedRun], band: Band, notes: list[str]
-) -> list[PreparedRun]:
-    """Runs with rows enough; pieces without are left out.
-
-    Raises
-    ------
-    InputError
-        Where nothing is left of a recording.
-    """
-    kept = [run for run in runs if len(run.t) >= _LEAST_ROWS]
-    for run in runs:
-        if len(run.t) < _LEAST_ROWS:
-            if run.file not in {other.file for other in kept}:
-                where = dataset.folder / run.file
-                raise InputError(f"{where}: too short for a {band.torque:.3g} Hz filter; record longer.")
-            notes.append(f"{run.label}: too short for a {band.torque:.3g} Hz filter; the piece is left out.")
-    return kept
 
 
 def _describe(dataset: Dataset, band: Band, rate: float, factor: int) -> list[str]:
