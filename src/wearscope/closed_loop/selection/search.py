@@ -27,7 +27,7 @@ from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_
 from wearscope.closed_loop.selection.shape_fit import refine
 from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import does_drift_explain
-from wearscope.effects.base import Effect
+from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Share of the best term's gain from which another one's shape is refined before they are compared; share of
 #: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
@@ -155,12 +155,16 @@ class Search:
             for subset in list_subsets(candidate.effect, by_run):
                 count += 1
                 key = self._key(assembly, candidate, subset)
-                if key not in self._weighed:
+                e = self._weighed.get(key)
+                if e is None:
                     sums = sums or assembly.sum_products(candidate)
                     if float(assembly.add(sums.select(subset)).gain.max()) < least(candidate):
                         continue
-                    self._weighed[key] = weigh(assembly, candidate, subset, self.policy, sums)
-                weighed.append(self._weighed[key])
+                    e = weigh(assembly, candidate, subset, self.policy, sums)
+                    # Columns that are made from a residual are never asked again: kept, they fill the memory.
+                    if not (candidate.effect.periodic or isinstance(candidate.effect, MeasurementEffect)):
+                        self._weighed[key] = e
+                weighed.append(e)
         more = count / max(len(weighed), 1)
         weighed = [replace(e, tried=e.tried * more) for e in weighed]
         compared = self.compare_whole(assembly, adjust_p_values(weighed))
