@@ -10,6 +10,7 @@ from reporting.browser import open_page
 
 from wearscope import tables
 from wearscope.cli.main import wearscope
+from wearscope.errors import InputError
 from wearscope.reporting.page_strip import read_strip
 
 
@@ -58,7 +59,7 @@ def test_what_differs_is_said_first(studies):
     assert "2 conclusions and 1 table differ." in text
     strip = read_strip(studies)
     assert strip.answer.startswith("C has the highest median SNR in may/arm.") and strip.kind == "unsure"
-    assert strip.caveat == "The settings are the same." and strip.action == "See Conclusions."
+    assert strip.caveat == "No setting that both record differs." and strip.action == "See Conclusions."
 
 
 def test_equal_studies_differ_in_nothing(tmp_path):
@@ -99,3 +100,25 @@ def test_its_chart_shows_the_files_numbers(studies, width, scheme):
             ("june/arm", "A"): 7.25,
             ("june/arm", "C"): 3.0,
         }
+
+
+def test_settings_that_folders_record_are_compared(tmp_path):
+    """A folder that records none differs in none; what only one concludes is counted, not told as changed."""
+    left = write_study(tmp_path / "may", {"A": 2.0, "C": 5.5})
+    right = write_study(tmp_path / "june", {"A": 2.0})
+    page = tmp_path / "both.html"
+    (left / ".study.json").write_text(json.dumps({"seed": 1, "snr": {"delta": 0.5, "f0": 2.0}}))
+    outcome = call("compare", left, right, "--page", page)
+    assert "1 conclusion in may only." in outcome.output and "none" not in outcome.output
+    assert read_strip(page).caveat == "No setting that both record differs."
+    (right / ".study.json").write_text(json.dumps({"seed": 1, "snr": {"delta": 0.75, "f0": 2.0}}))
+    call("compare", left, right, "--page", page)
+    text = read_text(page)
+    assert (
+        read_strip(page).caveat.startswith("1 setting differs")
+        and "snr.delta" in text
+        and "0.5 against 0.75" in text
+    )
+    (right / ".study.json").write_text("[]")
+    with pytest.raises(InputError, match="holds no settings"):
+        call("compare", left, right)

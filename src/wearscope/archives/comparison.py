@@ -10,6 +10,7 @@ import pandas as pd
 from wearscope import tables
 from wearscope.archives.manifest import MADE, MANIFEST, Manifest, is_brought, parse_manifest
 from wearscope.archives.members import read_member, walk_archive
+from wearscope.checksums import SETTINGS
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
 from wearscope.files import check_depth, digest_file
@@ -67,7 +68,9 @@ def compare_archives(a: str | Path, b: str | Path) -> pd.DataFrame:
     left, right = Content(a), Content(b)
     rows = []
     for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
-        rows += _compare_mappings(left.describe(key), right.describe(key), what, "")
+        one, other = left.describe(key), right.describe(key)
+        if one and other:  # what only one records tells no difference
+            rows += _compare_mappings(one, other, what, "")
     rows += _compare_conclusions(left, right)
     for name in sorted(set(left.digests) | set(right.digests)):
         if name.startswith(("logs/", "benchmarks/")) or name in MADE:
@@ -114,8 +117,20 @@ class Content:
             self.digests = {name: entry.sha256 for name, entry in self.manifest.files.items()}
 
     def describe(self, key: str) -> dict[str, Any]:
-        """A section of the manifest; empty where there is none."""
-        return {} if self.manifest is None else self.manifest.model_dump(mode="json")[key]
+        """A section of the manifest; a folder without one records its settings only, or nothing."""
+        if self.manifest is not None:
+            return self.manifest.model_dump(mode="json")[key]
+        settings = self.path / SETTINGS
+        if key != "config" or not settings.is_file():
+            return {}
+        try:
+            found = json.loads(settings.read_bytes())
+            check_depth(found)
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
+            raise InputError(f"{settings}: holds no settings; delete it, or run the study again.")
+        return found
 
     def read(self, name: str) -> bytes:
         """Content of a file."""

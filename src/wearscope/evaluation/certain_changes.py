@@ -61,7 +61,7 @@ def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
     what : list of str
         ``SNR``, ``rank``, ``scope``: on which the verdict rests.
     verdict : str
-        ``nearer`` or ``farther`` where all that is told says so, ``mixed``, or ``not told`` where nothing is.
+        ``nearer`` or ``farther`` where all that is told says so, ``mixed``, ``not certain`` where nothing is.
     """
     signs: dict[str, set[int]] = {}
     for row in rows[rows["question"] != "coefficient"].itertuples():
@@ -69,7 +69,7 @@ def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
             name = {"snr": "SNR"}.get(str(row.question), str(row.question))
             signs.setdefault(name, set()).add(1 if row.p_nearer >= SURE else -1)
     found = set().union(*signs.values()) if signs else set()
-    verdict = {frozenset({1}): "nearer", frozenset({-1}): "farther", frozenset(): "not told"}
+    verdict = {frozenset({1}): "nearer", frozenset({-1}): "farther", frozenset(): "not certain"}
     return list(signs), verdict.get(frozenset(found), "mixed")
 
 

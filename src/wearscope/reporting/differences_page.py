@@ -52,13 +52,13 @@ def render_study_differences(
     sections = [Section("What differs", render_part(listed=told), "summary")]
     kinds = set(differences["what"])
     settings = int((differences["what"] == "setting").sum())
-    caveat = "The settings are the same."
+    caveat = "No setting that both record differs."
     if settings:
         caveat = (
             f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
         )
     action = next(((kind, title) for kind, title in _KINDS if kind in kinds), ("summary", "What differs"))
-    sure = "Every table was compared by its values, in addition to settings, versions and files."
+    sure = "Every table was compared by its values; settings and versions where both record them."
     strip = Strip(" ".join(told[:2]), "unsure" if kinds else "good", sure, caveat, _link(*action))
     found = {}
     if sides:
@@ -163,10 +163,14 @@ def tell_studies(
             for one, name in zip(best, names, strict=True)
             if one
         ]
-    changed = differences[(differences["what"] == "conclusion") & (differences["detail"] != "")]
-    told += [f"{words(row.item)}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
+    concluded = differences[differences["what"] == "conclusion"]
+    changed = concluded[concluded["outcome"] == "differs"]
+    told += [f"{words(row.item).rstrip('.')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
     if len(changed) > _TOLD:
         told.append(f"{len(changed) - _TOLD} more conclusions differ.")
+    for name, outcome in zip(names, ("only in a", "only in b"), strict=True):
+        if count := int((concluded["outcome"] == outcome).sum()):
+            told.append(f"{count_text(count, 'conclusion')} in {name} only.")
     counts = [count_text(n, kind) for kind, _ in _KINDS if (n := int((differences["what"] == kind).sum()))]
     total = len(differences)
     told.append(f"{join_words(counts)} differ{'s' if total == 1 else ''}." if counts else "Nothing differs.")

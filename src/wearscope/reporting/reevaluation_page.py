@@ -17,7 +17,7 @@ from wearscope.reporting.page import (
 from wearscope.reporting.reevaluation import answer_sentences, truth_sentences
 from wearscope.reporting.strips import reevaluation_strip
 
-_KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not told": "neutral"}
+_KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not certain": "neutral"}
 
 
 def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:

@@ -29,14 +29,14 @@ def chart_weights(study: Study) -> Chart:
     points = base.mark_circle(opacity=0.65).encode(
         x=alt.X(
             "weight:Q",
-            title="coefficient relative to that of wear",
+            title="coefficient (wear: 1)",
             scale=SYMLOG,
             axis=symlog_axis((1, 2, 5)),
         ),
         tooltip=[*cell_tips(), *tips("term:N; weight:Q||.3")],
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(
-        x=alt.X("median(weight):Q", title="coefficient relative to that of wear"),
+        x=alt.X("median(weight):Q", title="coefficient (wear: 1)"),
         color=alt.value("var(--ink)"),
         detail="fda:N",
         tooltip=tips("median(weight):Q|median|.3; fda:N|detector"),
