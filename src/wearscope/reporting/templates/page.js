@@ -141,6 +141,7 @@ const wearscope = (() => {
       chart.signals = new Set(Object.keys(chart.view.getState({ signals: () => true, data: () => false }).signals));
       applySignals(chart);
       await chart.view.runAsync();
+      await chart.view.resize().runAsync(); // room for the rows that the legend has at this width
     }
     tellShown(chart);
     if (chart.sheet && !chart.sheet.hidden) fillSheet(chart);
