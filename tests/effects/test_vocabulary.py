@@ -184,7 +184,7 @@ def test_complexity_counts_coefficients_and_fitted_shapes():
 
 
 def test_a_body_counts_as_a_mass_and_three_moments_whatever_a_fit_chooses_of_it():
-    """Links concerned besides, and which of them; so an error of one link is no simpler than a payload."""
+    """Further links concerned, and which of them; so an error of one link is no simpler than a payload."""
     payload, links = EFFECTS["payload_error"], EFFECTS["inertial_error"].for_robot(6)
     assert {payload.complexity(one) for one in payload.subsets()} == {4}
     names = [p.name for p in links.coefficients]

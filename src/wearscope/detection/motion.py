@@ -49,7 +49,7 @@ def cut_rests(batch: Batch) -> Batch:
 
 
 def top_speeds(batch: Batch) -> Array:
-    """Highest speed (n,) of each joint; infinite for one that hardly moves beside the others."""
+    """Highest speed (n,) of each joint; infinite for one that hardly moves against the others."""
     top = np.abs(batch.qd).max(axis=0)
     return np.where(np.ptp(batch.q, axis=0) >= _scale(batch), top, np.inf)
 

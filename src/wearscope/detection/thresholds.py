@@ -131,7 +131,7 @@ class WearScale:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Nominal test quantities of the machine beside the simulator's.
+    """Nominal test quantities of the machine next to the simulator's.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ class Effect:
     parts : mapping of str to tuple of str
         Effects that are a part of it, each with the parameters that it shares with them.
     corrects : str
-        Declared effect with given values whose error this is: a candidate only beside that one.
+        Declared effect with given values whose error this is: a candidate only together with that one.
     given_by : str
         Field that may give its value, in a model's `drive` or a data set's `robot`; where it does, nothing
         is fitted.

@@ -1,4 +1,4 @@
-"""MuJoCo's torque along a motion beside the model's own."""
+"""MuJoCo's torque along a motion next to the model's own."""
 
 from dataclasses import dataclass
 

@@ -28,7 +28,7 @@ _DIGITS = 4
 def write_example(target: Path) -> None:
     """Write ``arm.urdf``, the medium robot's, and one recording a day: ms, degrees, N m, separated by ';'.
 
-    Beside them the data set that ships with the package goes to ``machine/``.
+    Next to them the data set that ships with the package goes to ``machine/``.
 
     The torque is that of the robot's model at 50 deg C, friction by eq. (17) included, with sensor noise.
 

@@ -323,7 +323,7 @@ def _make_fields(
 
 
 def copy_urdf(urdf: str | Path, folder: Path) -> None:
-    """Put the maker's file beside the model."""
+    """Put the maker's file next to the model."""
     target = folder / "robot.urdf"
     if Path(urdf).resolve() != target.resolve():
         copy_file(urdf, target)

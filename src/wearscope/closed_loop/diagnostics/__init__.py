@@ -1,1 +1,1 @@
-"""What is looked at beside the verdict."""
+"""What is looked at in addition to the verdict."""

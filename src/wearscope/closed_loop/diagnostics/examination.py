@@ -1,4 +1,4 @@
-"""What the page has besides the verdict: isolability, the residual's spectrum, forward simulation."""
+"""What the page has in addition to the verdict: isolability, the residual's spectrum, forward simulation."""
 
 from collections.abc import Callable
 from pathlib import Path

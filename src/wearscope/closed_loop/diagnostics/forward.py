@@ -1,4 +1,4 @@
-"""The models before and after, simulated forward along the measured motion and set beside the recording."""
+"""The models before and after, simulated forward along the measured motion against the recording."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -84,7 +84,7 @@ def find_jumps(t: np.ndarray, x: np.ndarray) -> Jumps | None:
 
 
 def _fit_levels(x: np.ndarray, jumps: int) -> np.ndarray:
-    """Levels (M,) between so many jumps at most, each placed where it leaves least beside those before it."""
+    """Levels (M,) between so many jumps at most, each placed where it leaves least with those before it."""
     row = np.arange(len(x), dtype=float)[:, None]
     tree = DecisionTreeRegressor(max_leaf_nodes=jumps + 1, min_samples_leaf=_SHORTEST, random_state=_SEED)
     return np.asarray(tree.fit(row, x).predict(row))

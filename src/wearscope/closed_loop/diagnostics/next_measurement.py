@@ -162,7 +162,7 @@ def plan_measurements(
     progress: Callable[[str], None] = lambda _: None,
     cycles: Sequence[str] | None = None,
 ) -> list[NextMeasurement]:
-    """For each term that stands beside equivalents, the run that tells them apart best.
+    """For each term that has equivalents, the run that tells them apart best.
 
     Every plan is judged by the least expected evidence between the named effect and another name, whichever
     of the two is the truth, all else refitted: the runs so far and the new ones together (Atkinson and

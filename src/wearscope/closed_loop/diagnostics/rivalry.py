@@ -105,7 +105,7 @@ class Contrast:
 
 
 class Rivalry:
-    """Names of one term and the model beside them, on runs recorded and planned.
+    """Names of one term and the model without them, on runs recorded and planned.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Rivalry:
         return gram[p:, p:] - cross.T @ np.linalg.solve(self._inner(gram), cross)
 
     def _inner(self, gram: np.ndarray) -> np.ndarray:
-        """Normal matrix (P, P) of the model beside the names."""
+        """Normal matrix (P, P) of the model without the names."""
         p = len(self.base)
         inner = gram[:p, :p] + self.prior
         return inner + 1e-9 * np.diag(np.maximum(np.diag(inner), 1e-12))

@@ -223,7 +223,7 @@ class Assembly:
         return Sums(columns, cross, gram, score, penalty, rows)
 
     def add(self, sums: Sums) -> Added:
-        """Fit each shape beside the model on all rows (Frisch-Waugh-Lovell)."""
+        """Fit each shape with the model on all rows (Frisch-Waugh-Lovell)."""
         inverse, theta = self.whole
         every = self._fit(sums, np.ones((1, len(self.gram))), inverse[None], theta[None])
         return Added(every.beta[0], every.gain[0], every.inner[0])
@@ -259,7 +259,7 @@ class Assembly:
         return self._change(self.held_out, moved)
 
     def fit_change(self, sums: Sums, beta: np.ndarray) -> np.ndarray:
-        """Loss by joint (n,) less that of the model, with one shape's columns fitted beside it; (m,) in."""
+        """Loss by joint (n,) less that of the model, with one shape's columns fitted with it; (m,) in."""
         moved = self._torque(sums, 0, beta, self.whole[0], np.ones(len(self.gram)), slice(None))
         return np.asarray(self._change(self.residual, moved).sum(axis=0))
 
@@ -267,7 +267,7 @@ class Assembly:
         self, sums: Sums, shape: int, beta: np.ndarray, inverse: np.ndarray, units: np.ndarray,
         rows: np.ndarray | slice,
     ) -> np.ndarray:  # fmt: skip
-        """Change of the torque (K, n) at some rows by one shape's columns, the model fitted beside them."""
+        """Change of the torque (K, n) at some rows by one shape's columns, the model fitted with them."""
         k = sums.columns
         shift = -inverse[:, k] @ (total(units, sums.cross[:, shape]).T @ beta)
         out = np.zeros_like(self.target[rows])

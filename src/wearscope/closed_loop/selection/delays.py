@@ -46,7 +46,7 @@ def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray,
 def lags_slow_torque(assembly: Assembly, e: Evidence, policy: Policy) -> bool:
     """Whether a delay is alike far below the common cut-off, or cannot be told from one that is.
 
-    To be asked beside all else that was found: what a model leaves that lacks it may be anything there.
+    To be asked given all else that was found: what a model leaves that lacks it may be anything there.
     """
     beta, error = fit_below(assembly, e, policy.slow * assembly.layout.prepared.band.torque)
     own = float(e.beta[0])
@@ -54,7 +54,7 @@ def lags_slow_torque(assembly: Assembly, e: Evidence, policy: Policy) -> bool:
 
 
 def fit_below(assembly: Assembly, e: Evidence, cutoff: float) -> tuple[float, float]:
-    """A term's first coefficient beside a model, at its joint and below a frequency, and its standard error.
+    """A term's first coefficient given a model, at its joint and below a frequency, and its standard error.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Evidence on a candidate beside a model: what held-out runs gain, chance, agreement, determinacy. Frozen."""
+"""Evidence on a candidate given a model: what held-out runs gain, chance, agreement, determinacy. Frozen."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ class Refusal(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One candidate (a subset of its coefficients, its best shape) beside a model.
+    """One candidate (a subset of its coefficients, its best shape) conditional on a model.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ def on_same_folds(
     Parameters
     ----------
     assembly : Assembly
-        The model beside which they were weighed.
+        The model, conditional on which they were weighed.
     weighed : sequence of Evidence
     policy : Policy
     """
@@ -329,7 +329,7 @@ def adjust_p_values(weighed: list[Evidence]) -> list[Evidence]:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A term that was named, with the evidence on it beside all others."""
+    """A term that was named, with the evidence on it conditional on all others."""
 
     chosen: Chosen
     evidence: Evidence

@@ -36,22 +36,22 @@ class Forms:
         self._made: dict[tuple[int, ...], Chosen] = {}
 
     def weigh(self, assembly: Assembly, e: Evidence) -> Evidence | None:
-        """Evidence on a term beside a model with any curve in each signal of each large term at its joint.
+        """Evidence on a term given a model with any curve in each signal of each large term at its joint.
 
         No machine follows a named term's form exactly, and what it leaves of a large one may pass for
-        another, small term; not where these curves have taken it in. Large beside another is a term of whose
+        another, small term; not where these curves have taken it in. Large against another is a term of whose
         power `material_whole` is more than that one gains.
 
         Parameters
         ----------
         assembly : Assembly
-            The model beside which the term was weighed.
+            The model, conditional on which the term was weighed.
         e : Evidence
 
         Returns
         -------
         Evidence or None
-            Its p-value over all that may be asked at all joints. None where no named term is large beside it,
+            Its p-value over all that may be asked at all joints. None where none named is large against it,
             or one that is depends on what has no curve.
         """
         curves = self._find_curves(assembly, e)
@@ -63,7 +63,7 @@ class Forms:
         return adjust_p_values([replace(own, tried=e.tried * asked, whole=np.inf)])[0]
 
     def _find_curves(self, assembly: Assembly, e: Evidence) -> list[Chosen]:
-        """Curves of the terms named at a joint that are large beside one; none where one has no curve."""
+        """Curves of the terms named at a joint that are large against one; none where one has no curve."""
         joint = e.joint
         base = {id(c.candidate) for c in self.problem.base}
         curves: dict[tuple[int, ...], Chosen] = {}

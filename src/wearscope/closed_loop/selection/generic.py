@@ -154,7 +154,7 @@ def try_generic(
 def weigh_generic(
     search: Search, terms: GenericTerms, assembly: Assembly, joints: list[int]
 ) -> list[Evidence]:
-    """Evidence on the generic term beside a model, p-values over all signals, levels and joints, judged."""
+    """Evidence on the generic term given a model, p-values over all signals, levels and joints, judged."""
     policy, by_run = search.policy, assembly.layout.folds.by_run
     weighed, tried = try_generic(terms, assembly, joints, policy)
     weighed = search.compare_whole(assembly, adjust_p_values([replace(e, tried=tried) for e in weighed]))
@@ -239,7 +239,7 @@ def explain_rest(
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
     """Add a generic term where it leaves clearly less than a name that leaves much of its joint's loss.
 
-    The name, asked again beside it as all others at the joint, goes where it stood for that structure, and
+    The name, asked again given it as all others at the joint, goes where it stood for that structure, and
     stays where that had hidden it. Of a single run, which cannot give a generic term, such a name is dropped.
 
     A wave is asked whatever it leaves, since one of few periods may stand for any curve, and so is what the

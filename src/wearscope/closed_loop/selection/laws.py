@@ -1,8 +1,8 @@
-"""Friction laws beside the reversal that suits each: a law's low end and a wide reversal look alike.
+"""Friction laws with the reversal that suits each: a law's low end and a wide reversal look alike.
 
-Widths are fitted beside a model that lacks a law yet. One that rises smoothly from rest then makes the
+Widths are fitted with a model that lacks a law yet. One that rises smoothly from rest then makes the
 reversal wide, and another law is named for what that leaves. So a law that was named is compared with the
-others once more, each with the width that fits best beside it.
+others once more, each with the width that fits best with it.
 """
 
 from copy import copy

@@ -85,7 +85,7 @@ class CommonLine:
     share : float
         Of the residuals' power that it holds, mean over the runs.
     p_value : float
-        Of a sine at so many frequencies beside an autoregression, in all runs together, as the noise is with
+        Of a sine at so many frequencies next to an autoregression, in all runs together, as the noise is with
         the sine or without it, whichever speaks against it: what wanders has much at a few periods.
     """
 

@@ -16,7 +16,7 @@ from wearscope.closed_loop.selection.search import Search
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
 #: Difference of losses, of the largest, below which two alternatives are the same.
 _SAME = 1e-9
-#: What may stand beside a name although it may not give it.
+#: What may be listed with a name although it may not give it.
 _OPEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES, Refusal.DRIFTS)
 
 
@@ -56,7 +56,7 @@ def find_confidence_set(evidence: Sequence[Evidence], policy: Policy) -> list[Ev
 
 
 def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[list[str]]]:
-    """Give each term the simplest name of its set; return the other names beside it.
+    """Give each term the simplest name of its set; return the other names of it.
 
     A standard term keeps its name: a plain joint is expected to have it.
     """

@@ -1,4 +1,4 @@
-"""What may be asked beside a model, and what an answer depends on."""
+"""What may be asked conditional on a model, and what an answer depends on."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -16,9 +16,9 @@ def list_candidates(
     joints: Iterable[int],
     asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
 ) -> list[Candidate]:
-    """What may be asked beside a model: not there, not contained, with its parents, where it applies.
+    """What may be asked conditional on a model: not there, not contained, with its parents, where it applies.
 
-    In a single run temperature is a function of time, so that beside one term that goes with either another
+    In a single run temperature is a function of time, so that next to one term that goes with either another
     would be its form. Nothing is made of an effect at a joint that `asks` leaves out.
     """
     n, declared = problem.prepared.n, {id(c.candidate) for c in problem.base}

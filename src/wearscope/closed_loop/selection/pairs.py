@@ -12,16 +12,16 @@ from wearscope.closed_loop.selection.search import NEAR, Search
 #: What may be said of a term that another one hides: of a size that matters, but that looks like chance, of
 #: which runs disagree, or (with nothing said yet) that looks like a drift.
 _HIDDEN = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
-#: Most exchanges of one term of a pair for a better one beside the other.
+#: Most exchanges of one term of a pair for a better one conditional on the other.
 _EXCHANGES = 3
 
 
 def find_pair(search: Search, found: Sequence[Found], weighed: Sequence[Evidence]) -> list[Evidence]:
-    """Two terms at a joint that pass the rule beside each other, where neither does alone.
+    """Two terms at a joint that pass the rule conditional on each other, where neither does alone.
 
     What one of two large effects leaves is the other one, beside which it looks like chance, like what runs
     disagree on, or like a drift: whichever is asked first is refused. Both are taken where each passes all of
-    the rule beside the other and is the best there. p-values count how many first terms were tried.
+    the rule conditional on the other and is the best there. p-values count how many first terms were tried.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def find_pair(search: Search, found: Sequence[Found], weighed: Sequence[Evidence
     found : sequence of Found
         The model's terms.
     weighed : sequence of Evidence
-        On what was asked beside it, none of which was taken.
+        On what was asked in addition to it, none of which was taken.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def _list_firsts(able: Sequence[Evidence]) -> list[Evidence]:
 def _complete(
     search: Search, found: Sequence[Found], assembly: Assembly, first: Evidence, tried: int
 ) -> list[Evidence]:
-    """A term and another one, each the best beside the other, reached from a first one; or nothing."""
+    """A term and another one, each the best given the other, reached from a first one; or nothing."""
     first = search.refine(assembly, first)
     second = _find_beside(search, found, assembly, first, tried)
     for _ in range(_EXCHANGES):
@@ -80,7 +80,7 @@ def _complete(
 def _find_beside(
     search: Search, found: Sequence[Found], assembly: Assembly, e: Evidence, tried: int
 ) -> Evidence | None:
-    """The best other term at a term's joints that passes the rule beside it."""
+    """The best other term at a term's joints that passes the rule conditional on it."""
     beside = _add(assembly, [e])
     joints = e.chosen.candidate.joints
     offered = search.candidates(beside, [*found, Found(e.chosen, e)], joints)

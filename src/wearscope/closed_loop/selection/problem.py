@@ -47,7 +47,7 @@ class Problem:
     prepared : Prepared
     declared : sequence of Effect
     own : sequence of Effect
-        The user's own, candidates beside the vocabulary.
+        The user's own, candidates in addition to the vocabulary.
     """
 
     def __init__(self, prepared: Prepared, declared: Sequence[Effect], own: Sequence[Effect] = ()) -> None:
@@ -158,7 +158,7 @@ class Problem:
         return Candidate(effect, joint, ((),) * len(values), felt, rows)
 
     def measurement_candidate(self, effect: MeasurementEffect, joint: int, assembly: Assembly) -> Candidate:
-        """Candidate of an error of the recorded torque beside a model, which predicts that torque."""
+        """Candidate of an error of the recorded torque conditional on a model, which predicts that torque."""
         motor = self.known[:, joint] + assembly.predicted[:, joint]
         for chosen, span in zip(assembly.chosen, assembly.spans, strict=True):
             if isinstance(chosen.candidate.effect, MeasurementEffect) and chosen.candidate.joint == joint:

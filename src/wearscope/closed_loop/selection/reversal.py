@@ -1,6 +1,6 @@
-"""Friction's reversal beside a model: over which speed each joint's direction of motion changes.
+"""Friction's reversal with a model: over which speed each joint's direction of motion changes.
 
-The width that the rough model gave is one of a poorer model. Beside the terms that the search has found it is
+The width that the rough model gave is one of a poorer model. With the terms that the search has found it is
 fitted again and its form is chosen. What is left of its error is a column of its own in every model that
 candidates are weighed beside, so that no name is given for a reversal that is a little sharper or smoother
 than assumed.
@@ -29,7 +29,7 @@ _SHARE = 0.5
 LEAST, _LARGEST = 1e-4, 0.3
 #: Largest one that drives have, over that: what is wider stands for a law of the speed.
 WIDEST = 0.05
-#: Widths from which the fit starts besides the rough model's, over the joint's largest speed; residual
+#: Widths from which the fit starts in addition to the rough model's, over the joint's largest speed; residual
 #: variances by which one must do better than it.
 STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
 #: Share of the loss that a width must remove where the rough model found a reversal at once.

@@ -1,4 +1,4 @@
-"""The revision: each term of a model asked again beside all others, and what follows when one goes."""
+"""The revision: each term of a model asked again given all others, and what follows when one goes."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 
@@ -62,7 +62,7 @@ def _stands_for_weight(f: Found, found: Sequence[Found]) -> bool:
 
 
 def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
-    """Whether plain friction explains much beside the others, with the form of its reversal held.
+    """Whether plain friction explains much conditional on the others, with the form of its reversal held.
 
     Errors of that form have most of what weak viscous friction adds to Coulomb friction. They are of no
     machine, and every machine has such friction; what they leave of another reversal is less.
@@ -84,7 +84,7 @@ def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
 
 
 def is_accepted(search: Search, f: Found, others: Sequence[Found]) -> bool:
-    """Whether a standard term would be taken again beside the others, as any name is."""
+    """Whether a standard term would be taken again conditional on the others, as any name is."""
     beside = search.assemble(others)
     own = search.weigh_again(beside, f)
     return search.judge(own) is Refusal.NONE and not search.drifts(beside, own)
@@ -93,7 +93,7 @@ def is_accepted(search: Search, f: Found, others: Sequence[Found]) -> bool:
 def is_refined(search: Search, f: Found, others: Sequence[Found]) -> bool:
     """Whether a term at the same joint refines this one, and nothing else there that stays.
 
-    Plain friction, which every joint has, stays beside whatever refines it.
+    Plain friction, which every joint has, stays with whatever refines it.
     """
     here = [k.effect for k in others if k.joint == f.joint]
     present = [*search.problem.declared, *search.problem.given, *here]
@@ -105,7 +105,7 @@ def is_refined(search: Search, f: Found, others: Sequence[Found]) -> bool:
 def absorb(search: Search, f: Found, others: list[Found]) -> list[Found]:
     """The other terms, with one that contains a standard term in the form in which it has its part too.
 
-    A spring's or balancer's torque at rest is no offset of the torque beside it.
+    A spring's or balancer's torque at rest is no offset of the torque next to it.
     """
     whole = find_whole(f, others)
     if whole is None or not f.effect.standard:
@@ -120,7 +120,7 @@ def absorb(search: Search, f: Found, others: list[Found]) -> list[Found]:
 def ask_again(
     search: Search, beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
 ) -> Found | None:
-    """A term again beside all others: itself, what is better, or None.
+    """A term again conditional on all others: itself, what is better, or None.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def ask_again(
 
 
 def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept: set[int]) -> list[Found]:
-    """Drop terms at joints that are not needed beside new ones; some are kept (identities).
+    """Drop terms at joints that are not needed conditional on new ones; some are kept (identities).
 
     A name is needed on the rows that are fitted too: what it gains on held-out ones alone is the penalty of a
     spline that it takes the place of.

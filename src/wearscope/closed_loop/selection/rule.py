@@ -179,7 +179,7 @@ def explains_unbelievably(e: Evidence, policy: Policy, by_run: bool) -> bool:
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise.
 
-    What not every drive has must matter beside the standard model's loss too, as a name must, or be what is
+    What not every drive has must matter against the standard model's loss too, as a name must, or be what is
     left. Where most of the loss is gained in all of them there is no noise to ask about: what differs then is
     how far each part runs away without the term. Plain friction that explains much need only gain in most.
     """

@@ -6,7 +6,7 @@ from statsmodels.regression.linear_model import burg
 
 #: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.
 _MEMORY = 6
-#: Knocks: rows of the running median beside which a row is cut off, and where, in deviations of all.
+#: Knocks: rows of the running median against which a row is cut off, and where, in deviations of all.
 _AROUND, _CUT = 9, 3.0
 
 

@@ -19,7 +19,7 @@ def refine(problem: Problem, assembly: Assembly, e: Evidence, policy: Policy) ->
     ----------
     problem : Problem
     assembly : Assembly
-        The model beside which it was weighed.
+        The model, conditional on which it was weighed.
     e : Evidence
     policy : Policy
     """

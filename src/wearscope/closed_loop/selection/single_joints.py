@@ -22,7 +22,7 @@ def prefer_single_joints(search: Search, found: list[Found]) -> list[Found]:
     Parameters
     ----------
     search : Search
-        Which goes on with those that are preferred, and does not ask beside them for what was left out.
+        Which goes on with those that are preferred, and does not ask in addition for what was left out.
     found : list of Found
     """
     if int(search.problem.prepared.moving.sum()) < 2:

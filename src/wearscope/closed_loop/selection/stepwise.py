@@ -1,9 +1,9 @@
 """Forward selection and revision, in turn, until nothing changes.
 
-1. Forward: beside the model, every candidate at every joint; the one that gains most on held-out runs and is
+1. Forward: given the model, every candidate at every joint; the one that gains most on held-out runs and is
    accepted by the rule is added, in its simplest form that is as good; until none is accepted, and no two
    of a joint together.
-2. Revision: each term again beside all others: kept, replaced or dropped.
+2. Revision: each term again conditional on all others: kept, replaced or dropped.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ _PASSES = 3
 def settle(search: Search, found: list[Found]) -> list[Found]:
     """Ask of each term again, and for more, until nothing changes.
 
-    What is taken only in the weights of a model without it, and not beside all others in those of the
+    What is taken only in the weights of a model without it, and not conditional on all others in those of the
     whole model, is not needed.
     """
     for _ in range(_PASSES):
@@ -90,7 +90,7 @@ def find_standard(search: Search) -> list[Found]:
     """Standard terms that held-out runs need, of each joint as a group.
 
     What is missing yet can hide friction that is there, or pose as its opposite: it stays until the
-    revision asks for it beside all that was found.
+    revision asks for it conditional on all that was found.
     """
     problem = search.problem
     base = search.assemble(())

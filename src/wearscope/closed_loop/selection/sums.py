@@ -105,7 +105,7 @@ class HeldOut:
         Those of them that count.
     model : ndarray (M, p)
     known : ndarray (p, p)
-        Information on the model's parameters besides these rows', about zero.
+        Information on the model's parameters in addition to these rows', about zero.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class HeldOut:
         return Target(values, theta, left, _join(loss))
 
     def explain(self, columns: np.ndarray, penalty: np.ndarray, target: Target) -> np.ndarray:
-        """Shares (2, S) of the model's loss, held out and fitted, that further columns remove beside it.
+        """Shares (2, S) of the model's loss, held out and fitted, that further columns remove.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Significance beside a residual that drifts: all is filtered so that what is left is white.
+"""Significance on a residual that drifts: all is filtered so that what is left is white.
 
 A torque that drifts resembles a slow signal far more often than independent noise does. The filter that makes
 the residual white takes the drift out of the regressors too; what then remains of a term is what no drift
@@ -31,7 +31,7 @@ _ABSORBED = 1e-3
 def drift_p_value(
     assembly: Assembly, chosen: Chosen, joint: int, flips: np.ndarray, always: bool = False
 ) -> float:
-    """p-value of a term beside a drift of what it leaves at a joint, with that made white.
+    """p-value of a term conditional on a drift of what it leaves at a joint, with that made white.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def drift_p_value(
     own = chosen.rows[chosen.candidate.joints.index(joint)]
     # About the model as all joints fit it: what they know of its coefficients holds there, not at zero.
     model, y = assembly.columns[joint], assembly.residual[:, joint]
-    # A generic term takes a drift into itself: what is left beside it would say nothing of one.
+    # A generic term takes a drift into itself: what is left then would say nothing of one.
     both = model if chosen.candidate.effect.empirical else np.concatenate([model, own], axis=1)
     elsewhere = assembly.know_elsewhere(joint)
     x = both * keep[:, None]
@@ -170,7 +170,7 @@ def does_drift_explain(
     e : Evidence
         Of the term.
     tried : int
-        Models beside which the same was asked.
+        Models, conditional on which the same was asked.
     """
     effect, joints = e.term.effect, int(problem.prepared.moving.sum())
     by_run = problem.layout.folds.by_run
@@ -196,7 +196,7 @@ def count_kinds(problem: Problem, effect: Effect, joint: int) -> int:
 
 
 def _is_beyond_drift(problem: Problem, policy: Policy, assembly: Assembly, e: Evidence) -> bool:
-    """Whether a term is beyond chance, in a single run beside an offset too.
+    """Whether a term is beyond chance, in a single run given an offset too.
 
     All parts of a run agree on the level of a drift that is as slow as the run is long.
     """
