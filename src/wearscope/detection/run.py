@@ -1,4 +1,4 @@
-"""Detectors on the recordings of a data set, beside the same detectors on its simulated model."""
+"""Detectors on the recordings of a data set, and the same detectors on its simulated model."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ from wearscope.tracking.inference import Estimate
 
 #: Least RMS torque of a change, as a share of the joint's friction, and of its torque for any other change.
 LEAST_FRICTION, LEAST_TORQUE = 0.02, 0.005
-#: p-value from which a change adds nothing beside another one, which then explains it too.
+#: p-value from which a change adds nothing given another one, which then explains it too.
 _NOTHING_LEFT = 0.01
 #: A further change at a joint must explain so much of what the first one there does.
 _FURTHER = 0.05
@@ -16,13 +16,13 @@ _FURTHER = 0.05
 
 @dataclass(frozen=True)
 class Judged:
-    """An estimate of a change beside others, with the p-value of none, for this change alone."""
+    """An estimate of a change given others, with the p-value of none, for this change alone."""
 
     estimate: Estimate
     p_value: float
 
 
-#: Estimate of a change beside others; None where the session does not show it.
+#: Estimate of a change given others; None where the session does not show it.
 Ask = Callable[[Change, Sequence[Change]], Judged | None]
 
 
@@ -34,7 +34,7 @@ class Named:
     ----------
     change : Change
     judged : Judged
-        Beside all others that the session shows.
+        Given all others that the session shows.
     equivalent : tuple of str
         Names that explain it as well.
     """
@@ -103,7 +103,7 @@ def name_changes(changes: Sequence[Change], ask: Ask, level: float) -> list[Name
 
 
 def _covers(other: Change, change: Change, taken: Sequence[Change], ask: Ask) -> bool:
-    """Whether `change` adds nothing beside `other`."""
+    """Whether `change` adds nothing given `other`."""
     if set(effect_names(change)) <= set(effect_names(other)) and change.joint == other.joint:
         return True
     judged = ask(change, [*taken, other])
@@ -118,7 +118,7 @@ def effect_names(change: Change) -> list[str]:
 def _prune(
     taken: list[Change], names: dict[str, tuple[str, ...]], ask: Ask, level: float, tests: int
 ) -> list[Named]:
-    """Each change beside all others; those that no longer count are dropped, the least sure first."""
+    """Each change given all others; those that no longer count are dropped, the least sure first."""
     taken = list(taken)
     while taken:
         found = {change.key: ask(change, [c for c in taken if c is not change]) for change in taken}

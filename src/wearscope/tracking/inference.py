@@ -1,4 +1,4 @@
-"""Estimates of changes in one session, beside all that is not known of the healthy machine.
+"""Estimates of changes in one session, given all that is not known of the healthy machine.
 
 The torque that a session leaves of the reference's prediction is y = Z d + C b + e: the change d sought,
 the error b of the reference's parameters with its covariance, and autocorrelated noise e. The estimate of d
@@ -193,7 +193,7 @@ def condition(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = ()) -> Estimate | None:
-    """Estimate of a change beside others; None where the session does not excite it.
+    """Estimate of a change given others; None where the session does not excite it.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def tell_plan(plan: NextSession) -> str:
 
 
 def write_plans(folder: Path, records: Sequence[dict[str, Any]], healthy: Healthy) -> None:
-    """Write each joint's latest plan as a test-cycle, ``next_measurement_<k>.py``, and a table beside it."""
+    """Write each joint's latest plan as a test-cycle, ``next_measurement_<k>.py``, and a table next to it."""
     for old in folder.glob("next_measurement_*"):
         old.unlink()
     joints, step = list(healthy.structure.joints), 1.0 / healthy.structure.frame.band.rate

@@ -137,15 +137,15 @@ def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> li
 
 
 def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
-    """Estimate of a change alone; of what only has a size, beside all else that the session shows."""
+    """Estimate of a change alone; of what only has a size, given all else that the session shows."""
     beside = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
     return estimate_change(sample, change, beside)
 
 
 def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
-    """Estimates of changes beside others in a session, each made once.
+    """Estimates of changes given others in a session, each made once.
 
-    What is no friction is asked beside all that the friction of a joint may have become where it changed, so
+    What is no friction is asked given all that the friction of a joint may have become where it changed, so
     that what the named form leaves of it is not taken for something else.
     """
     curves = {change.joint: change for change in sample.changes if not change.asked}

@@ -2,7 +2,7 @@
 
 A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
 friction at low speed. The width is sought on the training runs with the rough model, friction under load and
-drag of second order beside it; friction that grows towards rest, or lags the reversal by a distance, only
+drag of second order with it; friction that grows towards rest, or lags the reversal by a distance, only
 where the torque clearly asks for it. The narrowest width that does as well as the best within the noise is
 taken.
 """
@@ -27,7 +27,7 @@ _STRIBECK = (0.02, 0.1)
 _PRESLIDING = (0.002, 0.01, 0.05)
 #: Length of a block of residuals in periods of the common filter; most samples that are looked at.
 _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
-#: Share of what is left by which friction towards rest must lower the loss to be fitted beside the width.
+#: Share of what is left by which friction towards rest must lower the loss to be fitted with the width.
 _CLEAR = 0.1
 
 
@@ -125,7 +125,7 @@ class _Losses:
 
 
 def _choose_width(parts: list[_JointRows], length: int) -> float:
-    """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or beside that.
+    """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or with that.
 
     A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
     torque clearly asks for such friction is it fitted beside.

@@ -14,7 +14,7 @@ from scipy import optimize
 #: of a torque, the middle holds reversals and rest only.
 _MIDDLE = 0.5
 #: Standard deviation a priori of the factor of the rigid body's torque about one, and as how many independent
-#: samples a run's rows count beside it.
+#: samples a run's rows count with it.
 _FACTOR, _SAMPLES = 0.5, 30
 #: Weight by which coefficients of columns of unit length are held about zero: of columns that say the same,
 #: as inertia and a rigid body about one axis do, a bounded fit ends at once, wherever rounding puts it.

@@ -12,7 +12,7 @@ from wearscope.effects.base import Signals
 
 #: Signals with a value a sample.
 _SAMPLED = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-#: What is known of single runs only, beside the slopes, which are those of other samples.
+#: What is known of single runs only, next to the slopes, which are those of other samples.
 _OF_A_RUN: dict[str, Any] = {"torque": None, "transmitted": None, "lag": None, "reversal": None}
 
 

@@ -45,7 +45,7 @@ class Budget:
     joint_seconds, joint_samples, joint_rows : float
         Of the training runs, summed over the joints: as recorded, and after the common filter.
     tested : float
-        Share of these that the test runs may have besides.
+        Share of these that the test runs may have, too.
     stretch : float
         Usual length of a stretch [s].
     """

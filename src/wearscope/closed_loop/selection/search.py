@@ -104,7 +104,7 @@ class Search:
         asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
         every: bool = False,
     ) -> list[Candidate]:
-        """What may be asked beside a model; a joint with the most terms is left out, and remembered.
+        """What may be asked given a model; a joint with the most terms is left out, and remembered.
 
         Nothing that was left out for names with fewer parameters, unless `every` name is asked.
         """
@@ -135,9 +135,9 @@ class Search:
         candidates: Iterable[Candidate],
         least: Callable[[Candidate], float] = lambda _: 0.0,
     ) -> list[Evidence]:
-        """Evidence on all variants of the candidates beside a model, p-values over all, judged by the rule.
+        """Evidence on all variants of the candidates given a model, p-values over all, judged by the rule.
 
-        What is asked again beside a model that is the same where the candidate is felt is not weighed again.
+        What is asked again given a model that is the same where the candidate is felt is not weighed again.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Search:
     ) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves.
 
-        Or, where a term is refused for that alone, of what is left beside any form of the named terms, if it
+        Or, where a term is refused for that alone, of what is left given any form of the named terms, if it
         passes there: it is no part of theirs then.
         """
         own, standard = self.find_losses_beside_bodies(beside), self.standard_losses
@@ -195,7 +195,7 @@ class Search:
         """Losses (2, n) of the standard model, held out by runs and by fifths, with bodies that are named.
 
         Forms of friction and gears are followed by no machine exactly; a rigid body's is, so that what is
-        small beside a wrong mass is no part of it.
+        small against a wrong mass is no part of it.
         """
         base = {id(c) for c in self.problem.base}
         terms = [c for c in beside.chosen if id(c) in base or is_exact(c.candidate.effect)]
@@ -208,9 +208,9 @@ class Search:
         return self._beside_bodies[key]
 
     def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
-        """Whether a term passes the rule beside any form of its joint's large terms, and is most of the rest.
+        """Whether a term passes the rule given any form of its joint's large terms, and is most of the rest.
 
-        A machine's own rest beside a large term is of many kinds: what removes a part of it is no effect yet.
+        A machine's own rest at a large term is of many kinds: what removes a part of it is no effect yet.
         Of what was found that is not asked again.
         """
         key = (*self._key(beside, e.chosen.candidate, e.chosen.subset), found)
@@ -245,7 +245,7 @@ class Search:
         self.standard_losses = self.assemble(found).joint_sums
 
     def settle_reversals(self, found: list[Found], forms: bool = True) -> list[Found]:
-        """Fit how the frictions reverse beside the terms found, and make all anew along them."""
+        """Fit how the frictions reverse with the terms found, and make all anew along them."""
         old = self.problem.prepared.reversals
         fitted = refine_reversals(self.problem.prepared, self.assemble(found), forms)
         moved = fitted.differ(old, _SETTLED)
@@ -284,7 +284,7 @@ class Search:
         )
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
-        """Reduction of the loss below which a candidate cannot be material beside a model."""
+        """Reduction of the loss below which a candidate cannot be material given a model."""
         losses, policy = assembly.sample_losses, self.policy
         standard, named = HOPELESS * policy.material_whole, HOPELESS * policy.material_share
         return lambda c: (standard if c.effect.standard else named) * float(losses[list(c.joints)].min())
@@ -298,7 +298,7 @@ class Search:
         able : list of Evidence
             What may be accepted.
         tried : int
-            Models beside which the same was asked.
+            Models, given which the same was asked.
         """
         assembly, able = on_same_folds(assembly, able, self.policy)
         able = sorted((e for e in able if self.is_delay(assembly, e)), key=lambda e: -e.gain)
@@ -319,7 +319,7 @@ class Search:
         return chosen
 
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
-        """Whether a drift of what a term leaves explains it as well; `tried` models were asked beside."""
+        """Whether a drift of what a term leaves explains it as well; `tried`: models that were asked."""
         return does_drift_explain(self.problem, self.policy, self.flips, assembly, e, tried)
 
     def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
@@ -328,7 +328,7 @@ class Search:
         Parameters
         ----------
         assembly : Assembly
-            The model that it was weighed beside.
+            The model, given which it was weighed.
         e : Evidence
         settled : bool
             Whether that is all else that was found. What is no delay then is not offered again.
@@ -348,7 +348,7 @@ class Search:
         return e if self.judge(refined) is Refusal.BOUNDS else refined
 
     def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
-        """Evidence on a term found beside all others, in today's residual variances; its p-value kept.
+        """Evidence on a term found given all others, in today's residual variances; its p-value kept.
 
         Gains of different scales must not be compared. What was found by fifths is asked by fifths.
         """
