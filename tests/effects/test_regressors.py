@@ -50,7 +50,14 @@ FORMULAS = {
         (0.4, 0.7),
         lambda s: s.sign[:, [J]] * (s.sign[:, [J]] * s.v[:, [J]]) / np.hypot(s.v[:, [J]], 0.7) ** 0.6,
     ),
-    "load_dependent_friction": ((), lambda s: np.sqrt(s.load[:, [J]] ** 2) * s.sign[:, [J]]),
+    "load_dependent_friction": (
+        (0.4,),
+        lambda s: (
+            (s.load[:, [J]] ** 2) ** 0.5
+            * s.sign[:, [J]]
+            * np.column_stack([np.ones(len(s.v)), np.exp(-np.abs(s.v[:, J]) / 0.4)])
+        ),
+    ),
     "temperature_dependent_friction": (
         (33.0,),
         lambda s: (s.temperature[:, [J]] - 33.0) * np.column_stack([s.sign[:, J], s.v[:, J]]),

@@ -4,25 +4,40 @@ Its coefficient is the gear's loss, 1 - efficiency: 0.1 to 0.3 for strain wave a
 a worm gear that does not drive back.
 """
 
-from wearscope.effects.base import Effect, Parameter, compile_row
+import numpy as np
+
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
 from wearscope.effects.motions import PAYLOAD
 
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
     out[0] = abs(load[j]) * sign[j]
+    out[1] = out[0] * decay(abs(v[j]) / shape[0], 1.0)
+
+
+def _search(signals: Signals, joint: int) -> np.ndarray:
+    fastest = max(float(np.abs(signals.v[:, joint]).max()), 1e-9)
+    return fastest * np.geomspace(0.05, 0.8, 9)[:, None]
 
 
 EFFECT = Effect(
     name="load_dependent_friction",
-    form="coefficient abs(tau_rb) sign(v)",
-    coefficients=(Parameter("coefficient", "-", lower=0.0, believable=(0.0, 0.5)),),
+    form="(coefficient + fall exp(-abs(v)/speed)) abs(tau_rb) sign(v)",
+    coefficients=(
+        Parameter("coefficient", "-", lower=0.0, believable=(0.0, 0.5)),
+        Parameter("fall", "-", lower=0.0, default=0.0, believable=(0.0, 0.5)),
+    ),
+    variants=(("coefficient",),),
+    extensions=(("coefficient", "fall"),),
     source="Gogoussis and Donath 1988; Hamon et al. 2010, IEEE IROS",
     depends_on=(
         "load_{joint}",
         "sign_qd_{joint}",
     ),
     row=_row,
+    shape=(Parameter("speed", "{position}/s", lower=1e-9, default=1.0, estimated=False),),
+    search=_search,
     parents=("coulomb",),
     excitation=PAYLOAD,
     changes=2,
