@@ -1,8 +1,8 @@
 """The outside examiner's machines against known answers, and its cases against themselves."""
 
+import re
 from dataclasses import replace
 
-import re
 import numpy as np
 import pandas as pd
 import pytest
