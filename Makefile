@@ -30,7 +30,7 @@ run: setup
 
 PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
 
-# About eleven minutes on two cores; what is left to test-slow has a smaller test here.
+# About thirteen minutes on two cores; what is left to test-slow has a smaller test here.
 test: developed
 	$(PYTEST) -m "not slow and not long" $(ARGS)
 

@@ -1,6 +1,5 @@
 """The outside examiner's machines against known answers, and its cases against themselves."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -186,8 +185,7 @@ def test_a_name_whose_parameter_no_machine_has_leaves_its_joint_unexplained(tmp_
         "load_joint_2",
         "qdd_joint_2",
     ]
-    told = re.match(r"joint_elasticity would explain it: compliance (\S+) rad", joint["reason"])
-    assert told is not None and float(told[1]) == pytest.approx(1.0 / 104.0, rel=0.2)
+    assert joint["reason"].startswith("joint_elasticity would explain it: compliance 0.0096")
     assert joint["unexplained_rms"] > 0.8 * joint["rms_after"]
 
 

@@ -157,15 +157,10 @@ def diagnose(
 
 
 def explains_more(first: Diagnosis, again: Diagnosis) -> bool:
-    """Whether a model that was fitted without events has all names, or is nearer to the rows outside of them.
+    """Whether a model that was fitted without events is nearer to the rows outside of them.
 
     Where it is not, these rows showed what the machine has: they are no events.
     """
-    names, again_names = (
-        {(a.term.joint, a.term.effect.name) for a in one.attributions} for one in (first, again)
-    )
-    if names <= again_names:
-        return True
     n = first.prepared.n
     squares = np.zeros((2, n))
     for one, other in zip(first.predicted, again.predicted, strict=True):

@@ -37,7 +37,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
         return []
     size = np.sqrt(np.mean(np.concatenate([x**2 for pair in rows for x, _ in pair]), axis=0))
     rows = [[(x / np.maximum(size, 1e-300), y) for x, y in pair] for pair in rows]
-    whole = sum(float(y @ y) for pair in rows for _, y in pair)
+    whole = max(sum(float(y @ y) for pair in rows for _, y in pair), 1e-300)
     own, common = 0.0, 0.0
     loads = np.zeros((len(rows), 2, len(size)))
     for k, pair in enumerate(rows):
@@ -46,7 +46,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
             loads[k, half] = _solve([pair[half]])
             own += _miss(*pair[1 - half], loads[k, half])
             common += _miss(x, y, others)
-    share = 1.0 - own / max(whole, 1e-300)
+    share = 1.0 - own / whole
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"the load differs between runs: loads by run explain {100 * share:.0f} % of what is left"
