@@ -30,6 +30,14 @@ def test_a_joint_in_another_unit_is_told_with_a_poor_body(tmp_path, factors):
     assert float(said[2]) == pytest.approx(factors[odd], rel=0.4)
 
 
+@pytest.mark.parametrize("factors", [(-1000.0,), (-8.0,), (1.0, -60.0)])
+def test_a_torque_in_another_unit_may_be_turned_round_too(tmp_path, factors):
+    text = Bench(tmp_path, len(factors), seconds=9.0).record(torque(factors, mass=1.2)).refuse()
+    said = re.search(r"'tau_j(\d)' is (\S+) times what the rigid body needs", text)
+    assert said is not None and int(said[1]) == len(factors)
+    assert float(said[2]) == pytest.approx(factors[-1], rel=0.1)
+
+
 def test_a_strong_spring_is_no_other_mount_and_no_other_unit(tmp_path):
     bench = Bench(tmp_path, 1, size=0.5, seconds=9.0)
     weight = 1.2 * 0.3 * 9.81

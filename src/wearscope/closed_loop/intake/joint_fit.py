@@ -290,26 +290,23 @@ class Products:
             ]
         return Fit(left, _COST * float(moved @ moved), coefficients, shares)
 
-    def fit_sizes(self, turned: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Each joint by itself with the stated body of any size.
+    def fit_sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Each joint by itself with a torque of any size, also turned round.
 
         Returns
         -------
         factor, left, without : ndarray (n,)
-            Factor of the body of either sign; share of the variance that is left with it, and without a body.
+            Torque over what the body needs, negative where the torque is turned round, its friction with it;
+            share of the variance that is left with it, and without a body.
         """
         n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
         factor, left, without = (np.full(n, np.nan) for _ in range(3))
         for j in self.heard:
             gram = self.grams[j][p:, p:]
-            sign = 1.0 if turned is None else turned[j]
-            without[j] = _left(gram, np.arange(d), sign)[0]
+            without[j] = _left(gram, np.arange(d), 1.0)[0]
             best = None
             for way in (1.0, -1.0):
-                flipped = gram.copy()
-                flipped[d] *= way
-                flipped[:, d] *= way
-                one, found = _left(flipped, np.arange(d + 1), sign)
+                one, found = _left(gram, np.arange(d + 1), way)
                 if best is None or one < best[0]:
                     best = one, way * found[d]
             assert best is not None

@@ -28,8 +28,8 @@ def read_sizes(
     """Motor-side torque, currents, newton-millimetres, masses in grams."""
     rows = asked.rows
     with np.errstate(invalid="ignore"):
-        off = _is_off(factor) & (loose < _BODY * without)
-    size = _find_sizes(rows.products, np.where(off, np.nan_to_num(np.abs(factor), nan=1.0), 1.0))
+        off = _is_off(factor) & (factor != 0.0) & (loose < _BODY * without)
+    size = _find_sizes(rows.products, np.where(off, np.nan_to_num(factor, nan=1.0), 1.0))
     size = np.where(_is_off(size), size, 1.0)
     fit = rows.products.resize(size).fit()
     at = np.flatnonzero(size != 1.0)
