@@ -1,0 +1,150 @@
+"""Whether names stay when what should not matter is changed.
+
+    python -m benchmarks.stability FOLDER [FOLDER ...] [--seconds 60]
+
+FOLDER is a data set, or a `--keep` folder of `benchmarks.board` with many. Each data set is diagnosed as it
+is, then
+
+- with the torque's cut-off 30 % lower and 30 % higher,
+- with every other training run, where there are four or more,
+- with a spring of a tenth of the torque (RMS) added at one joint; names at the other joints are compared.
+
+A name is kept if the other verdict has it at the same joint, or an effect of its set of equivalents there, or
+a name there whose set holds it. Printed: a line a change, then the share of names that changed, by kind.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import yaml
+from statsmodels.stats.proportion import proportion_confint
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.intake import preprocessing
+from wearscope.tables import read_table
+
+FACTORS = (0.7, 1.3)
+SPRING = 0.1
+"""Torque of the added spring over the joint's (RMS)."""
+
+
+def diagnose_at(folder: Path, cutoff: float) -> dict[str, Any]:
+    """Verdict of a data set at a common cut-off [Hz]."""
+    with patch.object(preprocessing, "choose_torque_cutoff", lambda *_: cutoff):
+        return diagnose(folder).verdict
+
+
+def halve(folder: Path, place: Path) -> Path | None:
+    """A copy with every other training run; None where fewer than two would be left."""
+    copy, fields = _copy(folder, place)
+    train = [run for run in fields["runs"] if run["use"] == "train"]
+    if len(train) < 4:
+        return None
+    dropped = train[1::2]
+    fields["runs"] = [run for run in fields["runs"] if run not in dropped]
+    _write(copy, fields)
+    return copy
+
+
+def add_spring(folder: Path, place: Path, joint: str) -> Path:
+    """A copy in which a joint's torque has a spring about its middle position."""
+    copy, fields = _copy(folder, place)
+    tables = {run["file"]: read_table(copy / run["file"]) for run in fields["runs"]}
+    q = np.concatenate([table[f"q_{joint}"] for table in tables.values()])
+    tau = np.concatenate([table[f"tau_{joint}"] for table in tables.values()])
+    middle = float(np.nanmean(q))
+    stiffness = SPRING * float(np.sqrt(np.nanmean(tau**2))) / float(np.nanstd(q))
+    for file, table in tables.items():
+        table[f"tau_{joint}"] += stiffness * (table[f"q_{joint}"] - middle)
+        table.to_parquet(copy / file)
+    return copy
+
+
+def list_changes(
+    before: dict[str, Any], after: dict[str, Any], apart: str | None = None
+) -> tuple[int, list[str]]:
+    """Names of two verdicts that were compared, and those that changed; `apart` is a joint left out."""
+    first, second = (
+        {
+            (one["effect"], one["joint"]): set(one["equivalent"])
+            for one in verdict["verdict"]
+            if one["joint"] != apart
+        }
+        for verdict in (before, after)
+    )
+    changed = []
+    for here, there, word in ((first, second, "lost"), (second, first, "new")):
+        for (effect, joint), alike in here.items():
+            kept = any(
+                at == joint and (other == effect or other in alike or effect in theirs)
+                for (other, at), theirs in there.items()
+            )
+            if not kept:
+                changed.append(f"{word} {effect}@{joint}")
+    return len(first), changed
+
+
+def vary(folder: Path, place: Path) -> Iterator[tuple[str, int, list[str]]]:
+    """Kind of change, names compared and those that changed, of one data set."""
+    plain = diagnose(folder).verdict
+    for factor in FACTORS:
+        other = diagnose_at(folder, factor * plain["band"]["torque_hz"])
+        yield f"cut-off x {factor:g}", *list_changes(plain, other)
+    half = halve(folder, place / "half")
+    if half is not None:
+        yield "half of the runs", *list_changes(plain, diagnose(half).verdict)
+    joints = list(plain["joints"])
+    if len(joints) > 1:
+        joint = joints[len(folder.name) % len(joints)]
+        other = diagnose(add_spring(folder, place / "spring", joint)).verdict
+        yield "spring at another joint", *list_changes(plain, other, joint)
+
+
+def _copy(folder: Path, place: Path) -> tuple[Path, dict[str, Any]]:
+    shutil.copytree(folder, place)
+    return place, yaml.safe_load((place / "dataset.yaml").read_text(encoding="utf-8"))
+
+
+def _write(folder: Path, fields: dict[str, Any]) -> None:
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the changes and their shares."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
+    parser.add_argument("--seconds", type=float, default=np.inf, help="start no further data set after these")
+    given = parser.parse_args(arguments)
+    begun = time.process_time()
+    counts: dict[str, list[tuple[int, int]]] = {}
+    folders = [file.parent for one in given.folders for file in sorted(one.rglob("dataset.yaml"))]
+    for folder in folders:
+        if time.process_time() - begun > given.seconds:
+            break
+        with tempfile.TemporaryDirectory() as place:
+            for kind, names, changed in vary(folder, Path(place)):
+                counts.setdefault(kind, []).append((names, len(changed)))
+                print(f"{folder.name}, {kind}: {', '.join(changed) or 'nothing'} of {names}", flush=True)
+    for kind, pairs in counts.items():
+        names, changed = np.sum(pairs, axis=0)
+        unmoved = sum(not moved for _, moved in pairs)
+        low, high = proportion_confint(unmoved, len(pairs), method="beta")
+        print(
+            f"{kind}: {changed} changes to {names} names; {unmoved} of {len(pairs)} verdicts unchanged "
+            f"({100 * low:.0f} to {100 * high:.0f} %)"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
