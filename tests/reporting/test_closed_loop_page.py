@@ -19,6 +19,7 @@ from wearscope.reporting.closed_loop import (
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.loop_words import conclude_loop
+from wearscope.reporting.page_strip import unbreak
 from wearscope.reporting.sections.loop_outcome import Outcome, draw_curves
 
 JOINTS = ["a", "b"]
@@ -216,7 +217,7 @@ def test_page_of_none_says_so(tmp_path):
     assert "Structure that no named effect" not in text and "Stopped" not in text
 
 
-def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path):
+def test_what_is_left_is_said_and_an_empty_verdict_next_to_it_is_no_none(tmp_path):
     verdict = copy.deepcopy(VERDICT) | {"verdict": []}
     verdict["joints"]["b"] |= {
         "state": "unexplained", "unexplained_rms": 0.8, "depends_on": ["q_a", "t"],
@@ -226,14 +227,41 @@ def test_what_is_left_is_said_and_an_empty_verdict_beside_it_is_no_none(tmp_path
     html = page(tmp_path)
     text = text_of(html)
     assert "None: the declared model suffices" not in text
-    said = "Nothing was named, and the declared model does not suffice: b is left unexplained."
-    assert f'<div class="alarm">{said}</div>' in html
-    assert "RMS depends on position of a and time" in text
+    said = (
+        "Nothing was named, and the declared model does not suffice: 3 % of the torque is left at b, part of "
+        "it unexplained."
+    )
+    assert f'<div class="alarm">{unbreak(said)}</div>' in html
+    assert "structure left, 3 % of the torque 0.8 N m RMS of it depends on position of a and time" in text
     loop = read_closed_loop(tmp_path)
     assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
     verdict["joints"]["b"]["depends_on"] = []
     write(tmp_path, verdict)
-    assert "0.8 N m RMS depends on no known signal" in text_of(page(tmp_path))
+    assert "0.8 N m RMS of it: a line at 3 Hz in time" in text_of(page(tmp_path))
+    verdict["joints"]["b"]["reason"] = ""
+    write(tmp_path, verdict)
+    assert "0.8 N m RMS of it: it depends on no known signal" in text_of(page(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "left, structure, noise, small",
+    [(0.4, 0.8, 1.5, True), (0.4, 1.6, 1.5, False), (4.0, 0.8, 1.5, False), (0.4, 0.8, None, False)],
+)
+def test_structure_below_noise_and_torque_is_small_and_its_size_is_said(
+    tmp_path, left, structure, noise, small
+):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    verdict["joints"]["a"]["state"] = "explained"
+    verdict["joints"]["b"] |= {
+        "state": "unexplained", "unexplained_rms": structure, "depends_on": ["q_a"],
+        "left_percent": left, "noise_floor": noise,
+    }  # fmt: skip
+    write(tmp_path, verdict)
+    text = text_of(page(tmp_path))
+    kind, answer = conclude_loop(read_closed_loop(tmp_path).verdict)
+    assert f"{left:g} % of the torque is left at b" in answer and f"{structure:g} N m RMS of it" in text
+    assert kind == ("good" if small else "bad") and ("suffices within the noise" in answer) == small
+    assert f"{'small structure' if small else 'structure'} left, {left:g} % of the torque" in text
 
 
 def test_effect_of_the_whole_robot_is_said_at_every_joint(tmp_path):
@@ -318,7 +346,7 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     write(tmp_path, sure)
     kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "unsure" and "stribeck at a (not confirmed)" in text
-    assert text.endswith("; b keeps something unexplained.")
+    assert text.endswith("; 3 % of the torque is left at b, part of it unexplained.")
     refuted = sure | {"verdict": [ENTRY | {"status": "refuted"}]}
     write(tmp_path, refuted)
     kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)

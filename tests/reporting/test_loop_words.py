@@ -2,7 +2,7 @@ import copy
 
 import pytest
 
-from wearscope.reporting.loop_words import list_alarms, say_share, tell_left, tell_planted
+from wearscope.reporting.loop_words import list_alarms, say_share, size_left, tell_left, tell_planted
 
 ENTRY = {
     "joint": "axis_2", "effect": "gravity_counterbalance", "equivalent": ["joint_spring"],
@@ -54,7 +54,7 @@ def test_an_empty_verdict_says_what_it_means():
         "alarm", "Nothing was named; that says nothing of axis_2, which is not judged."
     )  # fmt: skip
     verdict["joints"]["axis_1"] |= {"state": "unexplained"}
-    assert "axis_1 is left unexplained" in list_alarms(verdict)[1][1]
+    assert "axis_1 keeps something unexplained" in list_alarms(verdict)[1][1]
 
 
 def test_what_is_left_at_a_joint():
@@ -64,5 +64,5 @@ def test_what_is_left_at_a_joint():
         "depends_on": ["q_a", "t"],
         "reason": "seen",
     }
-    assert tell_left(left) == "30 N m RMS, depends on position of a and time"
-    assert tell_left(JOINT | {"left_percent": 3.0}) == "3 % of the torque"
+    assert tell_left(left) == "30 N m RMS of it depends on position of a and time"
+    assert size_left(JOINT | {"left_percent": 3.0}) == "3 % of the torque" and size_left(JOINT) == ""

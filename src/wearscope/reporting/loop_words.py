@@ -13,6 +13,8 @@ Verdict = Mapping[str, Any]
 
 #: Probability from which on an advised measurement is a promise.
 PROMISED = 0.9
+#: Share of the torque [%] up to which structure below the noise of a run is small.
+SMALL = 1.0
 
 
 class Status(NamedTuple):
@@ -43,6 +45,32 @@ def joints_in(verdict: Verdict, state: str) -> list[str]:
     return [joint for joint, one in verdict["joints"].items() if one["state"] == state]
 
 
+def is_small(one: Verdict) -> bool:
+    """Whether a joint's structure without a name is small: below the noise of a run, and of the torque."""
+    left, structure, noise = (number(one.get(k)) for k in ("left_percent", "unexplained_rms", "noise_floor"))
+    return one["state"] == "unexplained" and left <= SMALL and structure <= noise
+
+
+def list_unexplained(verdict: Verdict, small: bool) -> list[str]:
+    """Joints at which structure without a name is left, small or not."""
+    return [j for j in joints_in(verdict, "unexplained") if is_small(verdict["joints"][j]) == small]
+
+
+def tell_unexplained(verdict: Verdict, small: bool) -> str:
+    """Where structure without a name is left, its size first; empty where there is none of this size."""
+    joints = list_unexplained(verdict, small)
+    if not joints:
+        return ""
+    who = join_words(joints) if len(joints) < 4 else f"{len(joints)} of {len(verdict['joints'])} joints"
+    shares = [number(verdict["joints"][joint].get("left_percent")) for joint in joints]
+    most = "at most " if len(joints) > 1 else ""
+    size = f"{most}{max(shares):.2g} % of the torque" if np.isfinite(shares).all() else ""
+    if not size:
+        return f"{who} {'keeps' if len(joints) == 1 else 'keep'} something unexplained"
+    tail = "and its structure lies below the noise of a run" if small else "part of it unexplained"
+    return f"{size} is left at {who}, {tail}"
+
+
 def is_are(names: Sequence[str], rest: str) -> str:
     """``a is rest``, ``a and b are rest``."""
     return f"{join_words(names)} {'is' if len(names) == 1 else 'are'} {rest}"
@@ -52,15 +80,20 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     """The outcome in one plain sentence, and its colour: good, unsure or bad."""
     entries = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN]
     held = [one for one in entries if one["status"] != "refuted"]
-    left, unjudged = joints_in(verdict, "unexplained"), joints_in(verdict, "not_judged")
-    who = join_words(left) if len(left) < 4 else f"{len(left)} of {len(verdict['joints'])} joints"
-    said = [f"{who} {'keeps' if len(left) == 1 else 'keep'} something unexplained"] if left else []
+    left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
+    said = [left] if left else []
     said += [is_are(unjudged, "not judged")] if unjudged else []
     rest = join_words(said)
+    small = tell_unexplained(verdict, small=True)
     if not held:
-        if not said:
-            return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
-        return "bad" if left else "unsure", f"No effect that the test runs bear out was named, and {rest}."
+        if said:
+            return (
+                "bad" if left else "unsure",
+                f"No effect that the test runs bear out was named, and {rest}.",
+            )
+        if small:
+            return "good", f"The declared model suffices within the noise of a run: {small}."
+        return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     named: dict[tuple[str, bool], list[str]] = {}
     for one in held:
         key = words(join_words([one["effect"], *one["equivalent"]], "or")), one["status"] == "confirmed"
@@ -130,13 +163,15 @@ def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
     said += [("notice", f"Stopped. {text}.") for text in verdict["stopped"]]
     if verdict["verdict"]:
         return said
-    left, unjudged = joints_in(verdict, "unexplained"), joints_in(verdict, "not_judged")
+    left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
+    small = tell_unexplained(verdict, small=True)
     if left:
-        unexplained = is_are(left, "left unexplained")
-        text = f"Nothing was named, and the declared model does not suffice: {unexplained}."
+        text = f"Nothing was named, and the declared model does not suffice: {left}."
     elif unjudged:
         which = "which is" if len(unjudged) == 1 else "which are"
         text = f"Nothing was named; that says nothing of {join_words(unjudged)}, {which} not judged."
+    elif small:
+        text = f"Nothing was named: {small}. The model after is the model before."
     else:
         text = (
             "None: the declared model suffices. No candidate beat it outside the noise, and no further "
@@ -196,18 +231,21 @@ def tell_sizes(one: Verdict) -> str:
 
 
 def tell_left(one: Verdict) -> str:
-    """How much is left at a joint, on what it depends, how it was seen."""
-    share = number(one.get("left_percent"))
-    told = [f"{share:.2g} % of the torque"] if np.isfinite(share) else []
+    """Of structure that is left, its size and how it was seen; why a joint is not judged."""
     if one["state"] == "unexplained":
-        on = join_words([*map(name_signal, one["depends_on"])]) or "no known signal"
-        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS"
-        told.append(f"of it {size} depends on {on}" if told else f"{size}, depends on {on}")
-    text = ", ".join(told)
-    # A reason that names signals repeats them by their codes.
-    if one["state"] in ("unexplained", "not_judged") and one["reason"] and not one["depends_on"]:
-        text = f"{text} ({one['reason']})" if text else str(one["reason"])
-    return text
+        noise = ", below the noise of a run" if is_small(one) else ""
+        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS of it{noise}"
+        # A reason that names signals repeats them by their codes.
+        if on := join_words([*map(name_signal, one["depends_on"])]):
+            return f"{size}{',' if noise else ''} depends on {on}"
+        return f"{size}: {one['reason'] or 'it depends on no known signal'}"
+    return str(one["reason"]) if one["state"] == "not_judged" else ""
+
+
+def size_left(one: Verdict) -> str:
+    """What is left at a joint as a share of its torque; empty where that is not known."""
+    share = number(one.get("left_percent"))
+    return f"{share:.2g} % of the torque" if np.isfinite(share) else ""
 
 
 def tell_measurement(entry: Verdict) -> str:

@@ -10,7 +10,13 @@ from wearscope.reporting.closed_loop import ClosedLoop, number
 from wearscope.reporting.conclusion import certainty, conclude, tell_sure
 from wearscope.reporting.detection import Detections
 from wearscope.reporting.labels import UNKNOWN, count_text, join_words
-from wearscope.reporting.loop_words import conclude_loop
+from wearscope.reporting.loop_words import (
+    conclude_loop,
+    list_unexplained,
+    size_left,
+    tell_left,
+    tell_unexplained,
+)
 from wearscope.reporting.page_strip import Strip
 from wearscope.reporting.reevaluation import answer_sentences, count_truth, tell_headline
 from wearscope.reporting.study import Study
@@ -83,14 +89,12 @@ def _loop_caveat(loop: ClosedLoop) -> str:
     if unjudged:
         reason = loop.verdict["joints"][unjudged[0]].get("reason", "")
         return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
-    left = [joint for joint, state in states.items() if state == "unexplained"]
+    joints = loop.verdict["joints"]
+    left = {joint: joints[joint] for joint in list_unexplained(loop.verdict, small=False)}
     if left:
-        shares = {joint: number(loop.verdict["joints"][joint].get("left_percent")) for joint in left}
-        worst = max(left, key=lambda joint: np.nan_to_num(shares[joint], nan=-1.0))
-        if np.isfinite(shares[worst]):
-            told = f"At {worst}, {shares[worst]:.2g} % of the torque is left"
-            return f"{told}; part of it repeats and has no name."
-        return f"Something that repeats has no name at {join_words(left)}."
+        worst = max(left, key=lambda joint: number(left[joint].get("left_percent") or 0.0))
+        size = size_left(left[worst])
+        return f"At {worst}, {f'{size} is left; ' if size else ''}{tell_left(left[worst])}."
     open_names = [
         f"{join_words([one['effect'], *one['equivalent']], 'or').replace('_', ' ')} at {one['joint']}"
         for one in loop.verdict["verdict"]
@@ -100,6 +104,8 @@ def _loop_caveat(loop: ClosedLoop) -> str:
         return f"These runs do not separate {'; '.join(open_names)}."
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
+    if left := tell_unexplained(loop.verdict, small=True):
+        return f"{left[:1].upper()}{left[1:]}."
     runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."

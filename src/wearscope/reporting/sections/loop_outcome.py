@@ -11,9 +11,11 @@ from wearscope.reporting.labels import UNKNOWN, join_words, unit_text, words
 from wearscope.reporting.loop_words import (
     PROMISED,
     STATUSES,
+    is_small,
     list_alarms,
     list_shared,
     say_share,
+    size_left,
     tell_left,
     tell_measurement,
     tell_sizes,
@@ -23,11 +25,12 @@ from wearscope.reporting.sections.base import JOINT, LoopSection
 
 _CHANGES = {"smaller": "good", "same": "neutral", "larger": "bad"}
 _LEFT = {
-    "explained": ("good", "noise"),
-    "corrected": ("good", "noise"),
-    "unexplained": ("unsure", "structure"),
+    "explained": ("good", "noise left"),
+    "corrected": ("good", "noise left"),
+    "unexplained": ("unsure", "structure left"),
     "not_judged": ("unsure", "not judged"),
 }
+_SMALL = ("good", "small structure left")
 #: Of the small curves: width, height, seconds and points; colour and width of each.
 _WIDTH, _HEIGHT, _SECONDS, _POINTS = 320, 64, 8.0, 240
 _CURVES = {
@@ -69,7 +72,7 @@ class Outcome(LoopSection):
         own = [entry["effect"] for entry in self.loop.entries_at(joint)]
         others = [e["effect"] for e in self.verdict["verdict"] if e["effect"] in shared - set(own)]
         named = [*map(words, own), *(f"{words(name)} of the robot" for name in others)]
-        change, (kind, word) = one["error"], _LEFT[one["state"]]
+        change, (kind, word) = one["error"], _SMALL if is_small(one) else _LEFT[one["state"]]
         told = change or "n/a"
         if change == "larger":
             told = f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
@@ -80,7 +83,7 @@ class Outcome(LoopSection):
             "change": told,
             "change_kind": _CHANGES.get(change, "neutral"),
             "sizes": tell_sizes(one),
-            "word": word,
+            "word": ", ".join(filter(None, [word, size_left(one)])),
             "left_kind": kind,
             "left": tell_left(one),
             "curves": draw_curves(self.loop, joint),
