@@ -104,8 +104,8 @@ def _loop_caveat(loop: ClosedLoop) -> str:
         return f"These runs do not separate {'; '.join(open_names)}."
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
-    if left := tell_unexplained(loop.verdict, small=True):
-        return f"{left[:1].upper()}{left[1:]}."
+    if small := tell_unexplained(loop.verdict, small=True):
+        return f"{small[:1].upper()}{small[1:]}."
     runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
