@@ -1,12 +1,15 @@
-"""Words, sentence lengths and size of what users read; part of `make lint`.
+"""Words of pages and of the package's code, sentence lengths and size of pages; part of `make lint`.
 
     python tools/lint_words.py
 
 Plain field English: see `WORDS` for what is not used here, and what is said instead.
 """
 
+import io
 import re
 import sys
+import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -32,6 +35,8 @@ WORDS = {
 }
 MEAN, LONGEST = 20.0, 45
 README_WORDS, DOCS_WORDS = 500, 25_000
+#: Tokens of a module that hold words; f-strings are tokens of their own from Python 3.12 on.
+_TEXTS = (tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
 
 
 def find_sentences(text: str) -> list[str]:
@@ -53,14 +58,27 @@ def find_sentences(text: str) -> list[str]:
     return [one for one in found if len(one.split()) > 2]
 
 
+def read_words(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a file with their numbers; of a module its comments, strings and names."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        yield from enumerate(text.splitlines(), 1)
+        return
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.NAME:
+            yield token.start[0], token.string.replace("_", " ")
+        elif token.type in _TEXTS:
+            yield from enumerate(token.string.splitlines(), token.start[0])
+
+
 def check_words(path: Path) -> list[str]:
     """Words of a file that are not used here."""
-    name, wrong = path.relative_to(ROOT).as_posix(), []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-        for pattern, instead in WORDS.items():
-            if found := re.search(pattern, line, re.IGNORECASE):
-                wrong.append(f"{name}:{number}: '{found[0]}' is not used here; say: {instead}.")
-    return wrong
+    return [
+        f"{path.relative_to(ROOT).as_posix()}:{number}: '{found[0]}' is not used here; say: {instead}."
+        for number, line in read_words(path)
+        for pattern, instead in WORDS.items()
+        if (found := re.search(pattern, line, re.IGNORECASE))
+    ]
 
 
 def check_page(path: Path) -> list[str]:
@@ -90,9 +108,8 @@ def check_sizes() -> list[str]:
 
 
 def list_sources() -> list[Path]:
-    """Files of the rooms that write what people read."""
-    rooms = (ROOT / "src" / "wearscope" / room for room in ("reporting", "cli"))
-    return sorted(file for room in rooms for kind in ("*.py", "*.html") for file in room.rglob(kind))
+    """Modules and templates of the package."""
+    return sorted(file for kind in ("*.py", "*.html") for file in (ROOT / "src").rglob(kind))
 
 
 def list_pages() -> list[Path]:

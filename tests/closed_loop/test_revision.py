@@ -223,7 +223,7 @@ def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, 
     beside = search.assemble(found, standard=True)
     offset, spring = (find(search, name, 1).chosen for name in ("torque_offset", "joint_spring"))
     own = [weigh(beside, c.candidate, c.subset, search.policy) for c in (offset, spring)]
-    losses, standard = search.find_losses_beside_bodies(beside)[0, 1], search.standard_losses[0, 1]
+    losses, standard = search.find_losses_given_bodies(beside)[0, 1], search.standard_losses[0, 1]
     assert losses < 1e-3 * standard
     scale = search.sigma[1] ** 2
     wholes = [e.whole for e in search.compare_whole(beside, own)]

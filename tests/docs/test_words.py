@@ -33,6 +33,23 @@ def test_what_is_not_used_is_found(tmp_path, monkeypatch, text, found):
     assert any(found in line for line in lint_words.check_page(page))
 
 
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("# Fitted beside it.", "beside"),
+        ('\n"""A doc.\n\nIt stands for that."""', "stands for"),
+        ('x = f"{1} was foretold"', "foretold"),
+        ("def fit_beside(): ...", "beside"),
+    ],
+)
+def test_words_of_code_are_checked_but_not_its_syntax(tmp_path, monkeypatch, code, found):
+    monkeypatch.setattr(lint_words, "ROOT", tmp_path)
+    file = tmp_path / "module.py"
+    file.write_text(f"{code}\ny = [k for k in range(3)]\n")
+    (wrong,) = lint_words.check_words(file)
+    assert found in wrong and wrong.startswith(f"module.py:{1 + code[: code.index(found)].count(chr(10))}:")
+
+
 def test_code_tables_and_headings_are_no_sentences():
     text = "# A heading of a page\n\n| a | table of words |\n\n```sh\nrun it now please\n```\n"
     assert lint_words.find_sentences(f"{text}\nOne is left here.\n") == ["One is left here."]

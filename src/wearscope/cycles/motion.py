@@ -15,7 +15,7 @@ from wearscope.robots.spatial import Array
 LARGEST_EXCURSION = 0.8
 SHARE_OF_RANGE = 0.9
 # Share of the speed limit taken for a motor speed [rad/s] where the gear ratio is unknown: this many rad/s
-# stand for the whole limit.
+# are the whole limit.
 MOTOR_SPEED_AT_LIMIT = 300.0
 
 # Position, speed, acceleration (k, n) at times (k,) since the motion's start.

@@ -141,8 +141,8 @@ def _judge_cell(
         "p_f_high": threshold.rate_high,
         "nominal_above": int(np.sum(nominal >= threshold.value)),
     }
-    beside = _column(kinds, COMPARED) if COMPARED in kinds else unworn
-    scatter = compare_scatter(nominal, beside)
+    compared = _column(kinds, COMPARED) if COMPARED in kinds else unworn
+    scatter = compare_scatter(nominal, compared)
     row["scatter_ratio"], row["scatter_p"] = scatter.ratio, scatter.p_value
     worn = kinds.get(WORN, [])
     if len(worn) > 10:

@@ -93,7 +93,7 @@ class Effect:
         Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that
         a spectrum of the residual over position shows which are worth trying.
     resembles_any : callable or None
-        ``resembles_any(signals, joint, shape)``: whether with that shape it may stand for any function of its
+        ``resembles_any(signals, joint, shape)``: whether with that shape it may follow any function of its
         signals, so that more is asked of it; never where None.
     constant_in_motion : bool
         Whether its torque changes at rest alone, so that in motion a drift of few runs resembles it.

@@ -13,7 +13,7 @@ class Parameter:
     ----------
     name : str
     unit : str
-        With ``{torque}`` and ``{position}`` standing for the joint's units (N m and rad, or N and m).
+        With ``{torque}`` and ``{position}`` as the joint's units (N m and rad, or N and m).
     lower, upper : float
         Bounds that physics sets: a model with a value outside of them is refused.
     default : float

@@ -29,7 +29,7 @@ EFFECT = Effect(
     ),
     row=_row,
     shape=(
-        # A gear's teeth and a bearing's balls give way by minutes of arc, a belt or a seal by a few degrees.
+        # A gear's teeth and a bearing's balls yield by minutes of arc, a belt or a seal by a few degrees.
         Parameter(
             "displacement",
             "{position}",

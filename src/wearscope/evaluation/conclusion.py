@@ -1,4 +1,4 @@
-"""Which detector to use, what it finds and what it bears: the study's answer in numbers, not yet in words."""
+"""Which detector to use, what it finds and what it tolerates: a study's answer in numbers, not in words."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -104,7 +104,7 @@ def draw_conclusion(
     withheld: Collection[str] = (),
     robot: str = "",
 ) -> Conclusion:
-    """Detector to use, the smallest change of wear that it finds, and what it bears of each factor.
+    """Detector to use, the smallest change of wear that it finds, and how much it tolerates of each factor.
 
     Of the detectors with the best median SNR and those not told apart from it, the one whose scope is sure on
     the largest part of the grid. The change of wear is the smallest at which it bears, of every factor, half

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wearscope.errors import InputError
-from wearscope.export.run import FILES, export_model, read_verdict_beside
+from wearscope.export.run import FILES, export_model, read_verdict_of
 from wearscope.robots.model import load_model
 from wearscope.robots.model_file import find_model
 
@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         path = find_model(given.model)
         model = load_model(path, strict=False, allow_code=given.allow_code)
-        summary = export_model(model, given.out, read_verdict_beside(path), given.temperature)
+        summary = export_model(model, given.out, read_verdict_of(path), given.temperature)
     except InputError as error:
         print(error, file=sys.stderr)
         return 1

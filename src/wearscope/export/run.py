@@ -146,7 +146,7 @@ def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[s
     }
 
 
-def read_verdict_beside(path: Path) -> dict[str, Any] | None:
+def read_verdict_of(path: Path) -> dict[str, Any] | None:
     """``verdict.json`` in the folder of a model file; None where there is none.
 
     Raises

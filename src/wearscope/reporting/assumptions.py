@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from wearscope.reporting.findings import STAND_INS
+from wearscope.reporting.findings import PAPER_MODULES
 from wearscope.reporting.labels import join_words, unit_text
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
@@ -33,9 +33,9 @@ def _say_once(texts: Sequence[str]) -> str:
 
 def _detectors(study: Study) -> str:
     text = ", ".join(f"{name} is {one['use']}" for name, one in study.config["detectors"].items()) + "."
-    stand_ins = [name for module in STAND_INS.values() if (name := study.detector_of(module)) is not None]
-    if stand_ins:
-        text += f" The paper's detectors are confidential; {join_words(stand_ins)} follow its description."
+    followers = [name for module in PAPER_MODULES.values() if (name := study.detector_of(module)) is not None]
+    if followers:
+        text += f" The paper's detectors are confidential; {join_words(followers)} follow its description."
     return text
 
 

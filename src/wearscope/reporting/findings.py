@@ -20,7 +20,7 @@ from wearscope.reporting.labels import count_text, factor_name
 from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
-STAND_INS = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
+PAPER_MODULES = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
 """Modules in the place of the paper's confidential detectors."""
 LARGE, EQUAL, SMALL = 0.5, 1.0, 0.25
 """Median |normalised coefficient| that counts as considerable, as much as wear, and insignificant."""
@@ -57,7 +57,7 @@ def compare_with_paper(study: Study) -> list[Finding]:
     """
     names = {
         letter: name
-        for letter, module in STAND_INS.items()
+        for letter, module in PAPER_MODULES.items()
         if (name := study.detector_of(module)) is not None
     }
     warm, load = "temperature", "payload_mass_error"

@@ -65,7 +65,7 @@ def name_changes(changes: Sequence[Change], ask: Ask, level: float) -> list[Name
     """Changes that a session shows.
 
     At each step the change that explains most, of those that count, is compared with the others that touch
-    it: those beside which it adds nothing explain it too, and the one believed first (`Change.order`) is
+    it: those given which it adds nothing explain it too, and the one believed first (`Change.order`) is
     named.
 
     Parameters

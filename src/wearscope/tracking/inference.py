@@ -192,17 +192,17 @@ def condition(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
     return left
 
 
-def estimate_change(sample: Sample, change: Change, beside: Sequence[Change] = ()) -> Estimate | None:
+def estimate_change(sample: Sample, change: Change, given: Sequence[Change] = ()) -> Estimate | None:
     """Estimate of a change given others; None where the session does not excite it.
 
     Parameters
     ----------
     sample : Sample
     change : Change
-    beside : sequence of Change
+    given : sequence of Change
         Fitted too.
     """
-    groups = [sample.parts[c.key] for c in (change, *beside)]
+    groups = [sample.parts[c.key] for c in (change, *given)]
     at = np.concatenate(groups)
     inner, plain = sample.inner[np.ix_(at, at)], sample.plain[at]
     diagonal = np.diag(inner)

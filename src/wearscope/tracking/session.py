@@ -138,8 +138,8 @@ def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> li
 
 def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
     """Estimate of a change alone; of what only has a size, given all else that the session shows."""
-    beside = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
-    return estimate_change(sample, change, beside)
+    given = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
+    return estimate_change(sample, change, given)
 
 
 def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
@@ -151,12 +151,12 @@ def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Cha
     curves = {change.joint: change for change in sample.changes if not change.asked}
     made: dict[tuple[str, ...], Judged | None] = {}
 
-    def ask(change: Change, beside: Sequence[Change]) -> Judged | None:
-        key = (change.key, *sorted(c.key for c in beside))
+    def ask(change: Change, given: Sequence[Change]) -> Judged | None:
+        key = (change.key, *sorted(c.key for c in given))
         if key not in made:
-            others = beside
+            others = given
             if not change.friction:
-                others = [curves.get(c.joint, c) if c.friction else c for c in beside]
+                others = [curves.get(c.joint, c) if c.friction else c for c in given]
             estimate = estimate_change(sample, change, others)
             made[key] = None if estimate is None else Judged(estimate, scatter.p_value(estimate))
         return made[key]
@@ -189,8 +189,8 @@ def explain_hidden(
         others = [n.change for n in named]
         if any(other.friction and other.joint == change.joint for other in others):
             continue
-        beside = [other for other in others if touches(other, change)]
-        as_known, as_is = ask_known(change, beside), ask(change, beside)
+        given = [other for other in others if touches(other, change)]
+        as_known, as_is = ask_known(change, given), ask(change, given)
         if as_known is None or as_is is None:
             continue
         told = describe_temperatures(reference.structure, runs, change.joint)

@@ -66,15 +66,15 @@ def identify_wear(reference: Reference, rows: Sequence[RunRows], named: Sequence
     for one in named:
         if not one.change.friction:
             continue
-        beside = [other.change for other in named if not excludes(other.change, one.change)]
-        worn = fit_wear(reference, rows, one.change, beside)
+        given = [other.change for other in named if not excludes(other.change, one.change)]
+        worn = fit_wear(reference, rows, one.change, given)
         if worn is not None:
             found.append(worn)
     return found
 
 
 def fit_wear(
-    reference: Reference, rows: Sequence[RunRows], change: Change, beside: Sequence[Change]
+    reference: Reference, rows: Sequence[RunRows], change: Change, given: Sequence[Change]
 ) -> Worn | None:
     """Wear of the joint of a change of friction; None where friction fell or the session does not show it."""
     structure, effect, joint = reference.structure, worn_effect(), change.joint
@@ -90,11 +90,11 @@ def fit_wear(
         )
         for k, w in enumerate(widths.tolist())
     ]
-    changes = [*beside, *tried]
+    changes = [*given, *tried]
     sample = make_sample(
         stack_rows(structure, changes, rows), changes, reference.belief, reference.payload_prior
     )
-    fits = [estimate_change(sample, one, beside) for one in tried]
+    fits = [estimate_change(sample, one, given) for one in tried]
     known = [(w, replace(fit, change=replace(fit.change, name=effect.name)))
              for w, fit in zip(widths.tolist(), fits, strict=True) if fit is not None]  # fmt: skip
     if not known:

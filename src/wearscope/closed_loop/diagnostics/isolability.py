@@ -13,7 +13,7 @@ from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import REVERSAL
 from wearscope.effects.base import Effect, MeasurementEffect
 
-#: Shapes of a nonlinear effect that stand for all of them, spread over those worth trying.
+#: Shapes of a nonlinear effect that represent all of them, spread over those worth trying.
 _SHAPES = 9
 #: Angle [deg] below which two effects are told not to be separable: one reproduces all but an eighth of the
 #: other.

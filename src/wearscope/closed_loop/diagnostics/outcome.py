@@ -29,7 +29,7 @@ class Attribution:
     ----------
     term : ModelTerm
     evidence : Evidence
-        On training runs held out in turn, beside all other terms.
+        On training runs held out in turn, given all other terms.
     equivalent : list of str
         Other names in its confidence set.
     marked : Marked

@@ -14,7 +14,7 @@ from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
-#: Shapes of a name, of those that its search starts from, that stand for all of them.
+#: Shapes of a name, of those that its search starts from, that represent all of them.
 _SHAPES = 9
 #: Factors on its estimated shape parameters, for what refining a shape, or a faster motion, reaches.
 _REFINED = ((0.5, 1.0, 2.0, 4.0), (0.6, 1.0, 1.6))

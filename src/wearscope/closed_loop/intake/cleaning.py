@@ -110,8 +110,8 @@ def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
 def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
     """Whether a position comes back next to odd differences, as when pushed; a lost count does not."""
     rest, _ = _depart(q)
-    beside = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
-    return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in beside)
+    around = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
+    return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in around)
 
 
 def _breaks_away(q: np.ndarray, net: float, low: int, high: int) -> bool:

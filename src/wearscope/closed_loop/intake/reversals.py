@@ -86,18 +86,18 @@ class _Losses:
     parts : list of _JointRows
     length : int
         Rows of a block.
-    beside : bool
+    shaped : bool
         Whether friction towards rest and what lags are fitted too.
     designs : dict of float to ndarray
         By width, what the parts' designs are; shared by the losses of one joint.
     """
 
     def __init__(
-        self, parts: list[_JointRows], length: int, beside: bool, designs: dict[float, np.ndarray]
+        self, parts: list[_JointRows], length: int, shaped: bool, designs: dict[float, np.ndarray]
     ) -> None:
-        self.parts, self.beside, self.designs = parts, beside, designs
+        self.parts, self.shaped, self.designs = parts, shaped, designs
         self.y = np.concatenate([part.tau for part in parts])
-        first = 0 if beside else len(_PRESLIDING)
+        first = 0 if shaped else len(_PRESLIDING)
         self.fixed = np.vstack([part.fixed[part.keep, first:] for part in parts])
         self.basis, self.factor = np.linalg.qr(self.fixed)
         edges = np.cumsum([0, *(len(part.tau) for part in parts)])
@@ -107,7 +107,7 @@ class _Losses:
         """Squared residual of each block (B,) where the direction changes over `width`."""
         if width not in self.designs:
             self.designs[width] = np.vstack([part.design(width) for part in self.parts])
-        moving = self.designs[width] if self.beside else self.designs[width][:, [0, -1]]
+        moving = self.designs[width] if self.shaped else self.designs[width][:, [0, -1]]
         onto = self.basis.T @ moving
         rest = moving - self.basis @ onto
         # Once more, so that nearly collinear columns are orthogonal to rounding.
@@ -118,7 +118,7 @@ class _Losses:
         y = np.concatenate([self.basis.T @ self.y, own.T @ self.y])
         lower = np.full(k + fixed, -np.inf)
         # Friction takes power, what is added towards rest does too, and what lags comes late.
-        lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if self.beside else 0)] = 0.0
+        lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if self.shaped else 0)] = 0.0
         theta = fit_bounded(x, y, lower, np.full(k + fixed, np.inf))[1]
         left = (self.y - moving @ theta[:k] - self.fixed @ theta[k:]) ** 2
         return np.add.reduceat(left, self.starts)
@@ -128,17 +128,17 @@ def _choose_width(parts: list[_JointRows], length: int) -> float:
     """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or with that.
 
     A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
-    torque clearly asks for such friction is it fitted beside.
+    torque clearly asks for such friction is it fitted too.
     """
     designs: dict[float, np.ndarray] = {}
-    width, plain = _choose_width_beside(parts, _Losses(parts, length, False, designs))
-    other, rich = _choose_width_beside(parts, _Losses(parts, length, True, designs))
+    width, plain = _choose_width_with(parts, _Losses(parts, length, False, designs))
+    other, rich = _choose_width_with(parts, _Losses(parts, length, True, designs))
     gain = plain - rich
     clear = gain.sum() > max(2.0 * np.sqrt(len(gain)) * gain.std(), _CLEAR * rich.sum())
     return other if clear else width
 
 
-def _choose_width_beside(parts: list[_JointRows], by_width: _Losses) -> tuple[float, np.ndarray]:
+def _choose_width_with(parts: list[_JointRows], by_width: _Losses) -> tuple[float, np.ndarray]:
     """Narrowest width that does as well as the best within a standard error, and its losses by block."""
     top = parts[0].top
     losses = {width: by_width.at(width * top) for width in WIDTHS}

@@ -115,11 +115,11 @@ def _cut(recording: np.ndarray, share: int) -> np.ndarray:
     return parts
 
 
-def _leave_gaps(test: np.ndarray, beside: np.ndarray) -> np.ndarray:
+def _leave_gaps(test: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
     """Blocks to train on (F, B): neither held out nor next to one that is, where they follow it (B - 1,)."""
     near = test.copy()
-    near[:, 1:] |= test[:, :-1] & beside
-    near[:, :-1] |= test[:, 1:] & beside
+    near[:, 1:] |= test[:, :-1] & adjacent
+    near[:, :-1] |= test[:, 1:] & adjacent
     return ~near
 
 

@@ -234,7 +234,7 @@ class Assembly:
         return self._fit(sums, self.layout.units.train, inverse, theta)
 
     def _fit(self, sums: Sums, units: np.ndarray, inverse: np.ndarray, theta: np.ndarray) -> Added:
-        """Fit each shape on sets of units (F, U), beside what the model's parameters are on each of them."""
+        """Fit each shape on sets of units (F, U), given what the model's parameters are on each of them."""
         k = sums.columns
         cross, score = total(units, sums.cross), total(units, sums.score)
         own = total(units, sums.gram) + sums.penalty
@@ -297,13 +297,13 @@ class Assembly:
         return self.layout.sum_blocks(sum(each))
 
     def relieve_prior(self, sums: Sums, beta: np.ndarray) -> float:
-        """By how much the parameters come nearer to where they are expected, beside one shape's columns.
+        """By how much the parameters come nearer to where they are expected, given one shape's columns.
 
         Difference of the squared distances, in standard deviations a priori.
         """
         inverse, theta = self.whole
-        beside = theta - inverse[:, sums.columns] @ (sums.cross[:, 0].sum(axis=0).T @ beta)
-        return float(theta @ self.prior @ theta - beside @ self.prior @ beside)
+        given = theta - inverse[:, sums.columns] @ (sums.cross[:, 0].sum(axis=0).T @ beta)
+        return float(theta @ self.prior @ theta - given @ self.prior @ given)
 
     @cached_property
     def joint_sums(self) -> np.ndarray:

@@ -28,7 +28,7 @@ def lags_away_from_reversals(assembly: Assembly, e: Evidence, speed: np.ndarray,
     Parameters
     ----------
     assembly : Assembly
-        The model that it was weighed beside.
+        The model to which it was to be added.
     e : Evidence
     speed : ndarray (M,)
         Of its joint, at the rows of the training runs.

@@ -57,8 +57,8 @@ class Forms:
         curves = self._find_curves(assembly, e)
         if not curves:
             return None
-        beside = Assembly(assembly.layout, assembly.target, (*assembly.chosen, *curves), assembly.sigma)
-        own = weigh(beside, e.chosen.candidate, e.chosen.subset, self.policy)
+        given = Assembly(assembly.layout, assembly.target, (*assembly.chosen, *curves), assembly.sigma)
+        own = weigh(given, e.chosen.candidate, e.chosen.subset, self.policy)
         asked = len(self.problem.effects) * int(self.problem.prepared.moving.sum())
         return adjust_p_values([replace(own, tried=e.tried * asked, whole=np.inf)])[0]
 

@@ -239,10 +239,11 @@ def explain_rest(
 def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found]:
     """Add a generic term where it leaves clearly less than a name that leaves much of its joint's loss.
 
-    The name, asked again given it as all others at the joint, goes where it stood for that structure, and
-    stays where that had hidden it. Of a single run, which cannot give a generic term, such a name is dropped.
+    The name is tested again given that structure, as all others at the joint are. It is dropped where it had
+    represented the structure, and stays where the structure had hidden it. Of a single run, which cannot give
+    a generic term, such a name is dropped.
 
-    A wave is asked whatever it leaves, since one of few periods may stand for any curve, and so is what the
+    A wave is asked whatever it leaves, since one of few periods may follow any curve, and so is what the
     whole robot has, whose many columns may: such a name is doubted where the fitted errors are not alike
     either.
     """
@@ -251,12 +252,12 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
         flexible = f.effect.periodic or f.effect.per_robot
         if f.effect.standard or (sure and not flexible) or not any(k is f for k in found):
             continue
-        beside = search.assemble([k for k in found if k is not f])
-        weighed = weigh_generic(search, terms, beside, [f.evidence.joint])
+        given = search.assemble([k for k in found if k is not f])
+        weighed = weigh_generic(search, terms, given, [f.evidence.joint])
         able = [e for e in weighed if e.refusal in (Refusal.NONE, Refusal.ALONE)]
         if not able:
             continue
-        beside, (own, *able) = on_same_folds(beside, [search.weigh_again(beside, f), *able], search.policy)
+        given, (own, *able) = on_same_folds(given, [search.weigh_again(given, f), *able], search.policy)
         e = choose_plainest(able, search.policy)
         is_like = own in rule.fit_alike([e, own], search.policy)
         if rule.separates(e, own, search.policy) and not (sure and is_like):

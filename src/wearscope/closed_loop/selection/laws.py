@@ -90,17 +90,17 @@ def _suit(search: Search, found: list[Found], joint: int, f: Found | None) -> li
         shape, reversals = fitted
         tried = copy(search)
         rest = tried.reverse_over(reversals, others)
-        beside = tried.assemble(rest)
+        given = tried.assemble(rest)
         made = make_candidate(effect, joint, tried.problem.prepared, shape[None])
         asked = len(problem.effects) * int(problem.prepared.moving.sum())
-        weighed = tried.weigh_all(beside, [replace(made, tried=float(asked))])
+        weighed = tried.weigh_all(given, [replace(made, tried=float(asked))])
         able = [Found(e.chosen, e) for e in weighed if e.refusal is Refusal.NONE]
         if not able:
             continue
         law = max(able, key=lambda law: law.evidence.gain)
         other = _Suited(tried, [*rest, law], tried.assemble([*rest, law]))
         same = f is not None and effect is f.effect and best.search is search
-        if other.suits_better(best, joint, same) and not tried.drifts(beside, law.evidence):
+        if other.suits_better(best, joint, same) and not tried.drifts(given, law.evidence):
             best = other
     if best.search is not search:
         label = best.found[-1].evidence.term.label

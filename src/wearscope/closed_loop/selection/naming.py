@@ -66,19 +66,19 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         if f.effect.empirical:
             continue
         others = [k for k in found if k is not f]
-        beside = search.assemble(others)
+        given = search.assemble(others)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
-        offered = search.list_rivals(beside, others, joints, every=True)
+        offered = search.list_rivals(given, others, joints, every=True)
         offered = [c for c in offered if not (f.effect.standard and c.effect.spread)]
-        own = search.refine(beside, search.weigh_again(beside, f))
-        weighed = search.weigh_all(beside, offered, match_gain(beside, own))
-        weighed = [e for e in weighed if e.refusal in _OPEN and search.is_delay(beside, e, settled=True)]
-        beside, (own, *weighed) = on_same_folds(beside, [own, *weighed], search.policy)
+        own = search.refine(given, search.weigh_again(given, f))
+        weighed = search.weigh_all(given, offered, match_gain(given, own))
+        weighed = [e for e in weighed if e.refusal in _OPEN and search.is_delay(given, e, settled=True)]
+        given, (own, *weighed) = on_same_folds(given, [own, *weighed], search.policy)
         weighed.sort(key=lambda e: -e.gain)
         able = [e for e in weighed if e.refusal is Refusal.NONE and rule.gains_there(e, own)]
         best = max([own.gain, *(e.gain for e in able)])
         near = [e for e in weighed if e.gain > search.policy.beyond_doubt * best and not _is_same(e, own)]
-        near = [search.refine(beside, e) for e in near if rule.gains_there(e, own)][:_MOST]
+        near = [search.refine(given, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
         opposing = [e for e in able if opposes_gravity(search.problem, e)]

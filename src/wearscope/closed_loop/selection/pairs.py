@@ -19,7 +19,7 @@ _EXCHANGES = 3
 def find_pair(search: Search, found: Sequence[Found], weighed: Sequence[Evidence]) -> list[Evidence]:
     """Two terms at a joint that pass the rule conditional on each other, where neither does alone.
 
-    What one of two large effects leaves is the other one, beside which it looks like chance, like what runs
+    What one of two large effects leaves is the other one, next to which it looks like chance, like what runs
     disagree on, or like a drift: whichever is asked first is refused. Both are taken where each passes all of
     the rule conditional on the other and is the best there. p-values count how many first terms were tried.
 
@@ -66,30 +66,30 @@ def _complete(
 ) -> list[Evidence]:
     """A term and another one, each the best given the other, reached from a first one; or nothing."""
     first = search.refine(assembly, first)
-    second = _find_beside(search, found, assembly, first, tried)
+    second = _find_given(search, found, assembly, first, tried)
     for _ in range(_EXCHANGES):
         if second is None:
             break
-        again = _find_beside(search, found, assembly, second, tried)
+        again = _find_given(search, found, assembly, second, tried)
         if again is not None and again.term.effect is first.term.effect:
             return [again, second]
         first, second = second, again
     return []
 
 
-def _find_beside(
+def _find_given(
     search: Search, found: Sequence[Found], assembly: Assembly, e: Evidence, tried: int
 ) -> Evidence | None:
     """The best other term at a term's joints that passes the rule conditional on it."""
-    beside = _add(assembly, [e])
+    given = _add(assembly, [e])
     joints = e.chosen.candidate.joints
-    offered = search.candidates(beside, [*found, Found(e.chosen, e)], joints)
+    offered = search.candidates(given, [*found, Found(e.chosen, e)], joints)
     weighed = search.weigh_all(
-        beside, [c for c in offered if set(c.joints) & set(joints)], search.find_least(beside)
+        given, [c for c in offered if set(c.joints) & set(joints)], search.find_least(given)
     )
     counted = [replace(e, p_value=min(1.0, tried * e.p_value)) for e in weighed]
     able = [e for e in counted if e.refusal is Refusal.NONE and search.judge(e) is Refusal.NONE]
-    return search.choose(beside, able, tried)
+    return search.choose(given, able, tried)
 
 
 def _add(assembly: Assembly, terms: Sequence[Evidence]) -> Assembly:

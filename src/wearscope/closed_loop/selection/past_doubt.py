@@ -1,4 +1,4 @@
-"""Names that stand for what a joint's motion has been: no term has a memory of that kind."""
+"""Names that represent what a joint's motion has been: no term has a memory of that kind."""
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import penalise
@@ -19,22 +19,22 @@ _FINE_LEVELS = (*_LEVELS, *LEVELS[1:3])
 def doubt_for_past(search: Search, found: list[Found]) -> tuple[list[Found], dict[int, Dependence]]:
     """The terms found without names that a spline of the past leaves nothing to do; what their joints have.
 
-    The position has much of that at which its joint last turned round. A name goes where such a spline
-    explains more, held out and fitted, clearly or so that much of the rest depends on it, and beside it the
-    name would not be taken: what its joint depends on stands in its place.
+    The position has much of that at which its joint last turned round. A name is dropped where such a spline
+    explains more, held out and fitted, clearly or so that much of the rest depends on it, and given it the
+    name would not be taken: what its joint depends on takes its place.
     """
     depends: dict[int, Dependence] = {}
     for f in list(found):
         if f.effect.standard or f.effect.empirical:
             continue
         others = [k for k in found if k is not f]
-        beside = search.assemble(others)
-        own = search.weigh_again(beside, f)
-        best = _find_past(search, beside, own)
+        given = search.assemble(others)
+        own = search.weigh_again(given, f)
+        best = _find_past(search, given, own)
         if best is None:
             continue
         depends_on, past = best
-        _, (own, past) = on_same_folds(beside, [own, past], search.policy)
+        _, (own, past) = on_same_folds(given, [own, past], search.policy)
         if past.gain <= own.gain or past.fitted <= own.fitted:
             continue
         rest = weigh(search.assemble(found), past.chosen.candidate, past.chosen.subset, search.policy)
@@ -49,18 +49,18 @@ def doubt_for_past(search: Search, found: list[Found]) -> tuple[list[Found], dic
     return found, depends
 
 
-def _find_past(search: Search, beside: Assembly, own: Evidence) -> tuple[list[str], Evidence] | None:
+def _find_past(search: Search, given: Assembly, own: Evidence) -> tuple[list[str], Evidence] | None:
     """Signals and evidence of the best spline of a joint's past among those that fit better than a name."""
     joint, effect = own.joint, empirical_effect()
     best: tuple[list[str], Evidence] | None = None
-    least = float(beside.add(beside.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
+    least = float(given.add(given.sum_products(own.chosen.candidate).select(own.chosen.subset)).gain[0])
     levels = _FINE_LEVELS if set(own.term.effect.depends_on) == {"q_{joint}"} else _LEVELS
     for codes, columns in list_past(search.problem.train, joint, levels):
-        penalty = penalise(columns) / beside.sigma[joint] ** 2
+        penalty = penalise(columns) / given.sigma[joint] ** 2
         candidate = Candidate(effect, joint, ((),), (joint,), [columns], penalty)
-        if float(beside.add(beside.sum_products(candidate)).gain[0]) <= least:
+        if float(given.add(given.sum_products(candidate)).gain[0]) <= least:
             continue
-        e = weigh(beside, candidate, tuple(range(candidate.count)), search.policy)
+        e = weigh(given, candidate, tuple(range(candidate.count)), search.policy)
         if best is None or e.gain > best[1].gain:
             best = [f"{code}_{search.problem.prepared.dataset.joints[joint]}" for code in codes], e
     return best

@@ -52,7 +52,7 @@ class Policy(BaseModel):
     gains or loses by chance. Where one recording alone has more, that one shows the term alone."""
 
     beyond_chance: float = Field(0.5, gt=0)
-    """Share of the loss, held out and on the rows that are fitted, that no chance removes in each of three
+    """Share of the loss, held out and on the rows that are fitted, that is not due to chance in each of three
     runs or more: random signs, which cannot show what lies in a few blocks (a lost motion, a reversal), are
     then not asked. What explains as much is there, whether or not held-out runs agree on its form."""
 
@@ -77,7 +77,7 @@ class Policy(BaseModel):
 
     material_apart: float = Field(0.02, ge=0, lt=1)
     """Least share of what the better of two terms leaves of the held-out loss by which they are told apart:
-    forms that are alike but for what a reversal does differ by as much through the reversal's own form."""
+    forms that are alike except for what a reversal does differ by as much through the reversal's own form."""
 
     unexpected: float = Field(3.0, gt=0)
     """The same for what a joint need not have, whatever is asked of it there: rotor inertia, an offset,

@@ -240,7 +240,7 @@ class Problem:
         return term.effect.least_size(self.joined)
 
     def resembles_any(self, term: ModelTerm) -> bool:
-        """Whether a term's shape may stand for any function of its signals."""
+        """Whether a term's shape may follow any function of its signals."""
         asks = term.effect.resembles_any
         return asks is not None and asks(self.joined, term.joint, term.shape)
 

@@ -2,7 +2,7 @@
 
 The width that the rough model gave is one of a poorer model. With the terms that the search has found it is
 fitted again and its form is chosen. What is left of its error is a column of its own in every model that
-candidates are weighed beside, so that no name is given for a reversal that is a little sharper or smoother
+candidates are added to, so that no name is given for a reversal that is a little sharper or smoother
 than assumed.
 """
 
@@ -27,7 +27,7 @@ DIFFERENCE, _STEPS, _FURTHEST, _NEAREST = 0.02, 5, 0.5, 0.003
 _SHARE = 0.5
 #: Least and largest width, over the joint's largest speed.
 LEAST, _LARGEST = 1e-4, 0.3
-#: Largest one that drives have, over that: what is wider stands for a law of the speed.
+#: Largest one that drives have, over that: what is wider represents a law of the speed.
 WIDEST = 0.05
 #: Widths from which the fit starts in addition to the rough model's, over the joint's largest speed; residual
 #: variances by which one must do better than it.
@@ -122,7 +122,7 @@ def refine_reversals(prepared: Prepared, assembly: Assembly, forms: bool = True)
 
 
 def is_wide(prepared: Prepared, joint: int) -> bool:
-    """Whether a joint's reversal is wider than one of a drive: it then stands for a law of its speed."""
+    """Whether a joint's reversal is wider than one of a drive: it then represents a law of its speed."""
     return float(prepared.reversals.width[joint]) > WIDEST * find_top(prepared)[joint]
 
 

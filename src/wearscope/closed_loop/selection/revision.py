@@ -14,21 +14,21 @@ _KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
 
 
 def revise(search: Search, found: list[Found]) -> list[Found]:
-    """Ask of each term again, with all others in the model, whether it is needed and the best.
+    """Test each term again, with all others in the model: whether it is needed and the best.
 
-    Where a term at its joint was dropped or replaced, it must pass as new: it may have stood for that one's
+    Where a term at its joint was dropped or replaced, it must pass as new: it may have followed that one's
     form.
     """
     changed: set[int] = set()
-    for f in sorted(found, key=lambda f: (not _stands_for_weight(f, found), f.evidence.gain)):
+    for f in sorted(found, key=lambda f: (not _represents_weight(f, found), f.evidence.gain)):
         if not any(k is f for k in found):
             continue
         others = absorb(search, f, [k for k in found if k is not f])
-        beside = search.assemble(others, f.effect.standard)
+        given = search.assemble(others, f.effect.standard)
         if f.effect.standard:
-            own = weigh(beside, f.chosen.candidate, f.chosen.subset, search.policy)
+            own = weigh(given, f.chosen.candidate, f.chosen.subset, search.policy)
             stays = is_refined(search, f, others) and search.is_believable(own)
-            stays = stays or search.is_needed(beside, own) or is_much(search, f.chosen, others)
+            stays = stays or search.is_needed(given, own) or is_much(search, f.chosen, others)
             if not stays and not is_accepted(search, f, others):
                 search.progress(f"{own.term.label} is dropped: not needed with the others")
                 found = others
@@ -39,7 +39,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
                 search.progress(f"{own.term.label} is replaced by {better.evidence.term.label}")
             found = [better or Found(k.chosen, own) if k is f else k for k in found]
             continue
-        again = ask_again(search, beside, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
+        again = ask_again(search, given, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
         if again is None:
             search.progress(f"{f.evidence.term.label} is dropped: not needed with the others")
             found = others
@@ -52,7 +52,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
     return found
 
 
-def _stands_for_weight(f: Found, found: Sequence[Found]) -> bool:
+def _represents_weight(f: Found, found: Sequence[Found]) -> bool:
     """Whether a term is an offset, as a weight on a slide is before a body of the whole robot is named.
 
     It is asked before that body: conditional on it another one, with more parameters, would do as well.
@@ -69,9 +69,9 @@ def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
     """
     if not chosen.candidate.effect.is_plain_friction:
         return False
-    beside = search.assemble(others, standard=True, held=True)
-    own = weigh(beside, chosen.candidate, chosen.subset, search.policy)
-    return rule.is_plain(own, search.policy) and search.is_needed(beside, own)
+    given = search.assemble(others, standard=True, held=True)
+    own = weigh(given, chosen.candidate, chosen.subset, search.policy)
+    return rule.is_plain(own, search.policy) and search.is_needed(given, own)
 
 
 def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
@@ -85,9 +85,9 @@ def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
 
 def is_accepted(search: Search, f: Found, others: Sequence[Found]) -> bool:
     """Whether a standard term would be taken again conditional on the others, as any name is."""
-    beside = search.assemble(others)
-    own = search.weigh_again(beside, f)
-    return search.judge(own) is Refusal.NONE and not search.drifts(beside, own)
+    given = search.assemble(others)
+    own = search.weigh_again(given, f)
+    return search.judge(own) is Refusal.NONE and not search.drifts(given, own)
 
 
 def is_refined(search: Search, f: Found, others: Sequence[Found]) -> bool:
@@ -118,39 +118,39 @@ def absorb(search: Search, f: Found, others: list[Found]) -> list[Found]:
 
 
 def ask_again(
-    search: Search, beside: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
+    search: Search, given: Assembly, others: list[Found], f: Found, keeping: Collection[Refusal] = _KEEPING
 ) -> Found | None:
     """A term again conditional on all others: itself, what is better, or None.
 
     Parameters
     ----------
-    beside : Assembly
+    given : Assembly
         Of the others.
     others : list of Found
     f : Found
     keeping : collection of Refusal
         What may be said of it where it stays.
     """
-    own = search.weigh_again(beside, f)
+    own = search.weigh_again(given, f)
     joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
-    offered = search.list_rivals(beside, others, joints)
+    offered = search.list_rivals(given, others, joints)
     refused = search.judge(own)
-    keeps = refused in keeping and search.is_delay(beside, own, settled=True)
-    least = match_gain(beside, own) if keeps else search.find_least(beside)
-    weighed = search.weigh_all(beside, offered, least)
+    keeps = refused in keeping and search.is_delay(given, own, settled=True)
+    least = match_gain(given, own) if keeps else search.find_least(given)
+    weighed = search.weigh_all(given, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
-        beside, (own, *able) = on_same_folds(beside, [own, *able], search.policy)
+        given, (own, *able) = on_same_folds(given, [own, *able], search.policy)
         near = [e for e in able if e.gain > NEAR * own.gain and rule.gains_there(e, own)]
-        near = [search.refine(beside, e) for e in near if search.is_delay(beside, e)]
+        near = [search.refine(given, e) for e in near if search.is_delay(given, e)]
         chosen = rule.choose([own, *near], search.policy)
         if chosen is None or chosen is own:
             return Found(f.chosen, own)
         better = chosen.complexity < own.complexity or rule.separates(chosen, own, search.policy)
-        if chosen.term.effect is f.effect or (better and not search.drifts(beside, chosen)):
+        if chosen.term.effect is f.effect or (better and not search.drifts(given, chosen)):
             return Found(chosen.chosen, chosen)
         return Found(f.chosen, own)
-    best = search.choose(beside, able)
+    best = search.choose(given, able)
     return None if best is None else Found(best.chosen, best)
 
 
@@ -164,10 +164,10 @@ def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept:
         if f.joint not in joints or id(f.chosen) in kept or f.effect.is_plain_friction:
             continue
         others = [k for k in found if k is not f]
-        beside = search.assemble(others, f.effect.standard)
-        own = search.weigh_again(beside, f)
+        given = search.assemble(others, f.effect.standard)
+        own = search.weigh_again(given, f)
         if f.effect.standard:
-            needed = search.is_needed(beside, own)
+            needed = search.is_needed(given, own)
         elif f.effect.empirical:
             needed = own.share >= search.policy.structure_share
         else:
@@ -184,14 +184,14 @@ def restore_standard(search: Search, found: list[Found], joints: Collection[int]
     They are asked as they were at first, and come before what is built on them or represents them.
     """
     for joint in sorted(joints):
-        beside = search.assemble(found, standard=True)
-        for candidate in search.candidates(beside, found, [joint], lambda effect, _: effect.standard):
+        given = search.assemble(found, standard=True)
+        for candidate in search.candidates(given, found, [joint], lambda effect, _: effect.standard):
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
-            own = weigh(beside, candidate, subset, search.policy)
-            if search.is_needed(beside, own) or is_much(search, own.chosen, found):
+            own = weigh(given, candidate, subset, search.policy)
+            if search.is_needed(given, own) or is_much(search, own.chosen, found):
                 search.progress(f"{own.term.label}: needed in addition to what was found")
                 found = [*found, Found(own.chosen, own)]
-                beside = search.assemble(found, standard=True)
+                given = search.assemble(found, standard=True)
     return found
 
 

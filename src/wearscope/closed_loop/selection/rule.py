@@ -31,7 +31,7 @@ def judge(
     generic : bool
         Whether it is the generic term, which asks for more.
     any_form : bool
-        Whether with its shape it may stand for any function of its signals.
+        Whether with its shape it may follow any function of its signals.
     """
     expected = e.term.effect.is_in_every_drive
     by_run = by_run and not e.by_fifths
@@ -62,7 +62,7 @@ def judge(
         return Refusal.SMALL
     if not e.p_value <= level and not is_beyond_chance(e, policy, by_run):
         return Refusal.CHANCE
-    # More than all of its joint's loss is gained at others, whose model runs away where a run is held out.
+    # More than all of its joint's loss is gained at others, whose model diverges where a run is held out.
     if not agrees(e, policy, by_run) or (generic and e.share > 1.0):
         return Refusal.DISAGREES
     alone = may_coincide(e) or not by_run if generic else not by_run and is_driven_alone(e, policy)
@@ -79,7 +79,7 @@ def may_coincide(e: Evidence) -> bool:
 
     Of two oscillations that start when they like, one predicts a fifth of the other's variance, as much as
     is asked for, in 30 of 100 pairs, those within 53 degrees, and nothing of the next run's. So it is with
-    what a joint does and the other joints' signals, of which there are many.
+    what a joint does and the many signals of the other joints.
     """
     signals = unknown.list_signals(e.term.shape)
     own = not is_slow(e) and all(source == e.term.joint for _, source in signals)
@@ -122,7 +122,7 @@ def relieves(e: Evidence, policy: Policy) -> bool:
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether most runs are predicted better, of parts of one run, which resemble each other more, all.
 
-    But for noise: a part that loses no more than its blocks' noise does not speak against a term. Nor does
+    Except for noise: a part that loses no more than its blocks' noise does not speak against a term. Nor does
     one run of three or four, or of plain friction, which every joint has, fewer than half; but it does where
     a torque that drifts resembles the term.
     """
@@ -141,7 +141,7 @@ def is_own(e: Evidence, policy: Policy) -> bool:
 def is_beyond_chance(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether every one of the informing runs is predicted far better when held out, of few nearly all.
 
-    The same on the rows that are fitted: where only the held-out ones gain, the model runs away there. What
+    The same on the rows that are fitted: where only the held-out ones gain, the model diverges there. What
     goes with time or temperature, or changes with nothing, resembles a torque that drifts, of which a few
     runs are few parts.
     """
@@ -181,7 +181,7 @@ def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
 
     What not every drive has must matter against the standard model's loss too, as a name must, or be what is
     left. Where most of the loss is gained in all of them there is no noise to ask about: what differs then is
-    how far each part runs away without the term. Plain friction that explains much need only gain in most.
+    how far each part diverges without the term. Plain friction that explains much need only gain in most.
     """
     gain, error = summed(-e.change)
     errors = policy.told_apart if e.term.effect.is_plain_friction else policy.unexpected

@@ -69,7 +69,7 @@ class Search:
     def _forget_evidence(self) -> None:
         self._weighed: dict[tuple, Evidence] = {}
         self._apart: dict[tuple, bool] = {}
-        self._beside_bodies: dict[tuple, np.ndarray] = {}
+        self._given_bodies: dict[tuple, np.ndarray] = {}
         self.forms = Forms(self.problem, self.policy)
 
     def forget(self) -> None:
@@ -120,12 +120,12 @@ class Search:
         return list_candidates(self.problem, assembly, sorted(asked - full), is_asked)
 
     def list_rivals(
-        self, beside: Assembly, others: Sequence[Found], joints: Sequence[int], every: bool = False
+        self, given: Assembly, others: Sequence[Found], joints: Sequence[int], every: bool = False
     ) -> list[Candidate]:
         """What may be asked in the place of a term that is felt at joints, of the whole robot too."""
         last = self.problem.prepared.n - 1
         made = self.candidates(
-            beside, others, {*joints, last}, lambda effect, joint: joint in joints or effect.per_robot, every
+            given, others, {*joints, last}, lambda effect, joint: joint in joints or effect.per_robot, every
         )
         return [c for c in made if set(c.joints) & set(joints)]
 
@@ -171,14 +171,14 @@ class Search:
         return [replace(e, refusal=self.judge(e)) for e in compared]
 
     def compare_whole(
-        self, beside: Assembly, weighed: Iterable[Evidence], found: bool = False
+        self, given: Assembly, weighed: Iterable[Evidence], found: bool = False
     ) -> list[Evidence]:
         """The same evidence with what it removes of the loss that the standard model leaves.
 
         Or, where a term is refused for that alone, of what is left given any form of the named terms, if it
         passes there: it is no part of theirs then.
         """
-        own, standard = self.find_losses_beside_bodies(beside), self.standard_losses
+        own, standard = self.find_losses_given_bodies(given), self.standard_losses
         compared = []
         for e in weighed:
             losses = standard if e.term.effect.standard else own
@@ -186,36 +186,36 @@ class Search:
             e = replace(e, whole=max(g * scale[int(e.by_fifths), j] for j, g in e.gains.items()))
             if not e.term.effect.empirical and self.judge(e) is Refusal.IMMATERIAL:
                 any_size = replace(e, whole=np.inf)
-                if self.judge(any_size) is Refusal.NONE and self.passes_beside_forms(beside, any_size, found):
+                if self.judge(any_size) is Refusal.NONE and self.passes_given_forms(given, any_size, found):
                     e = any_size
             compared.append(e)
         return compared
 
-    def find_losses_beside_bodies(self, beside: Assembly) -> np.ndarray:
+    def find_losses_given_bodies(self, given: Assembly) -> np.ndarray:
         """Losses (2, n) of the standard model, held out by runs and by fifths, with bodies that are named.
 
         Forms of friction and gears are followed by no machine exactly; a rigid body's is, so that what is
         small against a wrong mass is no part of it.
         """
         base = {id(c) for c in self.problem.base}
-        terms = [c for c in beside.chosen if id(c) in base or is_exact(c.candidate.effect)]
+        terms = [c for c in given.chosen if id(c) in base or is_exact(c.candidate.effect)]
         if not self.standard_losses.any() or not any(c.candidate.effect.per_robot for c in terms):
             return self.standard_losses
-        key = (frozenset((c.candidate, c.subset) for c in terms), tuple(beside.sigma))
-        if key not in self._beside_bodies:
-            standard = Assembly(beside.layout, beside.target, tuple(terms), beside.sigma)
-            self._beside_bodies[key] = np.minimum(standard.joint_sums, self.standard_losses)
-        return self._beside_bodies[key]
+        key = (frozenset((c.candidate, c.subset) for c in terms), tuple(given.sigma))
+        if key not in self._given_bodies:
+            standard = Assembly(given.layout, given.target, tuple(terms), given.sigma)
+            self._given_bodies[key] = np.minimum(standard.joint_sums, self.standard_losses)
+        return self._given_bodies[key]
 
-    def passes_beside_forms(self, beside: Assembly, e: Evidence, found: bool = False) -> bool:
+    def passes_given_forms(self, given: Assembly, e: Evidence, found: bool = False) -> bool:
         """Whether a term passes the rule given any form of its joint's large terms, and is most of the rest.
 
         A machine's own rest at a large term is of many kinds: what removes a part of it is no effect yet.
         Of what was found that is not asked again.
         """
-        key = (*self._key(beside, e.chosen.candidate, e.chosen.subset), found)
+        key = (*self._key(given, e.chosen.candidate, e.chosen.subset), found)
         if key not in self._apart:
-            own, by_run = self.forms.weigh(beside, e), self.problem.layout.folds.by_run
+            own, by_run = self.forms.weigh(given, e), self.problem.layout.folds.by_run
             self._apart[key] = (
                 own is not None
                 and self.judge(own) is Refusal.NONE
@@ -269,18 +269,18 @@ class Search:
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
         return all(low <= b <= high for b, (low, high) in low_high)
 
-    def is_needed(self, beside: Assembly, e: Evidence) -> bool:
+    def is_needed(self, given: Assembly, e: Evidence) -> bool:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
 
         Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
         """
         after_standard = bool(self.standard_losses.any())
         if after_standard and not e.term.effect.is_in_every_drive:
-            (e,) = self.compare_whole(beside, [e])
+            (e,) = self.compare_whole(given, [e])
         return (
             self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and (rule.is_plain(e, self.policy) or not self.drifts(beside, e))
+            and (rule.is_plain(e, self.policy) or not self.drifts(given, e))
         )
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
@@ -347,14 +347,14 @@ class Search:
         refined = refine(self.problem, assembly, e, self.policy)
         return e if self.judge(refined) is Refusal.BOUNDS else refined
 
-    def weigh_again(self, beside: Assembly, f: Found) -> Evidence:
+    def weigh_again(self, given: Assembly, f: Found) -> Evidence:
         """Evidence on a term found given all others, in today's residual variances; its p-value kept.
 
         Gains of different scales must not be compared. What was found by fifths is asked by fifths.
         """
         made, by_fifths = f.chosen, f.evidence.by_fifths
-        own = weigh(beside, made.candidate, made.subset, self.policy, by_fifths=by_fifths)
-        return self.compare_whole(beside, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
+        own = weigh(given, made.candidate, made.subset, self.policy, by_fifths=by_fifths)
+        return self.compare_whole(given, [replace(own, p_value=f.evidence.p_value)], found=True)[0]
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""

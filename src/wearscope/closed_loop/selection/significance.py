@@ -81,7 +81,7 @@ def adjust(observed: Sequence[float], chance: Sequence[np.ndarray], tried: Seque
     if not len(observed):
         return np.zeros(0)
     highest = np.sort(np.max(np.asarray(chance), axis=0))
-    # Few blocks give the observed signs again, but for rounding.
+    # Few blocks give the observed signs again, except for rounding.
     log_p = np.minimum(stats.norm.logsf(observed) * (1.0 - 1e-6) + np.log(tried), np.log(1.0 - 1e-16))
     scores = stats.norm.isf(np.exp(np.maximum(log_p, -700.0)))
     above = len(highest) - np.searchsorted(highest, scores, side="left")

@@ -53,7 +53,7 @@ def _prefer_without(search: Search, found: list[Found], left_out: frozenset[str]
 
 
 def predicts_as_well(search: Search, found: list[Found], tried: Search, fewer: list[Found]) -> bool:
-    """Whether every joint is predicted alike, but for what would not matter of a name or is within noise.
+    """Whether every joint is predicted alike, except for what would not matter of a name or is within noise.
 
     Held out: of the rows that are fitted many parameters always explain a little more than few.
 

@@ -24,7 +24,7 @@ _PASSES = 3
 
 
 def settle(search: Search, found: list[Found]) -> list[Found]:
-    """Ask of each term again, and for more, until nothing changes.
+    """Test each term again, and look for more, until nothing changes.
 
     What is taken only in the weights of a model without it, and not conditional on all others in those of the
     whole model, is not needed.
@@ -106,12 +106,12 @@ def find_standard(search: Search) -> list[Found]:
             others = tuple(k for k in kept if k is not chosen)
             every = (*problem.base, *others)
             reach = find_reach(every, chosen.candidate)
-            beside = Assembly(problem.layout.for_standard, problem.target, every, search.sigma, reach)
-            e = weigh(beside, chosen.candidate, chosen.subset, search.policy)
+            given = Assembly(problem.layout.for_standard, problem.target, every, search.sigma, reach)
+            e = weigh(given, chosen.candidate, chosen.subset, search.policy)
             evidence[id(chosen)] = e
             if (
                 not chosen.candidate.effect.is_plain_friction
-                and not search.is_needed(beside, e)
+                and not search.is_needed(given, e)
                 and e.share < worst.get(e.joint, (np.inf, chosen))[0]
             ):
                 worst[e.joint] = (e.share, chosen)

@@ -210,6 +210,6 @@ def _is_beyond_drift(problem: Problem, policy: Policy, assembly: Assembly, e: Ev
     offsets = [k for k in problem.effects if k.is_offset]
     made = [problem.candidate(k, j) for k in offsets for j in e.chosen.candidate.joints if j not in here]
     every = (*assembly.chosen, *(Chosen(k, (0,)) for k in made if k is not None))
-    beside = Assembly(assembly.layout, assembly.target, every, assembly.sigma)
-    own = weigh(beside, e.chosen.candidate, e.chosen.subset, policy)
+    given = Assembly(assembly.layout, assembly.target, every, assembly.sigma)
+    own = weigh(given, e.chosen.candidate, e.chosen.subset, policy)
     return rule.is_beyond_chance(own, policy, by_run)
