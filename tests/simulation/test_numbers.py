@@ -23,18 +23,21 @@ def record(path=None, level=0.0, relative=False, seed=1):
     return simulate_point(ARM, SWING, Conditions(numbers=numbers), seed)
 
 
-PLAIN = record()
+@pytest.fixture(scope="module")
+def plain():
+    """The arm with nothing set."""
+    return record()
 
 
-def test_nothing_set_or_nothing_changed_gives_the_same_bytes():
+def test_nothing_set_or_nothing_changed_gives_the_same_bytes(plain):
     for same in (record("sensors.torque_noise", 1.0), record("controller.bandwidth_hz", 0.0, True)):
-        assert np.array_equal(PLAIN.tau, same.tau) and np.array_equal(PLAIN.q, same.q)
+        assert np.array_equal(plain.tau, same.tau) and np.array_equal(plain.q, same.q)
 
 
-def test_torque_noise_scales_the_noise_alone():
+def test_torque_noise_scales_the_noise_alone(plain):
     silent, loud = record(seed=None), record("sensors.torque_noise", 200.0, True)
-    assert np.array_equal(loud.q, PLAIN.q)
-    assert loud.tau - silent.tau == pytest.approx(3.0 * (PLAIN.tau - silent.tau), abs=1e-9)
+    assert np.array_equal(loud.q, plain.q)
+    assert loud.tau - silent.tau == pytest.approx(3.0 * (plain.tau - silent.tau), abs=1e-9)
 
 
 def test_what_is_set_is_as_if_the_robot_were_built_so():
@@ -57,15 +60,15 @@ def test_the_controller_does_not_know_a_heavier_rotor():
     assert stray((Number("drive.rotor_inertia", True), 50.0)) > 100.0 * stray()
 
 
-def test_the_controller_knows_its_gains():
+def test_the_controller_knows_its_gains(plain):
     stiff = record("controller.bandwidth_hz", 15.0)
-    error, usual = (np.abs(one.q - SWING.q[::4]).max() for one in (stiff, PLAIN))
+    error, usual = (np.abs(one.q - SWING.q[::4]).max() for one in (stiff, plain))
     assert error < 0.5 * usual
 
 
-def test_an_effect_that_the_model_lacks_is_added_at_a_joint():
+def test_an_effect_that_the_model_lacks_is_added_at_a_joint(plain):
     soft = record("effects.joint_elasticity.lift.compliance", 1e-5)
-    change = np.abs(soft.tau - PLAIN.tau).max(axis=0)
+    change = np.abs(soft.tau - plain.tau).max(axis=0)
     assert change.argmax() == ARM.joints.index("lift") and change.max() > 0.1
 
 
