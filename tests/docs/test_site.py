@@ -11,7 +11,7 @@ from threading import Thread
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from reporting.browser import find_browser
+from reporting.browser import launch_browser
 
 from wearscope import plugins
 from wearscope.effects.base import load_effect
@@ -130,13 +130,8 @@ def test_mathematics_is_shown_as_such(site):
 @pytest.fixture(scope="module")
 def browser():
     """A headless browser, where there is one."""
-    path = find_browser()
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+    with launch_browser() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.mark.parametrize("name", ["index", "tutorial", "gallery", "closed-loop", "torque-column"])

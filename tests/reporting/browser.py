@@ -24,26 +24,35 @@ def find_browser():
 
 
 @contextmanager
-def open_page(file, width=1280, scheme="light"):
-    """A page in a headless browser, once ready; what it complains of or loads is an error at the end."""
+def launch_browser():
+    """A headless browser for many pages."""
     path = find_browser()
     from playwright.sync_api import sync_playwright
 
-    complaints = []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        context = browser.new_context(
-            viewport={"width": width, "height": 900}, color_scheme=scheme, accept_downloads=True
-        )
-        page = context.new_page()
-        page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
-        page.on("pageerror", lambda one: complaints.append(str(one)))
-        page.on(
-            "request",
-            lambda one: one.url.startswith(("file:", "data:", "blob:")) or complaints.append(one.url),
-        )
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def open_page(browser, file, width=1280, scheme="light"):
+    """A page in a browser, once ready; what it complains of or loads is an error at the end."""
+    complaints = []
+    context = browser.new_context(
+        viewport={"width": width, "height": 900}, color_scheme=scheme, accept_downloads=True
+    )
+    page = context.new_page()
+    page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
+    page.on("pageerror", lambda one: complaints.append(str(one)))
+    page.on(
+        "request",
+        lambda one: one.url.startswith(("file:", "data:", "blob:")) or complaints.append(one.url),
+    )
+    try:
         page.goto(file.as_uri())
         page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
         yield page
-        browser.close()
+    finally:
+        context.close()
     assert complaints == []

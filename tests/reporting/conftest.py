@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from reporting.browser import launch_browser
 
 from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.config import load_config
@@ -27,7 +28,7 @@ from wearscope.evaluation.detection import detection_table
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.responses import response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.reporting.study import Study
 from wearscope.robots.friction import friction_curves
@@ -86,7 +87,7 @@ def study():
         surrogates=surrogates,
         validation=validation,
         fits=fit_table(validation),
-        sensitivity=sensitivity_table(surrogates),
+        sensitivity=sensitivity_of([surrogates]),
         snr=snr,
         ranking=rank_by_median(snr, draws=200),
         scope=scope,
@@ -166,3 +167,10 @@ def asked(study):
         postures=postures.assign(cycle="a"),
         units={"A": "-", "B": "-", "C": "N m"},
     )
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless browser, where there is one."""
+    with launch_browser() as opened:
+        yield opened

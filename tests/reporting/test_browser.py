@@ -54,8 +54,8 @@ def check_equal(shown, table, keys):
 
 
 @pytest.mark.parametrize("width, scheme", [(1280, "light"), (390, "dark")])
-def test_every_chart_is_drawn_and_nothing_complains(file, width, scheme):
-    with open_page(file, width, scheme) as page:
+def test_every_chart_is_drawn_and_nothing_complains(browser, file, width, scheme):
+    with open_page(browser, file, width, scheme) as page:
         count = page.locator("figure.chart").count()
         assert count >= 9
         for place in range(count):
@@ -68,9 +68,9 @@ def test_every_chart_is_drawn_and_nothing_complains(file, width, scheme):
         assert page.evaluate(RUNNING_OVER) == []
 
 
-def test_numbers_shown_are_those_of_the_tables(file, asked):
+def test_numbers_shown_are_those_of_the_tables(browser, file, asked):
     drawn = study_tables(asked) | {"detection": detection_cases(asked)[0]}
-    with open_page(file) as page:
+    with open_page(browser, file) as page:
         check_equal(rows_of(page, "snr"), drawn["snr"], KEYS)
         assert (drawn["snr"]["snr"].to_numpy() == asked.snr["snr_exact"].to_numpy()).sum() >= 22
         check_equal(rows_of(page, "snr", "rankings"), drawn["rankings"], ["robot", "fda"])
@@ -97,8 +97,8 @@ def test_numbers_shown_are_those_of_the_tables(file, asked):
         assert shown["change"].to_numpy() == pytest.approx(12.5 * scope["delta"].to_numpy(), rel=1e-4)
 
 
-def test_detection_at_one_s_own_false_alarm(file, asked):
-    with open_page(file) as page:
+def test_detection_at_one_s_own_false_alarm(browser, file, asked):
+    with open_page(browser, file) as page:
         page.select_option("#roc [data-key=case]", "w5:3")
         page.locator("#roc [data-key=change]").fill("2")
         page.wait_for_function("wearscope.rows('roc').every((row) => row.change === 50)")
@@ -114,8 +114,8 @@ def test_detection_at_one_s_own_false_alarm(file, asked):
         )
 
 
-def test_filters_reach_charts_and_tables(file, asked):
-    with open_page(file) as page:
+def test_filters_reach_charts_and_tables(browser, file, asked):
+    with open_page(browser, file) as page:
         page.select_option(".filters [name=robot]", "large")
         page.select_option(".filters [name=fda]", "C")
         page.wait_for_function("wearscope.rows('snr').length === 4")
@@ -135,8 +135,8 @@ def test_filters_reach_charts_and_tables(file, asked):
         assert "?" not in page.url and not page.locator(".filtered").is_visible()
 
 
-def test_tables_sort_and_export(file, asked, tmp_path):
-    with open_page(file) as page:
+def test_tables_sort_and_export(browser, file, asked, tmp_path):
+    with open_page(browser, file) as page:
         section = page.locator("#q2")
         head = section.locator("th", has_text="median SNR")
         for order, step in (("ascending", 1), ("descending", -1)):
@@ -161,8 +161,8 @@ def test_tables_sort_and_export(file, asked, tmp_path):
     assert "var(" not in (tmp_path / "snr.svg").read_text()
 
 
-def test_keys_read_values_zoom_and_theme(file):
-    with open_page(file) as page:
+def test_keys_read_values_zoom_and_theme(browser, file):
+    with open_page(browser, file) as page:
         page.locator("#response .view").focus()
         page.keyboard.press("ArrowRight")
         assert page.locator("#response .readout").inner_text().startswith("1 of 9: ")
@@ -184,8 +184,8 @@ def test_keys_read_values_zoom_and_theme(file):
         assert page.locator(".theme").inner_text() == "Theme: dark" and page.evaluate(ground) != light
 
 
-def test_the_pointer_tells_of_a_point_and_the_robot_moves(file):
-    with open_page(file) as page:
+def test_the_pointer_tells_of_a_point_and_the_robot_moves(browser, file):
+    with open_page(browser, file) as page:
         page.locator("#fits .view .mark-symbol path").first.hover()
         page.wait_for_selector("#vg-tooltip-element.visible")
         assert "test-cycle" in page.locator("#vg-tooltip-element").inner_text()
@@ -201,8 +201,8 @@ def test_the_pointer_tells_of_a_point_and_the_robot_moves(file):
         page.click("#motion .play")
 
 
-def test_it_prints(file):
-    with open_page(file) as page:
+def test_it_prints(browser, file):
+    with open_page(browser, file) as page:
         content = page.pdf(format="A4")
         assert content.startswith(b"%PDF") and content.count(b"/Type /Page\n") < 30
 
@@ -224,18 +224,18 @@ def loop(tmp_path_factory):
 
 
 @pytest.mark.parametrize("width, scheme", [(1280, "dark"), (390, "light")])
-def test_every_chart_of_a_loop_is_drawn(loop, width, scheme):
-    with open_page(loop / "report.html", width, scheme) as page:
+def test_every_chart_of_a_loop_is_drawn(browser, loop, width, scheme):
+    with open_page(browser, loop / "report.html", width, scheme) as page:
         assert page.locator("figure.chart .view svg").count() == 6
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_numbers_of_a_loop_are_those_of_its_tables(loop):
+def test_numbers_of_a_loop_are_those_of_its_tables(browser, loop):
     residual = tables.read_table(loop / "residual.parquet")
     profiles = tables.read_table(loop / "profiles.parquet")
     own = residual[(residual["joint"] == "b") & (residual["run"] == "runs/r2.parquet")]
     counted = own["counts"].to_numpy(dtype=bool)
-    with open_page(loop / "report.html") as page:
+    with open_page(browser, loop / "report.html") as page:
         page.select_option(".filters [name=joint]", "b")
         page.select_option(".filters [name=run]", "runs/r2.parquet")
         columns = ["t", "measured", "predicted_before", "predicted_after"]
@@ -261,10 +261,10 @@ FINISHED = sorted(Path("results").glob("*/report.html")) + sorted(
 
 
 @pytest.mark.parametrize("path", FINISHED, ids=str)
-def test_pages_of_finished_studies_open(path):
+def test_pages_of_finished_studies_open(browser, path):
     if 'id="settings"' not in path.read_text(encoding="utf-8"):
         pytest.skip("made by an earlier release")
     assert path.stat().st_size <= 6e6
-    with open_page(path.absolute()) as page:
+    with open_page(browser, path.absolute()) as page:
         charts = page.locator("figure.chart:not(.empty)").count()
         assert page.locator("figure.chart .view svg").count() == charts > 0

@@ -55,9 +55,9 @@ def check_same(shown, table, columns, keys=KEYS):
 
 
 @pytest.mark.parametrize("width, scheme", [(1280, "light"), (1280, "dark"), (390, "light"), (390, "dark")])
-def test_nothing_complains_and_every_chart_is_drawn(file, width, scheme):
+def test_nothing_complains_and_every_chart_is_drawn(browser, file, width, scheme):
     assert file.stat().st_size <= 6e6
-    with open_page(file, width, scheme) as page:
+    with open_page(browser, file, width, scheme) as page:
         figures = page.locator("figure.chart:not(.empty)")
         assert figures.count() >= 9
         for place in range(figures.count()):
@@ -69,8 +69,8 @@ def test_nothing_complains_and_every_chart_is_drawn(file, width, scheme):
         assert "(not asked)" not in page.locator("body").inner_text()
 
 
-def test_numbers_of_every_cell_are_those_of_the_files(file):
-    with open_page(file) as page:
+def test_numbers_of_every_cell_are_those_of_the_files(browser, file):
+    with open_page(browser, file) as page:
         snr = {"snr": "snr_exact", "low": "snr_low", "high": "snr_high"}
         check_same(rows_of(page, "snr"), answer_rows(read("snr")).drop(columns="snr"), snr)
         check_same(rows_of(page, "fits"), read("chosen_surrogates"), {"fit": "fit", "ceiling": "ceiling"})
@@ -84,8 +84,8 @@ def test_numbers_of_every_cell_are_those_of_the_files(file):
             assert own.to_numpy(float) == pytest.approx(expected.to_numpy(), rel=1e-3, abs=1e-9)
 
 
-def test_one_cell_chosen_by_the_filters(file):
-    with open_page(file) as page:
+def test_one_cell_chosen_by_the_filters(browser, file):
+    with open_page(browser, file) as page:
         for key, value in CELL.items():
             page.select_option(f".filters [name={key}]", str(value))
         page.wait_for_function("wearscope.rows('snr').length === 1")
@@ -111,9 +111,9 @@ def test_one_cell_chosen_by_the_filters(file):
         page.wait_for_function(f"wearscope.rows('snr').length === {len(answer_rows(read('snr')))}")
 
 
-def test_sentences_and_tables_say_what_the_files_say(file):
+def test_sentences_and_tables_say_what_the_files_say(browser, file):
     ranking = read("ranking").sort_values("rank")
-    with open_page(file) as page:
+    with open_page(browser, file) as page:
         text = page.locator("body").inner_text()
         rows = page.locator("#q2 tbody tr")
         shown = [row.split("\t")[0].strip() for row in rows.all_inner_texts()]

@@ -88,8 +88,8 @@ def test_without_a_page_none_is_written_and_none_is_opened(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width, scheme", [(1280, "light"), (390, "dark")])
-def test_its_chart_shows_the_files_numbers(studies, width, scheme):
-    with open_page(studies, width, scheme) as page:
+def test_its_chart_shows_the_files_numbers(browser, studies, width, scheme):
+    with open_page(browser, studies, width, scheme) as page:
         assert page.locator("figure.chart .view svg").count() == 1
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         rows = pd.DataFrame(page.evaluate("wearscope.rows('sides-chart')"))
