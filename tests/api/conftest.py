@@ -9,7 +9,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.scope import scope_table
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
 from wearscope.surrogates.validation import fit_table, validate_surrogates
@@ -32,7 +32,7 @@ def place(tmp_path_factory):
         "surrogates": surrogates,
         "validation": validation,
         "fit_table": fit_table(validation),
-        "sensitivity": sensitivity_table(surrogates),
+        "sensitivity": sensitivity_of([surrogates]),
         "snr": snr,
         "ranking": rank_by_median(snr, draws=50),
         "scope": scope_table(surrogates, deltas=deltas, sigmas=sigmas, runs=500, draws=20),

@@ -5,7 +5,6 @@ from wearscope.designs.factors import (
     PAPER_FACTORS,
     Factor,
     check_factors,
-    level_table,
     nominal_levels,
     wear_names,
 )
@@ -46,13 +45,6 @@ def test_validation_levels_are_those_of_table_3_in_the_identification_coding(fac
 def test_nominal_point_is_eq_18():
     assert list(nominal_levels(PAPER_FACTORS).values()) == [-2, -2, -2, 0, 0, 0]
     assert wear_names(PAPER_FACTORS) == ["f", "w1", "w2"]
-
-
-def test_level_table_has_a_row_a_factor_and_level():
-    table = level_table(PAPER_FACTORS)
-    assert len(table) == 30
-    row = table[(table["factor"] == "w5") & (table["level"] == -2)].iloc[0]
-    assert (row["natural"], row["validation_natural"], row["validation_coded"]) == (-10, -9, -1.8)
 
 
 def change(k, **fields):

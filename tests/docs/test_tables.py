@@ -13,7 +13,7 @@ from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.scope import group_scope, scope_table
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
 from wearscope.surrogates.validation import fit_table, validate_surrogates
@@ -44,7 +44,7 @@ def written():
         "surrogates": surrogates,
         "validation": validation,
         "fit_table": fit_table(validation),
-        "sensitivity": sensitivity_table(surrogates),
+        "sensitivity": sensitivity_of([surrogates]),
         "snr": snr,
         "ranking": rank_by_median(snr, draws=50),
         "scope": scope,

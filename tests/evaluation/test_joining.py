@@ -15,7 +15,7 @@ from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.evaluation.overview import overview_table
 from wearscope.evaluation.scope import add_group_scopes, group_scope, scope_table
 from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
-from wearscope.evaluation.sensitivity import sensitivity_of, sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
 
@@ -117,7 +117,7 @@ def test_sensitivity_of_parts_is_that_of_the_whole(study):
     for by in (("fda",), ("robot",), ()):
         watched = Watched(surrogates)
         table = sensitivity_of(watched, "full", by)
-        pd.testing.assert_frame_equal(table, sensitivity_table(surrogates, "full", by))
+        pd.testing.assert_frame_equal(table, sensitivity_of([surrogates], "full", by))
         assert watched.most <= 2
 
 
@@ -128,7 +128,7 @@ def test_a_term_that_was_dropped_from_a_robot_is_missing_there_not_zero(study):
     cells = surrogates[(surrogates["term"] == "w3")].groupby(["fda", "robot"]).size()
     for fda in surrogates["fda"].unique():
         assert table.loc[(fda, "w3"), "n_nan"] == cells[fda, "r2"]
-    pd.testing.assert_frame_equal(table.reset_index(), sensitivity_table(kept, "full"), check_like=True)
+    pd.testing.assert_frame_equal(table.reset_index(), sensitivity_of([kept], "full"), check_like=True)
 
 
 def test_thresholds_are_of_the_robots_that_a_conclusion_is_about(study):

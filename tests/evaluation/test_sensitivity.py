@@ -3,7 +3,7 @@ import pytest
 
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import box_statistics, wilson_interval
-from wearscope.evaluation.sensitivity import group_matrices, sensitivity_table
+from wearscope.evaluation.sensitivity import group_matrices, sensitivity_of
 
 
 def test_group_matrices_have_a_row_a_cell_and_a_column_a_coefficient(surrogates):
@@ -54,7 +54,7 @@ def test_a_dominant_nuisance_is_found_and_stated_with_its_interval(quantities):
 
     loud = quantities.copy()
     loud["y"] += 5.0 * loud["w3"]
-    table = sensitivity_table(fit_surrogates(loud, ["simplified"]))
+    table = sensitivity_of([fit_surrogates(loud, ["simplified"])])
     found = table[(table["share_relevant"] > 0.5) & (table["term"] != "f")]
     assert set(found["term"]) == {"w3"}
     assert len(found) == 3 and (found["share_low"] > 0.5).all()
@@ -64,7 +64,7 @@ def test_a_dominant_nuisance_is_found_and_stated_with_its_interval(quantities):
 
 
 def test_a_cell_without_direct_effect_is_nan_not_zero(odd):
-    table = sensitivity_table(odd)
+    table = sensitivity_of([odd])
     constant = table[table["fda"] == "C"]
     assert (constant["n_nan"] == 3).all() and (constant["n"] == 0).all()
     assert constant[["median", "share_relevant", "share_low"]].isna().all().all()

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.ranking import rank_by_median
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.reporting.answers import (
     best_detector,
     effective_scope,
@@ -18,7 +18,7 @@ def sensitivity(study, term, size):
     table = study.surrogates.copy()
     rows = (table["term"] == term) & table["theta_normalised"].notna()
     table.loc[rows, "theta_normalised"] = size
-    return sensitivity_table(table)
+    return sensitivity_of([table])
 
 
 def test_what_outweighs_wear_is_named_and_none_is_an_answer(study, change):
@@ -52,7 +52,7 @@ def test_a_square_is_named_only_where_the_full_model_agrees(study, change):
 def test_a_detector_without_any_effect_of_wear_is_unknown(study, change):
     table = study.surrogates.copy()
     table.loc[table["fda"] == "B", "theta_normalised"] = np.nan
-    said = relevant_factors(change(sensitivity=sensitivity_table(table)))
+    said = relevant_factors(change(sensitivity=sensitivity_of([table])))
     assert said[1] == "B: unknown, wear has no direct effect on y in any cell."
 
 
@@ -173,7 +173,7 @@ def test_answers_for_other_groups(study, change):
     config = dict(study.config, scope={**study.config["scope"], "group_by": by})
     other = change(
         config=config,
-        sensitivity=sensitivity_table(study.surrogates, by=by),
+        sensitivity=sensitivity_of([study.surrogates], by=by),
         ranking=rank_by_median(study.snr, by=by, draws=50),
     )
     assert relevant_factors(other)[0].startswith("large, axis 1: ")

@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.evaluation.sensitivity import sensitivity_table
+from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.reporting.costs import read_costs
 from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.findings import compare_with_paper
@@ -131,7 +131,7 @@ def test_one_robot_one_cycle_one_axis(study, change):
 
 def test_many_groups_keep_the_first_page_short(study, change):
     by = ["robot", "cycle", "axis", "fda"]
-    page = render(change(sensitivity=sensitivity_table(study.surrogates, by=by)))
+    page = render(change(sensitivity=sensitivity_of([study.surrogates], by=by)))
     first = page[: page.index('<section id="q1"')]
     cards = first[first.index('class="cards"') :]
     assert cards.count("<li>") <= 8 and "large, a, axis 1, A: " in page.replace(first, "")

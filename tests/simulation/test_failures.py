@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.simulation.failures import check_failures, failure_table, read_failures
+from wearscope.simulation.failures import check_failures, failure_table, read_markers
 
 POINTS = {"identification": [1, 2, 3, 4], "validation": [1, 2, 3, 4], "nominal": [1]}
 WHERE = "robot medium, cycle sweep"
@@ -24,7 +24,7 @@ def test_failures_of_all_chunks_are_read(tmp_path):
         write_marker(tmp_path, "identification", 0, {"2": "lost"}),
         write_marker(tmp_path, "identification", 1, {"4": "fell"}),
     ]
-    failures = read_failures(markers)
+    failures = read_markers(markers)[1]
     assert failures == {("identification", 2): "lost", ("identification", 4): "fell"}
     table = failure_table(failures, POINTS, "medium", "sweep")
     assert list(table.itertuples(index=False, name=None)) == [
@@ -40,7 +40,7 @@ def test_marker_of_another_kind_is_told(tmp_path, text):
     path = tmp_path / "_chunk-0.json"
     path.write_text(text)
     with pytest.raises(InputError, match=r"_chunk-0.json: not a marker of simulated points .*delete it"):
-        read_failures([path])
+        read_markers([path])
 
 
 def test_too_many_failed_simulations_are_refused():

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from wearscope.errors import InputError
@@ -196,33 +195,6 @@ def worn_factor(factors: Sequence[Factor], axis: int) -> str:
 def nominal_levels(factors: Sequence[Factor]) -> dict[str, float]:
     """Coded nominal point z0 by factor, eq. (18)."""
     return {factor.name: factor.nominal_coded for factor in factors}
-
-
-def level_table(factors: Sequence[Factor]) -> pd.DataFrame:
-    """Table 1 and Table 3: one row a factor and level.
-
-    Returns
-    -------
-    DataFrame
-        ``factor``, ``description``, ``unit``, ``level`` (-2..2), ``natural`` (identification),
-        ``validation_natural`` and ``validation_coded`` (the level in the validation design).
-    """
-    rows = []
-    for factor in factors:
-        for level in np.linspace(CODED_LOW, CODED_HIGH, factor.levels):
-            coded = float(factor.validation_to_coded(level))
-            rows.append(
-                {
-                    "factor": factor.name,
-                    "description": factor.description,
-                    "unit": factor.unit,
-                    "level": float(level),
-                    "natural": float(factor.to_natural(level)),
-                    "validation_natural": float(factor.to_natural(coded)),
-                    "validation_coded": coded,
-                }
-            )
-    return pd.DataFrame(rows)
 
 
 PAPER_FACTORS: tuple[Factor, ...] = (

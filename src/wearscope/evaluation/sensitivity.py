@@ -48,16 +48,6 @@ def group_matrices(
     return matrices
 
 
-def sensitivity_table(
-    surrogates: pd.DataFrame,
-    model: str = "simplified",
-    by: Sequence[str] = ("fda",),
-    level: float = 0.95,
-) -> pd.DataFrame:
-    """Box-plot statistics of every column of every group matrix (Fig. 2); see `sensitivity_of`."""
-    return sensitivity_of([surrogates], model, by, level)
-
-
 def sensitivity_of(
     parts: Iterable[pd.DataFrame],
     model: str = "simplified",

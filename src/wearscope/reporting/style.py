@@ -16,7 +16,6 @@ from wearscope import tables
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 BEFORE, AFTER, NEUTRAL, WARNING = "#D55E00", "#0072B2", "#666666", "#B3261E"
-MISSING = "#e3e3e3"
 
 _SHEET = Path(__file__).with_name("wearscope.mplstyle")
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}

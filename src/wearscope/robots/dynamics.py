@@ -8,7 +8,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from wearscope.errors import InputError
-from wearscope.robots.spatial import Array, Inertia, pseudo_inertia
+from wearscope.robots.spatial import Array, Inertia
 from wearscope.robots.urdf import replace_inertias
 
 N_PARAMETERS = 10
@@ -265,21 +265,3 @@ class RigidBody:
             if not np.array_equal(parameters, nominal)
         }
         return replace_inertias(self._urdf_text, changed) if changed else self._urdf_text
-
-    def is_physically_consistent(self, tolerance: float = 0.0) -> bool:
-        """Whether every link's pseudo-inertia is positive definite.
-
-        Parameters
-        ----------
-        tolerance : float
-            Smallest eigenvalue allowed, as a share of the trace of the link's pseudo-inertia.
-
-        References
-        ----------
-        Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018.
-        """
-        for parameters in self._links:
-            matrix = pseudo_inertia(parameters)
-            if np.linalg.eigvalsh(matrix)[0] <= tolerance * np.trace(matrix):
-                return False
-        return True

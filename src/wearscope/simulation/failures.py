@@ -47,11 +47,6 @@ def read_markers(markers: Iterable[str | Path]) -> tuple[dict[tuple[str, int], s
     return fingerprints, failures
 
 
-def read_failures(markers: Iterable[str | Path]) -> Failures:
-    """Failed points of some chunks; see `read_markers`."""
-    return read_markers(markers)[1]
-
-
 def check_failures(
     failures: Mapping[tuple[str, int], str],
     points: Mapping[str, Sequence[int]],
@@ -64,7 +59,7 @@ def check_failures(
     Parameters
     ----------
     failures : mapping
-        See `read_failures`.
+        See `read_markers`.
     points : mapping of str to sequence of int
         All points by set.
     where : str

@@ -134,20 +134,15 @@ class Simulator:
         Its payload is the declared one.
     sample_rate : float, optional
         [Hz]; that of the model's sensors by default.
-    friction_feedforward : bool
-        See `wearscope.simulation.controller.make_feedforward`.
 
     Notes
     -----
     PyBullet's robot is built anew for each run, so that a run's bytes do not depend on what ran before it.
     """
 
-    def __init__(
-        self, model: RobotModel, sample_rate: float | None = None, friction_feedforward: bool = False
-    ) -> None:
+    def __init__(self, model: RobotModel, sample_rate: float | None = None) -> None:
         self.model = model
         self.sample_rate = model.sensors.sample_rate if sample_rate is None else sample_rate
-        self.friction_feedforward = friction_feedforward
         self.plant: Plant = build_plant(model)
         self.declared: RigidBody = model.rigid_body(model.declared_payload)
         self.world = World()
@@ -174,9 +169,7 @@ class Simulator:
         if kept is None:
             _check_reference(reference, self.model)
             dt = find_step(reference.t)
-            feedforward = make_feedforward(
-                self.model, self.declared, self.plant, reference, self.friction_feedforward
-            )
+            feedforward = make_feedforward(self.model, self.declared, self.plant, reference)
             believed = set_numbers(self.model, known)
             law = make_law(
                 believed,
@@ -323,10 +316,9 @@ def simulate_point(
     conditions: Conditions | None = None,
     seed: int | np.random.SeedSequence | None = None,
     sample_rate: float | None = None,
-    friction_feedforward: bool = False,
 ) -> Recording:
     """Simulate and record one design point; see `Simulator` and `Simulator.run`."""
-    with Simulator(model, sample_rate, friction_feedforward) as simulator:
+    with Simulator(model, sample_rate) as simulator:
         return simulator.run(reference, conditions or Conditions(), seed)
 
 
@@ -334,7 +326,6 @@ def simulate_points(
     model: RobotModel,
     points: Iterable[tuple[Reference, Conditions, int | np.random.SeedSequence | None]],
     sample_rate: float | None = None,
-    friction_feedforward: bool = False,
 ) -> Iterator[Recording | SimulationError]:
     """Simulate a chunk of design points, each as `simulate_point` would alone, byte by byte.
 
@@ -344,7 +335,6 @@ def simulate_points(
     points : iterable of (Reference, Conditions, seed)
         Points that share a reference should share the object, so that its torque is computed once.
     sample_rate : float, optional
-    friction_feedforward : bool
 
     Yields
     ------
@@ -358,7 +348,7 @@ def simulate_points(
     SelfTestError
         Where PyBullet cannot be trusted with this robot.
     """
-    with Simulator(model, sample_rate, friction_feedforward) as simulator:
+    with Simulator(model, sample_rate) as simulator:
         for reference, conditions, seed in points:
             yield _run_or_fail(simulator, reference, conditions, seed)
 

@@ -19,8 +19,6 @@ _FACTOR, _SAMPLES = 0.5, 30
 #: Weight by which coefficients of columns of unit length are held about zero: of columns that say the same,
 #: as inertia and a rigid body about one axis do, a bounded fit ends at once, wherever rounding puts it.
 _HELD = 1e-7
-#: What the coefficients stand for.
-ROUGH_TERMS = ("rigid body", "inertia", "Coulomb", "viscous", "offset")
 
 
 def rough_columns(known: np.ndarray, a: np.ndarray, sign: np.ndarray, v: np.ndarray) -> np.ndarray:
