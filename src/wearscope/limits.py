@@ -9,7 +9,7 @@ TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
 TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
 #: Most joints of a data set or robot, most runs and other entries of a list of a data set.
-JOINTS, RUNS, ENTRIES = 100, 2000, 2000
+JOINTS, RUNS, ENTRIES = 60, 2000, 2000
 #: Most entries of a list of a configuration, largest whole number in it, longest text.
 LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 #: No number of a machine is larger; products of a few such still have a value.

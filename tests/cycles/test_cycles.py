@@ -155,3 +155,12 @@ def test_sweeps_move_one_axis_at_a_time(model):
 def test_impossible_times_are_refused(cycle, model, dwell, step):
     with pytest.raises(InputError, match="give a dwell of 0 or more and a step above 0"):
         cycle.build(model, dwell, step)
+
+
+def test_a_motion_that_the_planner_knows_no_code_for_gets_one_sentence():
+    """Ruckig's binding raises `ValueError` for a code that it has no name for."""
+    robot = chain(2)
+    slow = robot.drive.model_dump() | {"speed_limit": [1e-4] * 2, "acceleration_limit": [1e3] * 2}
+    robot = robot.replace(drive=slow | {"jerk_limit": [1e6] * 2})
+    with pytest.raises(InputError, match="change its home posture or its limits a little"):
+        load_cycle("point_to_point").build(robot, 0.05, 1.0)

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pybullet
 import pytest
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import (
@@ -366,3 +367,14 @@ def test_rounding_of_the_triangle_inequality_is_mended_silently():
     moments = np.diag(tree.links["arm"].tensor)
     assert notes == [] and moments.max() < moments.sum() - moments.max()
     np.testing.assert_allclose(moments, [2.0005, 1, 1], atol=1e-3)
+
+
+def test_more_joints_than_a_robot_has_are_refused():
+    n = limits.JOINTS + 1
+    links = "".join(
+        f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+        f'<joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
+        for k in range(1, n + 1)
+    )
+    with pytest.raises(InputError, match=f"{n} joints move, more than {limits.JOINTS}; name those"):
+        normalise_urdf(f'<robot name="x"><link name="l0"/>{links}</robot>')

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from wearscope import limits
 from wearscope.checking.findings import Findings
-from wearscope.cycles.base import Cycle, list_cycles, load_cycle
+from wearscope.cycles.base import Cycle, find_coarse_step, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, check_effects, list_breaches, load_model
 from wearscope.robots.model_file import Allowed, find_model, read_model_file
@@ -142,7 +142,9 @@ def check_robot_folder(reference: str | Path, allow_code: Allowed = False) -> Fi
     may_drop = [name for name, one in ranges.items() if one[0] != "wear"]
     check_factors(model, ranges, found, may_drop=may_drop, dropped="a study of it cannot ask for it")
     for name in list_cycles():
-        found.attempt(lambda name=name: check_cycle(model, load_cycle(name), name, ranges, 0.01))  # type: ignore[misc]
+        found.attempt(
+            lambda name=name: check_cycle(model, load_cycle(name), name, ranges, find_coarse_step(model))  # type: ignore[misc]
+        )
     if not found.problems:
         found.attempt(lambda: simulate_extremes(model, ranges, found))
     if not model.torque_noise.all():

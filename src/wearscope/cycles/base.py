@@ -12,6 +12,8 @@ from wearscope.robots.spatial import Array
 
 # A limit may be exceeded by this share: planners reach limits to rounding.
 TOLERANCE = 1e-6
+# Joints above which motions, which take longer then too, are looked at in coarser steps.
+MANY = 12
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,12 @@ def load_cycle(reference: str) -> Cycle:
 def list_cycles() -> list[str]:
     """Names of the test-cycles of this room."""
     return plugins.list_names("cycles", "CYCLE")
+
+
+def find_coarse_step(model: RobotModel) -> float:
+    """Time step [s] that shows a motion's torques: coarser for many joints, or where one is slow."""
+    slowest = float(np.min(model.motion_limits()[1]))
+    return 0.01 * max(1.0, model.n / MANY) * max(1.0, slowest**-0.5)
 
 
 def required_torque(

@@ -132,7 +132,7 @@ class MotionPlan:
             try:
                 if Ruckig(self.n).calculate(order, trajectory) in (Result.Working, Result.Finished):
                     return trajectory
-            except RuckigError:
+            except (RuckigError, ValueError):  # a code of Ruckig that its binding has no name for
                 continue
         raise InputError(
             f"robot '{self.model.name}': no motion from {self.posture.round(3)} to {target.round(3)} found; "

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from wearscope.cycles.base import Cycle, Reference, required_torque
+from wearscope.cycles.base import Cycle, Reference, find_coarse_step, required_torque
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.numbers import Number, find_number, is_detectors, set_numbers
@@ -72,7 +72,8 @@ def screen_factors(
                 continue
             for dwell in (low / 1000.0, high / 1000.0) if kind == "dwell" else (DEFAULT_DWELL,):
                 if dwell not in references:
-                    references[dwell] = _thin(cycle.build(model, dwell, step))
+                    coarse = max(STRIDE * step, 0.5 * find_coarse_step(model))
+                    references[dwell] = cycle.build(model, dwell, coarse)
             change, joint = _largest_change(model, references, name, ranges)
             if change > found[name][0]:
                 found[name] = change, model.joints[joint], label
@@ -130,11 +131,6 @@ def check_screening(
             f"'{robot}', so every answer about it would be about noise; {remedy}"
         )
     return screening.assign(robot=robot, dropped=~screening["moves"])
-
-
-def _thin(reference: Reference) -> Reference:
-    rows = slice(None, None, STRIDE)
-    return Reference(reference.t[rows], reference.q[rows], reference.v[rows], reference.a[rows])
 
 
 def _largest_change(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.cycles.base import Reference, list_cycles, load_cycle, required_torque
+from wearscope.cycles.base import Reference, find_coarse_step, list_cycles, load_cycle, required_torque
 from wearscope.robots.model import RobotModel, make_model
 from wearscope.robots.spatial import Array
 from wearscope.starters.figures import Figures, assume, round_figures, take_option
@@ -17,7 +17,6 @@ JERK_RATE = 10.0  # 1/s
 TEMPERATURES, WEAR, PAYLOAD_ERROR = (30.0, 70.0), 50.0, 0.12
 ROOM = 0.9  # of the torque limit
 SLOWER, SLOWEST = 0.8, 11  # share of the acceleration a step, steps at most
-VALUES = 60_000  # samples times joints of a test-cycle that are looked at
 
 
 def fit_to_cycles(
@@ -92,12 +91,8 @@ def fit_to_cycles(
 def _find_peaks(model: RobotModel) -> tuple[Array, Array]:
     """Largest torques (n,) along the test-cycles at a study's extremes: in motion, and all but at rest."""
     moving, still = np.zeros(model.n), np.zeros(model.n)
-    # The slowest joint sets how long a motion takes.
-    step = 0.01 * max(1.0, float(np.min(model.motion_limits()[1])) ** -0.5)
     for name in list_cycles():
-        reference = load_cycle(name).build(model, 0.05, step)
-        every = max(1, len(reference.t) * model.n // VALUES)
-        seen = Reference(*(getattr(reference, key)[::every] for key in ("t", "q", "v", "a")))
+        seen = load_cycle(name).build(model, 0.05, find_coarse_step(model))
         rest = replace(seen, v=1e-6 * seen.v, a=0.0 * seen.a)
         for factor in (1.0 - PAYLOAD_ERROR, 1.0 + PAYLOAD_ERROR):
             still = np.maximum(still, np.abs(_torque(rest, model, TEMPERATURES[0], factor)).max(axis=0))
