@@ -13,7 +13,11 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.selection.limits import find_limits
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
+from wearscope.closed_loop.selection.search import Search
+from wearscope.closed_loop.selection.stepwise import find_standard
 from wearscope.effects.base import Effect, Parameter, load_effect
 from wearscope.effects.motions import OTHERS
 
@@ -86,13 +90,14 @@ def test_angle_agrees_with_subspaces_of_explicit_columns(angles):
 
 
 def test_what_the_runs_leave_undetermined_is_said(angles):
-    problem, _, table = angles
-    said = find_undetermined(problem, table)
+    problem, *_ = angles
+    limits = [{}] * problem.prepared.n
+    said = find_undetermined(problem, limits)
     assert any("same payload" in one["reason"] for one in said)
     assert not any(one["effect"] == "temperature_dependent_friction" for one in said)
     unknown = np.full_like(problem.joined.temperature, np.nan)
     problem.joined = replace(problem.joined, temperature=unknown)
-    said = find_undetermined(problem, table)
+    said = find_undetermined(problem, limits)
     missing = [one for one in said if one["effect"] == "temperature_dependent_friction"]
     assert [one["joint"] for one in missing] == ["a", "b"]
     assert "temperature" in missing[0]["motion"]
@@ -112,4 +117,23 @@ def test_an_effect_of_the_user_takes_part_without_being_listed_anywhere(record):
     table = measure_isolability(problem, model)
     advice = {one["motion"]: one["separates"] for one in advise(problem, table)}
     assert "a: churning / declared model" in advice[OTHERS]
-    assert any(one["effect"] == "churning" for one in find_undetermined(problem, table))
+    search = Search(problem, Policy())
+    limits = find_limits(search, find_standard(search))
+    assert limits[0]["churning"] > 1.0 > limits[0]["quadratic_viscous"]
+    told = [one for one in find_undetermined(problem, limits) if one["effect"] == "churning"]
+    assert all("below all of the joint's torque" in one["reason"] for one in told) and len(told) == 2
+
+
+def test_an_effect_at_its_limit_adds_what_a_name_must_remove(angles):
+    """By plain least squares: of the torque at the limit the model leaves 6 % of what it leaves anyway."""
+    problem, *_ = angles
+    search = Search(problem, Policy())
+    limit = find_limits(search, ())[0]["quadratic_viscous"]
+    model = search.assemble(())
+    keep = model.layout.keep[:, 0]
+    speed = problem.candidate(load_effect("quadratic_viscous"), 0).rows[0][keep][:, 0]
+    torque = np.concatenate([run.measured for run in problem.train])[keep, 0]
+    added = speed * limit * np.sqrt(np.mean(torque**2) / np.mean(speed**2))
+    columns, target = model.columns[0][keep], model.target[keep, 0]
+    left = [y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0] for y in (added, target)]
+    assert left[0] @ left[0] == pytest.approx(Policy().material_share * (left[1] @ left[1]), rel=0.02)

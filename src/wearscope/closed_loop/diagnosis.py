@@ -32,6 +32,7 @@ from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
 from wearscope.closed_loop.selection.evidence import Found
+from wearscope.closed_loop.selection.limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
@@ -235,7 +236,8 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    notes = tell_loads(prepared, predicted)
+    limits = find_limits(search, found)
+    notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
     notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
@@ -255,6 +257,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
         full,
         notes,
         problem,
+        limits,
     )
 
 

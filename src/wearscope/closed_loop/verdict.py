@@ -79,7 +79,9 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
             "left may hold more"
             for joint in diagnosis.full
         ],
-        "joints": summarise_joints(prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth),
+        "joints": summarise_joints(
+            prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth, diagnosis.limits
+        ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
         "notes": prepared.notes + diagnosis.notes + list_unbelievable_links(diagnosis),
@@ -96,7 +98,11 @@ def list_unbelievable_links(diagnosis: Outcome) -> list[str]:
 
 
 def summarise_joints(
-    prepared: Prepared, predicted: list[Predicted], states: list[JointState], worth: list[Worth]
+    prepared: Prepared,
+    predicted: list[Predicted],
+    states: list[JointState],
+    worth: list[Worth],
+    limits: list[dict[str, float]],
 ) -> dict[str, Any]:
     """Errors by joint over the test runs, at the common bandwidth, rows where the joint moves."""
     test = [p for p in predicted if p.run.use == "test"]
@@ -136,6 +142,7 @@ def summarise_joints(
             "unexplained_rms": states[j].unexplained_rms,
             "depends_on": states[j].depends_on,
             "reason": states[j].reason,
+            "detection_limit_percent": {name: 100.0 * one for name, one in limits[j].items()},
             "test_runs": runs,
             "relative_error_percent": relative,
         }

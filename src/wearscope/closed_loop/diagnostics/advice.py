@@ -1,10 +1,13 @@
 """Which motion would separate the effects that the runs cannot, and what the runs leave undetermined."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import pandas as pd
 
 from wearscope.closed_loop.diagnostics.isolability import ABSORBED, CLOSE
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.selection.limits import LARGE, say_limit
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
 from wearscope.effects.vocabulary import separating_motions
@@ -50,8 +53,14 @@ def advise(problem: Problem, isolability: pd.DataFrame) -> list[dict]:
     return [{"motion": motion, "separates": what} for motion, what in ordered]
 
 
-def find_undetermined(problem: Problem, isolability: pd.DataFrame) -> list[dict]:
+def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -> list[dict]:
     """What could not be asked of these runs, and why.
+
+    Parameters
+    ----------
+    problem : Problem
+    limits : sequence of mapping of str to float
+        By joint, from `wearscope.closed_loop.selection.limits.find_limits`.
 
     Returns
     -------
@@ -60,10 +69,6 @@ def find_undetermined(problem: Problem, isolability: pd.DataFrame) -> list[dict]
     """
     prepared = problem.prepared
     records = []
-    sines: dict[tuple[str, str], float] = {}
-    for row in isolability.itertuples(index=False):
-        sines[row.joint, row.effect_a] = row.sine_a
-        sines[row.joint, row.effect_b] = row.sine_b
     for j, joint in enumerate(prepared.dataset.joints):
         if not prepared.moving[j]:
             records.append(_record(joint, "all", "the joint does not move in the training runs", "move it"))
@@ -75,8 +80,8 @@ def find_undetermined(problem: Problem, isolability: pd.DataFrame) -> list[dict]
             if not effect.is_usable(problem.joined, j):
                 if effect.lacking:
                     records.append(_record(joint, effect.name, effect.lacking, motion))
-            elif sines.get((joint, effect.name), 1.0) < ABSORBED:
-                reason = "the declared model's own parameters absorb it on these runs"
+            elif (limit := limits[j].get(effect.name, 0.0)) > LARGE:
+                reason = f"it gets no name below {say_limit(limit)} of the joint's torque on these runs"
                 records.append(_record(joint, effect.name, reason, motion))
     return records + _judge_coverage(prepared)
 

@@ -80,7 +80,8 @@ def examine(
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
     angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
-    advice, undetermined = advise(diagnosis.problem, angles), find_undetermined(diagnosis.problem, angles)
+    advice = advise(diagnosis.problem, angles)
+    undetermined = find_undetermined(diagnosis.problem, diagnosis.limits)
     planned = plan_measurements(diagnosis, progress)
     diagnostics = spectrum.diagnose_residuals(prepared, predicted)
     forward, series = compare_forward(prepared, diagnosis.models, progress)

@@ -69,6 +69,8 @@ class Outcome:
     notes : list of str
         On parameters beyond what is possible, and on inertias that are no name.
     problem : Problem
+    limits : list of dict of str to float
+        By joint, below which share of its torque (RMS) each effect gets no name.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose rows are left out.
     """
@@ -85,6 +87,7 @@ class Outcome:
     full: list[str]
     notes: list[str]
     problem: Problem = field(repr=False)
+    limits: list[dict[str, float]]
     events: list[Event] = field(default_factory=list)
 
     @cached_property
