@@ -90,6 +90,11 @@ def check_page(path: Path) -> list[str]:
         for one, length in lengths.items()
         if length > LONGEST
     ]
+    wrong += [
+        f"{name}:{number}: a table's cell of {count} words, at most {LONGEST}; say it below the table."
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.startswith("|") and (count := max(len(cell.split()) for cell in line.split("|"))) > LONGEST
+    ]
     if lengths and (mean := sum(lengths.values()) / len(lengths)) > MEAN:
         wrong.append(f"{name}: the mean sentence has {mean:.1f} words, at most {MEAN:g}.")
     return wrong

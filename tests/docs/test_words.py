@@ -23,6 +23,7 @@ def test_pages_keep_to_the_words():
         ("So it was on seed 51 too.", "seed 51"),
         ("A spring stands for a balancer.", "stands for"),
         ("It says " + "one word after another and " * 10 + "then ends.", "a sentence of 54 words"),
+        ("| a | " + "word " * 50 + "|", "a table's cell of 50 words"),
         ("This sentence " + "has a word more " * 6 + "than is good here.", "the mean sentence has"),
     ],
 )
