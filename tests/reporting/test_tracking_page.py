@@ -3,11 +3,14 @@
 import json
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from wearscope import tables
 from wearscope.errors import InputError
+from wearscope.reporting.charts.tracking import trend_names, trend_table
+from wearscope.reporting.tracking import read_tracking
 from wearscope.reporting.tracking_page import write_tracking_page
 
 ENTRY = {
@@ -69,6 +72,7 @@ def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
 def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):
     html = write(tmp_path)
     assert "measure &lt;this&gt;." in html and "measure <this>" not in html
+    html = re.sub(r"(?s)<script>.*?</script>", "", html)
     assert not re.search(r'(src|href)="(?!data:|#|next_measurement)', html)
 
 
@@ -81,7 +85,23 @@ def test_quiet_machine_is_called_unchanged(tmp_path):
         "wear": [],
     }
     text = write(tmp_path, quiet)
-    assert "no change" in text and "Other changes" not in text
+    assert "no change" in text
+    assert set(trend_names(read_tracking(tmp_path))) == {"friction"}
+
+
+def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_path):
+    write(tmp_path)
+    tracking = read_tracking(tmp_path)
+    assert list(trend_names(tracking).values()) == ["friction [% of healthy]", "coulomb of a, level [N m]"]
+    table = trend_table(tracking)
+    shares = table[(table["what"] == "friction") & (table["joint"] == "a")]
+    # The healthy value is 6, the changes 0 to 3.
+    assert shares["value"].to_numpy() == pytest.approx(100 * np.array([6, 7, 8, 9]) / 6)
+    assert shares["low"].iloc[0] == pytest.approx(100 * 5.8 / 6)
+    assert shares["state"].to_list() == ["healthy, held out"] * 2 + ["change named"] * 2
+    level = table[table["what"] == "coulomb of a, level"]
+    assert level["value"].to_list() == [6.0, 7.0, 8.0, 9.0] and set(level["joint"]) == {"a"}
+    assert set(table.loc[table["joint"] == "b", "state"]) == {"healthy, held out", "no change named"}
 
 
 def test_equal_files_give_equal_pages(tmp_path):

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
+from wearscope.reporting.charts.base import Choice
+from wearscope.reporting.charts.detection import axis_tables, chart_axis
 from wearscope.reporting.detection import (
     Detections,
     conclude,
@@ -16,12 +17,11 @@ from wearscope.reporting.detection import (
     tell_scatter,
     write_quantity,
 )
-from wearscope.reporting.figures.detection import draw_detection
 from wearscope.reporting.labels import count_text, join_words
 from wearscope.reporting.page import (
     Section,
     badge,
-    embed_figure,
+    embed_chart,
     format_number,
     interval_text,
     render_page,
@@ -57,7 +57,7 @@ def render_detection(found: Detections) -> str:
     setting = found.summary["setting"]
     sections = [
         Section("Outcome", _outcome(found), "outcome"),
-        Section("Machine and simulator on one axis", _axis(found), "axis"),
+        Section("Machine and simulator", embed_chart(chart_axis()), "axis"),
         Section("Every test quantity", _values(found), "values"),
         Section("Thresholds, and what they detect", _thresholds(found), "thresholds"),
         Section("Not judged, and why", _refused(found), "refused"),
@@ -70,28 +70,21 @@ def render_detection(found: Detections) -> str:
         f"{100 * setting['p_f']:g} %"
     )
     title = f"Detectors on recordings: {found.summary['dataset']}"
-    return render_page(title, sections, subtitle, strip=detection_strip(found))
+    cells = found.thresholds
+    filters = [
+        Choice(key, name, [(one, one) for one in dict.fromkeys(cells[key])])
+        for key, name in {"motion": "Motion", "joint": "Joint", "fda": "Detector"}.items()
+    ]
+    labels = {"column": {"fda": "detector", "place": "place on the axis", "y": "test quantity"}}
+    strip = detection_strip(found)
+    return render_page(
+        title, sections, subtitle, filters=filters, tables=axis_tables(found), labels=labels, strip=strip
+    )
 
 
 def _outcome(found: Detections) -> Markup:
     told = [("" if kind == "plain" else kind, sentence) for kind, sentence in conclude(found)]
     return render_part(told=told + [("", one) for one in [*tell_scatter(found), *tell_factors(found)]])
-
-
-def _axis(found: Detections) -> Markup:
-    simulated = found.simulated[found.simulated["kind"] != "compared"]
-    columns = ["motion", "joint", "fda", "kind", "y"]
-    rows = pd.concat([simulated[columns], found.detection[columns]], ignore_index=True)
-    figures = []
-    for motion, cells in found.thresholds.groupby("motion", sort=False):
-        caption = (
-            f"Test quantities of {motion}. Boxes: simulated runs, each box half of what lies beyond the one "
-            "within. Points: recordings; a nominal one is judged by detectors fitted to the "
-            "other nominal ones. Dashed: alarm threshold."
-        )
-        alt = f"Simulated and recorded test quantities of {motion} with alarm thresholds"
-        figures.append(embed_figure(draw_detection(rows[rows["motion"] == motion], cells), alt, caption))
-    return render_part(parts=figures)
 
 
 def _fold(rows: Sequence[Mapping[Any, Any]], caption: str, summary: str) -> Markup:

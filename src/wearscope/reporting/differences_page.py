@@ -3,19 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-import altair as alt
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.charts.base import Chart, Source
-from wearscope.reporting.charts.encoding import named, tips
-from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
+from wearscope.reporting.charts.sides import chart_sides, side_table
 from wearscope.reporting.labels import count_text, join_words, words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
 from wearscope.reporting.page_strip import Strip
 
 Names = tuple[str, str]
-_SIDES = ["var(--before)", "var(--after)"]
 #: Rows above which a table is folded, and conclusions that are told in sentences.
 _LONG, _TOLD = 25, 5
 #: What differs, by what the comparison calls it.
@@ -43,11 +39,11 @@ def render_study_differences(
         As `wearscope.archives.comparison.compare_archives` returns it.
     """
     differences = differences[~differences["outcome"].isin(["same bytes", "same values"])]
-    sides = [
-        frame.assign(side=name)[["side", "fda", "median", "median_low", "median_high", "rank"]]
+    sides = {
+        name: frame.assign(side=name)[["side", "fda", "median", "median_low", "median_high", "rank"]]
         for name, frame in zip(names, rankings, strict=True)
         if len(frame)
-    ]
+    }
     told = tell_studies(names, rankings, differences)
     sections = [Section("What differs", render_part(listed=told), "summary")]
     kinds = set(differences["what"])
@@ -62,11 +58,9 @@ def render_study_differences(
     strip = Strip(" ".join(told[:2]), "unsure" if kinds else "good", sure, caveat, _link(*action))
     found = {}
     if sides:
-        table = pd.concat(sides, ignore_index=True)
-        found["sides"] = table.rename(
-            columns={"fda": "thing", "median": "value", "median_low": "low", "median_high": "high"}
-        )
-        chart = _chart_sides(
+        table = pd.concat(sides.values(), ignore_index=True)
+        found["sides"] = side_table(sides, "fda", "median")
+        chart = chart_sides(
             names,
             "Median SNR of each detector",
             "median signal-to-noise ratio",
@@ -102,9 +96,8 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
                 }
             )
     table = pd.DataFrame(rows)
-    sides = table[["side", "joint", "after"]].rename(columns={"joint": "thing", "after": "value"})
-    sides = sides.assign(value=sides["value"].astype(float), low=float("nan"), high=float("nan"))
-    chart = _chart_sides(
+    sides = side_table({name: table[table["side"] == name] for name in names}, "joint", "after")
+    chart = chart_sides(
         names,
         "Error of each joint after the correction",
         "RMS error on the test runs",
@@ -190,25 +183,3 @@ def tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, 
             found.setdefault(join_words(only), []).append(joint)
     told = [f"{join_words(joints)}: {only}." for only, joints in found.items()]
     return told or ["Both name the same effects at every joint."]
-
-
-def _chart_sides(names: Names, title: str, quantity: str, thing: str, caption: str) -> Chart:
-    """A number of each thing on both sides, with its interval where there is one."""
-    scale = alt.Scale(domain=list(names), range=_SIDES)
-    base = named("sides").encode(
-        y=alt.Y("thing:N", title=None, sort=None),
-        yOffset=alt.YOffset("side:N", scale=alt.Scale(domain=list(names))),
-        color=alt.Color("side:N", title=None, scale=scale, legend=alt.Legend(labelLimit=260, columns=1)),
-        tooltip=tips(f"thing:N|{thing}; side:N|in; value:Q|{quantity}|.4; low:Q|95 % from|.4; high:Q|to|.4"),
-    )
-    x = alt.X("value:Q", title=quantity, scale=SYMLOG, axis=symlog_axis((1, 3)))
-    spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
-    layers = [spans.encode(x=alt.X("low:Q"), x2="high:Q"), base.mark_circle(size=70, opacity=1).encode(x=x)]
-    return Chart(
-        "sides-chart",
-        title,
-        f"{title} in {names[0]} and in {names[1]}.",
-        alt.layer(*layers).properties(width="container", height={"step": 14}),
-        {"sides": Source("sides", {})},
-        caption,
-    )

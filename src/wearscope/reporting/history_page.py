@@ -155,7 +155,6 @@ def _chart(trend: pd.DataFrame) -> Chart:
     return Chart(
         "trend-chart",
         "Errors and signal-to-noise ratios over time",
-        "Error of each joint after the correction, and median SNR of each detector, by the time of the page.",
         spec,
         {"trend": Source("trend")},
         "Errors in the joint's unit of torque, on each diagnosis's own test runs.",

@@ -4,11 +4,12 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.evaluation.certain_changes import SURE, Reevaluation, judge_detector
+from wearscope.reporting.charts.sides import chart_sides, side_table
 from wearscope.reporting.labels import count_text, join_words, name_term, with_unit, words
 from wearscope.reporting.page import (
     Section,
     badge,
-    embed_figure,
+    embed_chart,
     interval_text,
     render_page,
     render_part,
@@ -43,17 +44,39 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
         sections,
         "The study's questions for the model before and after its correction",
         "Made by wearscope from reevaluation.parquet.",
+        tables={"sides": snr_sides(one)},
         strip=reevaluation_strip(one),
     )
 
 
-def draw_change(one: Reevaluation) -> Markup:
-    """Figure of every detector's SNR on each side."""
-    from wearscope.reporting.figures.reevaluation import draw_reevaluation  # Matplotlib is for few studies
+def snr_sides(one: Reevaluation) -> pd.DataFrame:
+    """SNR of every detector on each side, for the chart."""
+    rows = one.table[one.table["question"] == "snr"].sort_values(["cycle", "axis", "fda"], kind="stable")
+    places = zip(rows["fda"], rows["axis"], rows["cycle"], strict=True)
+    rows = rows.assign(thing=[f"{fda}, axis {axis}, {words(cycle)}" for fda, axis, cycle in places])
+    parts = {
+        side: rows.rename(columns={f"{side}{end}": f"snr{end}" for end in ("", "_low", "_high")})
+        for side in list_sides(one)
+    }
+    return side_table(parts, "thing", "snr")
 
-    sides = "before, after and in truth" if one.has_truth else "before and after"
-    caption = f"SNR {sides} with 95 % intervals, over the models that the data allow; linear below 1."
-    return embed_figure(draw_reevaluation(one.table), f"SNR of every detector {sides}.", caption)
+
+def list_sides(one: Reevaluation) -> list[str]:
+    """Sides that are compared; the truth where it is known."""
+    return ["before", "after", *(["truth"] if one.has_truth else [])]
+
+
+def draw_change(one: Reevaluation) -> Markup:
+    """Chart of every detector's SNR on each side; the page must have `snr_sides`."""
+    return embed_chart(
+        chart_sides(
+            list_sides(one),
+            "Signal-to-noise ratio before and after",
+            "signal-to-noise ratio",
+            "cell",
+            "With 95 % intervals, over the models that the data allow.",
+        )
+    )
 
 
 def _summarise(one: Reevaluation) -> Markup:
@@ -71,7 +94,7 @@ def _value(row: object, side: str) -> str:
 
 
 def _detectors(one: Reevaluation) -> Markup:
-    sides = ["before", "after", *(["truth"] if one.has_truth else [])]
+    sides = list_sides(one)
     records = []
     for (cycle, axis, fda), rows in one.table.groupby(["cycle", "axis", "fda"], sort=True):
         snr = next(rows[rows["question"] == "snr"].itertuples())
@@ -93,7 +116,7 @@ def _detectors(one: Reevaluation) -> Markup:
 
 def _question(one: Reevaluation, question: str) -> Markup:
     """What surely changed; a sentence where nothing did."""
-    sides = ["before", "after", *(["truth"] if one.has_truth else [])]
+    sides = list_sides(one)
     own = one.table[one.table["question"] == question]
     rows = own[own["p_changed"] >= SURE]
     if rows.empty:

@@ -7,6 +7,7 @@ from wearscope.reporting.charts.study import study_filters, study_labels, study_
 from wearscope.reporting.findings import Finding
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page import describe_study, render_page
+from wearscope.reporting.reevaluation_page import snr_sides
 from wearscope.reporting.sections.background import Paper, Provenance, Simulated, Trust
 from wearscope.reporting.sections.base import StudySection
 from wearscope.reporting.sections.loops import Correction, Loops
@@ -33,6 +34,8 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     tables = study_tables(study)
     if study.detection is not None:
         tables["detection"] = detection_cases(study)[0]
+    if study.reevaluation is not None:
+        tables["sides"] = snr_sides(study.reevaluation)
     config = study.config
     cells = count_text(len(study.snr), "cell")
     return render_page(

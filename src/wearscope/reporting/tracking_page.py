@@ -7,12 +7,13 @@ from typing import Any
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.reporting.figures.tracking import draw_friction, draw_parameter
+from wearscope.reporting.charts.base import Choice
+from wearscope.reporting.charts.tracking import chart_trend, trend_names, trend_table
 from wearscope.reporting.labels import count_text, join_words, unit_text, words
 from wearscope.reporting.page import (
     Section,
     badge,
-    embed_figure,
+    embed_chart,
     format_number,
     interval_text,
     render_page,
@@ -21,9 +22,6 @@ from wearscope.reporting.page import (
 )
 from wearscope.reporting.strips import tracking_strip
 from wearscope.reporting.tracking import Tracking, read_tracking
-
-#: Most parameters of which the trend is drawn in addition to that of friction.
-_MOST = 6
 
 
 def write_tracking_page(folder: str | Path) -> None:
@@ -42,9 +40,8 @@ def render_tracking(tracking: Tracking) -> str:
     outcome = tracking.outcome
     sections = [
         Section("What changed", _outcome(tracking), "changed"),
-        Section("Friction of each joint", _friction(tracking), "friction"),
+        Section("Friction and what changed", _friction(tracking), "friction"),
         Section("Wear", _wear(tracking), "wear"),
-        Section("Other changes", _others(tracking), "others"),
         Section("Session by session", _sessions(tracking), "sessions"),
         Section("The healthy machine", _healthy(outcome), "healthy"),
         Section("Notes", render_part(listed=outcome["notes"]), "notes"),
@@ -56,7 +53,11 @@ def render_tracking(tracking: Tracking) -> str:
     )
     title = f"Tracked: {outcome['dataset']}"
     footer = f"Made by wearscope {outcome['version']}."
-    return render_page(title, sections, subtitle, footer, strip=tracking_strip(tracking))
+    filters = [Choice("joint", "Joint", [(joint, joint) for joint in tracking.joints])]
+    found, labels = {"trend": trend_table(tracking)}, {"what": trend_names(tracking)}
+    return render_page(
+        title, sections, subtitle, footer, filters, found, labels, strip=tracking_strip(tracking)
+    )
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
@@ -89,12 +90,7 @@ def _outcome(tracking: Tracking) -> Markup:
 
 
 def _friction(tracking: Tracking) -> Markup:
-    caption = (
-        "RMS torque of each joint's friction against that of the healthy machine, along each session's own "
-        "motion. The 95 % intervals hold the session's noise, the error of the reference and the scatter of "
-        "healthy sessions. Each healthy session is compared with the other ones."
-    )
-    figure = embed_figure(draw_friction(tracking), "Friction of each joint over the sessions", caption)
+    chart = embed_chart(chart_trend(tracking))
     trends = [
         {
             "joint": one["joint"],
@@ -105,8 +101,8 @@ def _friction(tracking: Tracking) -> Markup:
         for one in tracking.outcome["trends"]
     ]
     if not trends:
-        return figure
-    return figure + render_table(trends, "Straight line through the later sessions.")
+        return chart
+    return chart + render_table(trends, "Straight line through the later sessions.")
 
 
 def _wear(tracking: Tracking) -> Markup:
@@ -133,17 +129,6 @@ def _wear(tracking: Tracking) -> Markup:
         "study or one side of the target reevaluate."
     )
     return render_table(records, caption)
-
-
-def _others(tracking: Tracking) -> Markup:
-    shown = list(dict.fromkeys((e["joint"], e["effect"], e["parameter"]) for _, e in tracking.entries()))[
-        :_MOST
-    ]
-    figures = [
-        embed_figure(draw_parameter(tracking, *one), f"{one[1]} of {one[0]}, {one[2]}, over the sessions")
-        for one in shown
-    ]
-    return Markup("").join(figures)
 
 
 def _sessions(tracking: Tracking) -> Markup:

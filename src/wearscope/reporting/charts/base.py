@@ -87,8 +87,6 @@ class Chart:
     name : str
         Its id on the page.
     title : str
-    description : str
-        What it shows, for who does not see it.
     spec : altair chart
         Draws data called as `sources` are (`altair.NamedData`). ``⟦key⟧`` in a title becomes the label of
         what is chosen.
@@ -106,7 +104,6 @@ class Chart:
 
     name: str
     title: str
-    description: str
     spec: Any
     sources: Mapping[str, Source]
     caption: str = ""

@@ -67,7 +67,6 @@ def chart_snr(study: Study) -> Chart:
     return Chart(
         "snr",
         "Signal-to-noise ratio of every cell",
-        "SNR of every cell by detector and robot, with medians and their 95 % intervals.",
         alt.layer(zero, cells, spans, medians, bound).properties(
             width="container", height={"step": max(16, 54 // len(shown))}
         ),
@@ -122,7 +121,6 @@ def chart_snr_cells(study: Study) -> Chart:
     return Chart(
         "snr-cells",
         "Cell by cell",
-        "SNR of every cell by detector, robot, test-cycle and axis.",
         alt.layer(cells, text).properties(width="container", height={"step": 20}),
         {"snr": Source("snr", BY_CELL)},
         "Test-cycle, axis and robot down. Empty: the detector always says the same, or the robot's model has "

@@ -45,7 +45,6 @@ def chart_weights(study: Study) -> Chart:
     return Chart(
         "weights",
         "How much each factor weighs relative to wear",
-        "Normalised coefficients of every cell by factor and detector.",
         spec.properties(width="container", height={"step": 13 if len(names) > 2 else 18}),
         {"weights": Source("weights", {"kind": "kind", **BY_CELL})},
         "A point is a cell: what a step of the factor does to y, over what the same step of wear does. "
@@ -90,7 +89,6 @@ def chart_response(study: Study, detector: str = "") -> Chart:
     return Chart(
         "response",
         "The test quantity over each factor",
-        "Test quantity of one cell against one factor: surrogate with its 95 % interval, and simulated runs.",
         layered.properties(width="container", height=330),
         {"responses": Source("responses", by), "simulated": Source("simulated", by)},
         "Line and band: the surrogate that the questions are asked of, with the other factors at nominal, "

@@ -41,7 +41,6 @@ def chart_errors(loop: ClosedLoop) -> Chart:
     return Chart(
         "errors-chart",
         "Error of every joint before and after",
-        "RMS error of every joint on the test runs before and after the correction, with the noise floor.",
         alt.layer(*layers).properties(width="container", height={"step": 9}),
         {"errors": Source("errors", {"joint": "joint"})},
         "At the common bandwidth, with 95 % intervals from resampled blocks. Before: the declared model, its "
@@ -59,7 +58,6 @@ def chart_torque(loop: ClosedLoop, joint: str, run: str) -> Chart | None:
         {"joint": joint, "run": run},
         "torque",
         "Measured and predicted torque",
-        "Measured torque of a joint over time, and what the models before and after predict.",
         "At the common bandwidth, thinned for the page; residual.parquet has every row. Zoom with Ctrl and "
         "the wheel or the buttons, drag to move.",
     )
@@ -73,7 +71,6 @@ def chart_residual(loop: ClosedLoop, joint: str, run: str) -> Chart:
         {"joint": joint, "run": run},
         "residual-chart",
         "Residual over time",
-        "Residual torque of a joint over time, before and after the correction.",
         "Measured less predicted, where rows count.",
     )
 
@@ -88,7 +85,6 @@ def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
         {"joint": joint},
         "forward-chart",
         "Simulated forward less measured",
-        "Torque error of the models before and after, simulated forward, over time.",
         "In PyBullet, at the common bandwidth, on the test runs.",
     )
 
@@ -99,7 +95,6 @@ def _chart_over_time(
     first: dict[str, str],
     name: str,
     title: str,
-    description: str,
     caption: str,
 ) -> Chart:
     """Columns of a source, by what they are called, of one joint and run over time."""
@@ -122,7 +117,6 @@ def _chart_over_time(
     return Chart(
         name,
         title,
-        description,
         spec.properties(width="container", height=280),
         {table: Source(table, {"joint": "joint", "run": "run"})},
         caption,
@@ -170,7 +164,6 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
     return Chart(
         "against",
         "Residual over the signal that it depends on",
-        "Residual torque of a joint over a signal, before and after the correction.",
         spec.properties(width="container", height=320),
         sources,
         text + " What a residual depends on: the signals that the verdict names first, then those that a "
@@ -205,7 +198,6 @@ def chart_candidates(loop: ClosedLoop) -> Chart | None:
     return Chart(
         "candidates-chart",
         "Candidates at each step",
-        "Held-out gain of the best candidates at each step, and which were taken.",
         spec.properties(width="container", height={"step": 20}),
         {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
         "Loss: in % of the joint's. The pointer tells why a candidate was not taken.",

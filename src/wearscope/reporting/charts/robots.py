@@ -39,7 +39,6 @@ def chart_friction(study: Study) -> Chart:
     return Chart(
         "friction",
         "Friction over speed",
-        "Friction torque of a joint over speed at several temperatures and wear levels.",
         spec.properties(width="container", height=320),
         {"friction": Source("friction", {"robot": "robot", "joint": "joint"})},
         "As the robot's model has it.",
@@ -83,7 +82,6 @@ def chart_motion(study: Study) -> Chart:
     return Chart(
         "motion",
         "The robot through a test-cycle",
-        "Stick figure of the robot moving through a test-cycle, with the path of its end.",
         spec,
         {"postures": Source("postures", {"robot": "robot", "cycle": "cycle"})},
         "Joints and the lines between them by forward kinematics; thin: the path of the end.",

@@ -65,7 +65,6 @@ def chart_scope(study: Study, detector: str = "") -> Chart:
     return Chart(
         "scope",
         "Where it works",
-        "Share of cells that detect wear, by size of the change and variation of a factor.",
         counted.properties(width="container", height=max(240, min(420, 14 * n_delta))),
         {"scope": Source("scope", {"factor": "factor", **BY_CELL})},
         f"Meets the requirement: at least {100 * setting['p_d']:g} % detected at {100 * setting['p_f']:g} % "
@@ -169,7 +168,6 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
     return Chart(
         "roc",
         "Detection against false alarms",
-        "ROC curves: probability of detection over probability of false alarm of every cell.",
         alt.layer(lines.encode(tooltip=told), medians, rule)
         .add_params(asked)
         .properties(width="container", height=320),

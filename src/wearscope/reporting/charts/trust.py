@@ -24,7 +24,6 @@ def chart_fits(study: Study) -> Chart:
     return Chart(
         "fits",
         "How well the surrogates fit",
-        "Fit of every cell's surrogate by detector, with the ceiling that the noise of a run leaves.",
         alt.layer(ceilings, points).properties(width="container", height={"step": 20}),
         {"fits": Source("fits", BY_CELL)},
         "A point is a cell, a row a robot; 100 % is perfect, a constant has 0 %. Ticks: what a perfect "

@@ -425,6 +425,11 @@ const wearscope = (() => {
         console.error(chart.figure.id, error);
       }
     }
+    let later;
+    window.addEventListener("resize", () => {
+      clearTimeout(later); // Vega lays a legend out by its former number of rows: once more when it is done
+      later = setTimeout(() => charts.forEach((chart) => chart.view?.resize().runAsync()), 150);
+    });
     document.documentElement.dataset.ready = "yes";
   }
 
