@@ -75,11 +75,23 @@ def test_a_standard_term_that_would_be_taken_again_stays(
     assert [f.chosen for f in revise(search, [viscous])] == ([viscous.chosen] if stays else [])
 
 
+@pytest.fixture(scope="module")
+def balancer(record_at, pose, tmp_path_factory):
+    """A data set with a balancer at the last joint, which one more name cannot improve on."""
+    planted = [(1, "gravity_counterbalance", {"sine1": 20.0, "cosine1": 8.0})]
+    return pose(record_at(tmp_path_factory.mktemp("balancer") / "duo", planted, seed=5, runs=4))
+
+
 @pytest.fixture
-def beside_balancer(record, pose):
-    """Search over a data set with a balancer at the last joint, which one more name cannot improve on."""
-    folder = record([(1, "gravity_counterbalance", {"sine1": 20.0, "cosine1": 8.0})], seed=5, runs=4)
-    return Search(pose(folder), Policy(flips=99))
+def beside_balancer(balancer):
+    return Search(balancer, Policy(flips=99))
+
+
+@pytest.fixture(scope="module")
+def plain(record_at, pose, tmp_path_factory):
+    """A data set of which the declared model lacks nothing."""
+    folder = tmp_path_factory.mktemp("plain") / "duo"
+    return pose(record_at(folder, seed=2, runs=3, duration=6.0))
 
 
 @pytest.mark.parametrize("name", ["payload_error", "coulomb_asymmetry"])
@@ -240,11 +252,9 @@ def test_a_standard_term_is_held_against_what_the_standard_model_leaves(record, 
         (Refusal.CHANCE, 2.0, False),
     ],
 )
-def test_a_name_that_gains_on_held_out_rows_alone_is_not_needed(
-    record, pose, monkeypatch, judged, fitted, stays
-):
+def test_a_name_that_gains_on_held_out_rows_alone_is_not_needed(plain, monkeypatch, judged, fitted, stays):
     """Conditional on a spline that gain is the spline's penalty; what matters is in `material_share`."""
-    search = Search(pose(record(seed=2, runs=3, duration=6.0)), Policy(flips=99))
+    search = Search(plain, Policy(flips=99))
     name = find(search, "load_dependent_friction", 0)
     own = replace(name.evidence, share=0.3, fitted=fitted * search.policy.material_share)
     monkeypatch.setattr(search, "weigh_again", lambda *_: own)

@@ -41,10 +41,23 @@ def search_of(pose):
     return lambda folder: Search(pose(folder), Policy())
 
 
+@pytest.fixture(scope="module")
+def quiet(record_at, pose, tmp_path_factory):
+    """A data set of which the declared model lacks nothing."""
+    return pose(record_at(tmp_path_factory.mktemp("quiet") / "duo", seed=6))
+
+
+@pytest.fixture(scope="module")
+def walking(record_at, pose, tmp_path_factory):
+    """A data set with a Stribeck effect and a random walk."""
+    effect = [(0, "stribeck", {"level": 3.0, "speed": 0.3})]
+    return pose(record_at(tmp_path_factory.mktemp("walk") / "duo", effect, seed=3, extra_torque=walk))
+
+
 @pytest.fixture
-def planted(record, search_of):
-    """Search over a data set with a Stribeck effect and a random walk, and the term that was planted."""
-    search = search_of(record([(0, "stribeck", {"level": 3.0, "speed": 0.3})], seed=3, extra_torque=walk))
+def planted(walking):
+    """Search over it, and the term that was planted."""
+    search = Search(walking, Policy())
     candidate = search.problem.candidate(load_effect("stribeck"), 0)
     nearest = int(np.argmin([abs(np.log(shape[0] / 0.3)) for shape in candidate.shapes]))
     return search, Chosen(candidate.at(nearest), (0,))
@@ -159,15 +172,15 @@ def test_an_offset_is_not_told_from_the_levels_of_a_walk(record, search_of):
     assert drift_p_value(search.assemble(()), offset, 0, search.flips) > 0.5
 
 
-def test_a_white_residual_is_not_asked_for_drifts(record, search_of):
-    search = search_of(record(seed=6))
+def test_a_white_residual_is_not_asked_for_drifts(quiet):
+    search = Search(quiet, Policy())
     offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
     assert drift_p_value(search.assemble(()), offset, 0, search.flips) == 0.0
 
 
-def test_what_other_joints_know_of_a_term_holds_about_its_fit(record, search_of):
+def test_what_other_joints_know_of_a_term_holds_about_its_fit(quiet):
     """A slow torque that a term of the model gives, and another joint measures far better, is no drift."""
-    search = search_of(record(seed=6))
+    search = Search(quiet, Policy())
     offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
     plain = search.assemble(())
     rows = len(plain.target)
@@ -207,9 +220,9 @@ def test_an_offset_of_a_single_run_is_named(record, search_of):
     assert [f.effect.name for f in find_named(search_of(folder))] == ["torque_offset"]
 
 
-def test_what_imitates_a_drift_is_asked_for_one_though_it_leaves_none(record, search_of):
+def test_what_imitates_a_drift_is_asked_for_one_though_it_leaves_none(quiet):
     """Where what is left is white the question is waived, but for one that must always be answered."""
-    search = search_of(record(seed=6))
+    search = Search(quiet, Policy())
     offset = Chosen(search.problem.candidate(load_effect("torque_offset"), 0), (0,))
     assert drift_p_value(search.assemble(()), offset, 0, search.flips) == 0.0
     assert drift_p_value(search.assemble(()), offset, 0, search.flips, always=True) == 1.0

@@ -15,6 +15,11 @@ from wearscope.cli.new_dataset import _name_option
 from wearscope.closed_loop.diagnosis import diagnose
 
 
+def slow(*numbers):
+    """A case like another one here, with other numbers."""
+    return pytest.param(*numbers, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("n", "turned"), [(3, "tau_j1,tau_j3"), (4, "tau_j2,tau_j4"), (2, "tau_j2")], ids=["3", "4", "2"]
 )
@@ -46,7 +51,7 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
-@pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), (3, -0.7854), (3, 3.14159)])
+@pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), slow(3, -0.7854), slow(3, 3.14159)])
 def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path, n, angle):
     """The recordings are of a chain that hangs; the URDF has its base turned about its y."""
     bench = Bench(tmp_path, n, 2.0)
@@ -64,7 +69,7 @@ def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path
     bench.accept("--gravity", said[1])
 
 
-@pytest.mark.parametrize("by", [[0.0, np.pi / 2.0], [0.0, -0.8, np.pi]])
+@pytest.mark.parametrize("by", [[0.0, np.pi / 2.0], slow([0.0, -0.8, np.pi])])
 def test_positions_of_another_zero_are_told_and_taken(tmp_path, by):
     bench = Bench(tmp_path, len(by), 2.0)
     bench.record(
@@ -95,7 +100,8 @@ def test_torque_behind_the_gear_is_taken_and_said_to_be(tmp_path, n, mass):
 
 
 @pytest.mark.parametrize(
-    ("mass", "share", "falls"), [(1.6, 0.30, False), (1.6, 0.35, True), (12.0, 0.2, False), (0.3, 0.45, True)]
+    ("mass", "share", "falls"),
+    [(1.6, 0.30, False), (1.6, 0.35, True), slow(12.0, 0.2, False), slow(0.3, 0.45, True)],
 )
 def test_friction_of_the_load_is_no_delay(tmp_path, mass, share, falls):
     def torque(q, v, a, rng, t):
@@ -150,7 +156,7 @@ def test_a_line_with_several_codes_is_one_that_the_command_takes():
     assert _name_option(told).endswith("give --accept 'clipped tau_a' --accept 'late tau'.")
 
 
-@pytest.mark.parametrize("rates", [(183, 187, 191), (95, 100, 104), (20, 21, 22)])
+@pytest.mark.parametrize("rates", [(183, 187, 191), slow((95, 100, 104)), (20, 21, 22)])
 def test_rates_of_one_recorder_are_brought_to_one(tmp_path, rates):
     def clock(k):
         rng = np.random.default_rng(k)
@@ -164,7 +170,7 @@ def test_rates_of_one_recorder_are_brought_to_one(tmp_path, rates):
     assert any("Hz and brought to" in note for note in bench.accept())
 
 
-@pytest.mark.parametrize(("far", "unit"), [(7.9, 1.0), (8.5, 1.0), (8.5, 180 / np.pi)])
+@pytest.mark.parametrize(("far", "unit"), [slow(7.9, 1.0), (8.5, 1.0), (8.5, 180 / np.pi)])
 def test_a_data_set_has_one_unit(tmp_path, far, unit):
     """One of the recordings goes further than a turn: all are in rad, or all in degrees."""
 
@@ -180,7 +186,7 @@ def test_a_data_set_has_one_unit(tmp_path, far, unit):
 
 
 @pytest.mark.parametrize("toggles", [False, True])
-@pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), (1.5e-3, 0.05), (8e-5, 0.002)])
+@pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), slow(1.5e-3, 0.05), slow(8e-5, 0.002)])
 def test_a_joint_that_rests_does_not_count(tmp_path, toggles, count, tick):
     bench = Bench(tmp_path, 2, 0.5, size=0.2, rate=50.0)
 

@@ -7,6 +7,7 @@ import pytest
 from session_machine import HEALTHY, LATER, write_machine
 
 from wearscope.tracking.reference import Reference, identify_reference
+from wearscope.tracking.session import Assessment, assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 
 
@@ -25,6 +26,12 @@ def sessions(machine) -> Sessions:
 def reference(sessions) -> Reference:
     """The healthy arm."""
     return identify_reference(sessions)
+
+
+@pytest.fixture(scope="session")
+def assessments(sessions, reference) -> dict[str, Assessment]:
+    """All later sessions compared with the healthy arm."""
+    return {session: assess_session(sessions, session, reference) for session in sessions.later}
 
 
 @pytest.fixture

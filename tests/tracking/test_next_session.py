@@ -1,24 +1,23 @@
 """What to record where wear cannot be told from temperature: the plan, its promise, its files."""
 
 import pytest
-from session_machine import HEALTHY
 
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.tracking.next_session import measure_width
-from wearscope.tracking.reference import identify_reference
-from wearscope.tracking.run import track
+from wearscope.tracking.records import record_assessment
+from wearscope.tracking.run import write_tracking
 from wearscope.tracking.scatter import measure_friction
-from wearscope.tracking.session import assess_session
-from wearscope.tracking.session_names import read_sessions
+from wearscope.tracking.session import FALSE_ALARM_RATE
 from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session
 
 
 @pytest.fixture(scope="module")
-def told(machine, tmp_path_factory):
+def told(sessions, reference, assessments, tmp_path_factory):
     folder = tmp_path_factory.mktemp("told")
-    return folder, track(machine, folder)
+    records = [record_assessment(one, reference) for one in assessments.values()]
+    return folder, write_tracking(sessions, reference, records, folder, FALSE_ALARM_RATE)
 
 
 def test_far_warmer_session_is_to_be_repeated_at_a_temperature_of_the_reference(told):
@@ -43,17 +42,11 @@ def test_plan_is_a_test_cycle_that_the_tracked_machine_can_do(told):
         assert (folder / one["table"]).read_text().startswith("t,q_a,qd_a,qdd_a,q_b")
 
 
-def test_promised_width_is_that_of_sessions_that_are_recorded(sessions, reference):
+def test_promised_width_is_that_of_sessions_that_are_recorded(sessions, reference, assessments):
     frame = reference.structure.frame
     for session in ("s4", "s5"):
         runs, _ = prepare_runs(read_session(sessions, session), frame)
         expected = measure_width(reference, runs, 0)
-        estimate = assess_session(sessions, session, reference).estimates["friction@0"]
+        estimate = assessments[session].estimates["friction@0"]
         made = 2.0 * measure_friction(estimate, reference.scatter)[1]
         assert 0.5 < made / expected < 2.0
-
-
-def test_without_a_thermometer_nothing_is_planned(write):
-    sessions = read_sessions(write([*([{}] * len(HEALTHY)), {"wear": 0.15}], len(HEALTHY), thermometer=False))
-    worn = assess_session(sessions, f"s{len(HEALTHY)}", identify_reference(sessions))
-    assert worn.cannot_tell and worn.plans == []

@@ -15,11 +15,10 @@ FRICTION = {"coulomb", "viscous", "wear"}
 
 
 @pytest.fixture(scope="module")
-def said(sessions, reference):
+def said(assessments, reference):
     """Entries and what cannot be told, by session."""
     found = {}
-    for session in sessions.later:
-        assessment = assess_session(sessions, session, reference)
+    for session, assessment in assessments.items():
         entries = list_entries(assessment.named, reference.structure, reference.scatter)
         found[session] = entries, assessment.cannot_tell
     return found
@@ -122,6 +121,7 @@ def test_without_a_thermometer_friction_cannot_be_told_but_a_load_can(write):
     (text,) = worn.cannot_tell
     assert text.startswith("wear / temperature: the friction of a changed by +1")
     assert "records no temp_a; record temp_a" in text
+    assert worn.plans == []
     assert [n.change.name for n in loaded.named] == ["payload_error"] and loaded.cannot_tell == []
 
 

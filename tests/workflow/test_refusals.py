@@ -66,6 +66,7 @@ def test_unestimable_design_is_told(clone, bad):
     refuse(clone, bad, "model 'full'", "aliased", target="design")
 
 
+@pytest.mark.slow
 def test_unknown_detector_is_told(clone, bad):
     bad["detectors"] = {"A": "residual_enrgy"}
     refuse(clone, bad, "residual_enrgy", "residual_energy")
@@ -84,7 +85,7 @@ def test_a_setting_that_stands_twice_is_told(clone):
     assert re.search(r"bad\.yaml: is not readable YAML \(line \d+, .*'seed' stands twice", done.stderr)
 
 
-@pytest.mark.parametrize("place", ["results/bad", "results/tracking"])
+@pytest.mark.parametrize("place", ["results/bad", pytest.param("results/tracking", marks=pytest.mark.slow)])
 def test_a_file_where_results_are_to_be_is_told(clone, bad, place):
     path, aside = clone / place, clone / "aside"
     path.parent.mkdir(exist_ok=True)

@@ -17,7 +17,7 @@ rule wait:
 """
 
 
-@pytest.mark.parametrize("with_rules", [False, True])
+@pytest.mark.parametrize("with_rules", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_waiting_jobs_are_looked_through_when_a_job_has_ended(tmp_path, with_rules):
     """Without these lines they would be looked through each second, by as many timers as jobs have ended."""
     included = f'include: "{RULES}"\n' if with_rules else ""
