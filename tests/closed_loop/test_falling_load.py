@@ -21,7 +21,12 @@ def worn(share, fall, speed):
 
 
 @pytest.mark.parametrize(
-    ("joints", "share", "fall", "speed"), [(1, 0.1, 0.25, 0.8), (2, 0.08, 0.2, 0.5), (1, 0.2, 0.0, 1.0)]
+    ("joints", "share", "fall", "speed"),
+    [
+        (1, 0.1, 0.25, 0.8),
+        pytest.param(2, 0.08, 0.2, 0.5, marks=pytest.mark.slow),
+        (1, 0.2, 0.0, 1.0),
+    ],
 )
 def test_both_parts_are_named_with_the_truth_in_their_intervals(tmp_path, joints, share, fall, speed):
     bench = Bench(tmp_path, joints, size=0.5, seconds=8.0, runs=4)

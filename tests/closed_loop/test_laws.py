@@ -99,6 +99,7 @@ def test_a_law_that_is_there_stays_with_its_reversal(record, pose):
     assert search.problem.prepared.reversals is before
 
 
+@pytest.mark.slow
 def test_a_law_that_a_wrong_reversal_had_made_unbelievable_is_found_with_the_right_one(record):
     diagnosis = diagnose(record([], seed=7, extra_torque=smooth(0.05, stribeck=8.0)))
     (entry,) = diagnosis.verdict["verdict"]

@@ -94,6 +94,7 @@ def test_named_on_the_command_line_it_is_named_and_simulated(record, hose, tmp_p
     assert np.std((own - expected)[moving]) < 0.2 * np.std(expected[moving])
 
 
+@pytest.mark.slow
 def test_without_the_file_the_same_torque_has_no_name(record, tmp_path):
     verdict = close_loop(record(extra_torque=drag, **SMALL), tmp_path / "out", light=True)
     assert entries(verdict) == [("a", "unknown")]

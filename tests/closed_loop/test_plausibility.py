@@ -87,12 +87,19 @@ def swing(folder: Path, size: float, friction: float = 1.0, further=lambda q, v:
     return folder
 
 
+def slow(*case):
+    """A case like another one here."""
+    return pytest.param(*case, marks=pytest.mark.slow)
+
+
 def scale(column, factor):
     return lambda table: table.assign(**{column: table[column] * factor})
 
 
-@pytest.mark.parametrize("size", [0.1, 0.5, 2.0])
-@pytest.mark.parametrize("friction", [0.0, 1.0, 8.0])
+@pytest.mark.parametrize(
+    ("size", "friction"),
+    [(0.1, 8.0), (0.5, 1.0), (2.0, 0.0), *(slow(a, b) for a, b in ((0.1, 0.0), (2.0, 8.0)))],
+)
 def test_a_pendulum_is_believed(tmp_path, size, friction):
     check(swing(tmp_path / "p", size, friction))
 
@@ -105,7 +112,7 @@ def test_noise_far_below_the_bodys_torque_is_not_explained(tmp_path):
         assert rows.with_torques(size * noise).products.fit().left[0] > 0.9, size
 
 
-@pytest.mark.parametrize("drag", [5.0, 20.0, 60.0])
+@pytest.mark.parametrize("drag", [slow(5.0), 20.0, slow(60.0)])
 def test_what_the_model_lacks_is_no_delay_of_the_recorder(tmp_path, drag):
     """A drag that grows with the square of the angle: along one of the runs it looks 140 ms late."""
     check(swing(tmp_path / "p", 2.0, further=lambda q, v: drag * q**2 * v, runs=6))
@@ -193,7 +200,7 @@ def test_limits_of_the_urdf_tell_degrees(tmp_path):
     refuse(folder, r"2\.parquet: column 'q_pivot' reaches \d+, where the URDF's limits are -2\.9 to 2\.9 rad")
 
 
-@pytest.mark.parametrize("count", [2.0, 6.0])
+@pytest.mark.parametrize("count", [2.0, slow(6.0)])
 def test_a_coarse_torque_is_not_frozen(tmp_path, count):
     folder = swing(tmp_path / "p", 0.3, friction=3.0)
     change_runs(folder, lambda table: table.assign(tau_pivot=count * np.round(table["tau_pivot"] / count)))
@@ -275,7 +282,7 @@ ARM_FAULTS = {
 
 @pytest.mark.parametrize(
     ("fault", "where"),
-    [*((fault, "all") for fault in ARM_FAULTS), ("torques_exchanged", "one"), ("one_axis", "one")],
+    [*((fault, "all") for fault in ARM_FAULTS), slow("torques_exchanged", "one"), ("one_axis", "one")],
 )
 def test_faults_of_an_arm_are_told_in_all_runs_and_in_one(arm, tmp_path, fault, where):
     change, pattern = ARM_FAULTS[fault]
@@ -284,7 +291,7 @@ def test_faults_of_an_arm_are_told_in_all_runs_and_in_one(arm, tmp_path, fault, 
     refuse(folder, pattern)
 
 
-@pytest.mark.parametrize("share", [0.03, 0.1])
+@pytest.mark.parametrize("share", [0.03, slow(0.1)])
 def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
     """A last link of which the URDF knows a small share: its joint needs many times that, the others more."""
     folder = shutil.copytree(arm, tmp_path / "d")
@@ -297,7 +304,7 @@ def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
     check(folder)
 
 
-@pytest.mark.parametrize("factor", [8.0, 20.0, 1000.0])
+@pytest.mark.parametrize("factor", [8.0, slow(20.0), slow(1000.0)])
 def test_another_unit_is_no_load(arm, tmp_path, factor):
     folder = shutil.copytree(arm, tmp_path / "d")
     change_runs(folder, scale("tau_elbow", factor))

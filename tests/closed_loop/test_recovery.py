@@ -55,6 +55,7 @@ def test_effect_is_named_and_its_parameter_within_its_interval(record, tmp_path,
     assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == verdict
 
 
+@pytest.mark.slow
 def test_a_delay_that_makes_a_sixth_of_the_error_is_named(record, tmp_path):
     verdict = close_loop(record([(0, "time_delay", {"delay": 0.003})], seed=3), tmp_path / "out", light=True)
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "time_delay")]

@@ -117,6 +117,7 @@ def test_the_form_of_a_reversal_is_given_no_name(record, form):
     assert diagnose(folder).verdict["verdict"] == []
 
 
+@pytest.mark.slow
 def test_a_stribeck_friction_is_named_beside_a_smooth_reversal(record):
     def torque(t, q, v, a, rng):
         bump = 6.0 * np.exp(-((v[:, 0] / 0.6) ** 2)) * np.tanh(v[:, 0] / WIDTHS[0])

@@ -79,6 +79,9 @@ def test_stretches_that_inform_are_kept_and_the_budget_is(dataset):
         if record.file in [f"runs/m{r}.parquet" for r in WIDE]:
             assert any(a <= 25.0 and b >= 35.0 for a, b in record.stretches), record.file
     assert {f"runs/m{r}.parquet" for r in WIDE if r < TRAIN} <= {r.file for r in thinned.runs}
+    (note,) = [note for note in thinned.notes if "more is recorded" in note]
+    assert "of 420 s of train runs the 8 stretches whose motion informs most" in note
+    assert "of 180 s of test runs the 8 evenly spaced stretches are used" in note
     # Every session is there, and no recording gives more than its part.
     assert {r.session for r in thinned.runs_for("train")} == {r.session for r in dataset.runs_for("train")}
     assert max(sum(b - a for a, b in r.stretches) for r in thinned.runs_for("train")) < 0.3 * 160.0
@@ -121,6 +124,7 @@ def test_rows_of_the_common_filter_have_a_budget_too(dataset):
     assert [note for note in less.notes if "more is recorded" in note]
 
 
+@pytest.mark.slow
 def test_an_effect_that_few_stretches_excite_is_named_and_the_notes_say_what_is_left_out(rarely_wide):
     diagnosis = diagnose(rarely_wide, budget=SMALL)
     assert [(entry["joint"], entry["effect"], entry["status"]) for entry in diagnosis.verdict["verdict"]] == [

@@ -34,7 +34,7 @@ def count_inputs():
     for name in hostile.SUBJECTS:
         starting = name in hostile.STARTING  # the workflow, which takes seconds an input
         if not starting:
-            yield pytest.param(name, 5 if name in SLOWER else 50)
+            yield pytest.param(name, 2 if name in SLOWER else 50)
         if starting or name in SLOWER:
             yield pytest.param(name, 10 if starting else 50, marks=pytest.mark.slow)
         yield pytest.param(name, 100 if starting else 2000, marks=pytest.mark.long)
