@@ -38,10 +38,9 @@ def write_closed_loop_page(folder: str | Path) -> None:
 def render_closed_loop(loop: ClosedLoop) -> str:
     """Page of a closed loop, with nothing from elsewhere."""
     runs = loop.residual.groupby("use")["run"].nunique()
-    sections = [section(loop).render() for section in SECTIONS]
     return render_page(
         f"Diagnosis of {loop.verdict['dataset']}",
-        [section for section in sections if section is not None],
+        [section(loop).render() for section in SECTIONS],
         f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
         f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
         "runs, errors from the test runs.",

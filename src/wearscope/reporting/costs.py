@@ -1,6 +1,6 @@
 """What the stages of a study cost, from the timings that Snakemake keeps."""
 
-import csv
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -20,25 +20,12 @@ def read_costs(folder: str | Path) -> pd.DataFrame:
         ``stage`` (the rule), ``jobs``, ``seconds`` (sum over jobs), ``memory`` [MiB] (of the largest job).
         Files that hold no timing are left out.
     """
-    folder = Path(folder)
-    totals: dict[str, list[float]] = {}
-    for file in sorted(folder.rglob("*.tsv")):
-        with open(file, encoding="utf-8", newline="") as stream:
-            for row in csv.DictReader(stream, delimiter="\t"):
-                seconds = _number(row.get("s"))
-                if seconds is None:
-                    continue
-                stage = file.relative_to(folder).parts[0].removesuffix(".tsv")
-                one = totals.setdefault(stage, [0.0, 0.0, 0.0])
-                one[0] += 1
-                one[1] += seconds
-                one[2] = max(one[2], _number(row.get("max_rss")) or 0.0)
-    records = [(stage, int(one[0]), one[1], one[2]) for stage, one in totals.items()]
-    return pd.DataFrame(records, columns=["stage", "jobs", "seconds", "memory"])
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return float(text or "")
-    except ValueError:
-        return None
+    parts = [pd.DataFrame(columns=["stage", "s", "max_rss"])]
+    for file in sorted(Path(folder).rglob("*.tsv")):
+        stage = file.relative_to(folder).parts[0].removesuffix(".tsv")
+        with suppress(pd.errors.EmptyDataError):
+            parts.append(pd.read_csv(file, sep="\t").reindex(columns=["s", "max_rss"]).assign(stage=stage))
+    jobs = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
+    jobs = jobs.assign(s=pd.to_numeric(jobs["s"], "coerce"), max_rss=pd.to_numeric(jobs["max_rss"], "coerce"))
+    by = jobs[jobs["s"].notna()].fillna({"max_rss": 0.0}).groupby("stage", sort=False)
+    return by.agg(jobs=("s", "size"), seconds=("s", "sum"), memory=("max_rss", "max")).reset_index()

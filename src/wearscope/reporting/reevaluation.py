@@ -7,16 +7,11 @@ from wearscope.evaluation.certain_changes import (
     judge_detector,
     settled_orders,
 )
-from wearscope.reporting.labels import count_text, join_words, name_term, unit_text, words
-from wearscope.reporting.page import format_number, interval_text
+from wearscope.reporting.labels import count_text, join_words, words
 
 
-def answer_sentences(one: Reevaluation) -> list[str]:
-    """Which of the three answers change, a sentence for each."""
-    return [_relevance(one), _best(one), _snr(one), _scope(one), *_withheld(one)]
-
-
-def _withheld(one: Reevaluation) -> list[str]:
+def tell_withheld(one: Reevaluation) -> list[str]:
+    """Detectors whose surrogates miss their checks; [] where there is none."""
     rows = one.table[one.table["withheld"]].drop_duplicates(["cycle", "axis", "fda"])
     if rows.empty:
         return []
@@ -59,23 +54,6 @@ def count_truth(one: Reevaluation) -> str:
     return f"{text}, farther for {farther or 'none'}."
 
 
-def _relevance(one: Reevaluation) -> str:
-    asked = one.told[one.told["question"] == "coefficient"]
-    rows = asked[asked["p_changed"] >= SURE]
-    crossed = rows[(rows["before"].abs() > 1.0) != (rows["after"].abs() > 1.0)]
-    if crossed.empty:
-        return (
-            "Which factors matter: the same ones. No factor outweighs wear on one side alone, with "
-            f"{100 * SURE:g} % certainty; {len(rows)} of {count_text(len(asked), 'coefficient')} changed."
-        )
-    parts = [
-        f"{name_term(str(row.about), one.names)} for {row.fda} on axis {row.axis} "
-        f"({format_number(row.before)} to {format_number(row.after)} of wear's)"
-        for row in crossed.itertuples()
-    ]
-    return f"Which factors matter: it changes for {join_words(parts)}."
-
-
 def tell_headline(one: Reevaluation) -> str:
     """Whether the best detector and the SNR change, in two short sentences."""
     changed = _compare_best(one)[0]
@@ -101,7 +79,8 @@ def _compare_best(one: Reevaluation) -> tuple[list[str], list[str]]:
     return parts, same
 
 
-def _best(one: Reevaluation) -> str:
+def tell_best(one: Reevaluation) -> str:
+    """Whether the best detectors change, and how many orders of two are sure."""
     parts, same = _compare_best(one)
     text = "Which detector is best: "
     text += f"it changes {'; '.join(parts)}" if parts else "the same on both sides"
@@ -114,32 +93,3 @@ def _best(one: Reevaluation) -> str:
         f"{len(turned)} turned round."
     )
     return text
-
-
-def _snr(one: Reevaluation) -> str:
-    rows = one.told[one.told["question"] == "snr"]
-    changed = rows[rows["p_changed"] >= SURE]
-    if changed.empty:
-        return f"What SNR: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'cell')}."
-    parts = [
-        f"{row.fda} on axis {row.axis}: {interval_text(row.before, row.before_low, row.before_high)} before, "
-        f"{interval_text(row.after, row.after_low, row.after_high)} after"
-        for row in changed.itertuples()
-    ]
-    return f"What SNR: it changes for {'; '.join(parts)}."
-
-
-def _scope(one: Reevaluation) -> str:
-    rows = one.told[one.told["question"] == "scope"]
-    changed = rows[rows["p_changed"] >= SURE]
-    if changed.empty:
-        return (
-            f"What scope: no change that is {100 * SURE:g} % certain in {count_text(len(rows), 'tolerance')}."
-        )
-    parts = [
-        f"{row.fda} on axis {row.axis} tolerates σ of {one.names.get(row.about, row.about)} up to "
-        f"{format_number(row.before)} {unit_text(row.unit)} before, {format_number(row.after)} "
-        f"{unit_text(row.unit)} after, at a change of wear of {format_number(row.delta)}"
-        for row in changed.itertuples()
-    ]
-    return f"What scope: it changes where {'; '.join(parts)}."

@@ -15,7 +15,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
-from wearscope.reporting.reevaluation import answer_sentences, truth_sentences
+from wearscope.reporting.reevaluation import tell_best, tell_withheld, truth_sentences
 from wearscope.reporting.strips import reevaluation_strip
 
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not certain": "neutral"}
@@ -85,7 +85,7 @@ def _summarise(one: Reevaluation) -> Markup:
         f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
         "the joint's own friction."
     )
-    sentences = render_part(listed=[*answer_sentences(one), *truth_sentences(one)])
+    sentences = render_part(listed=[tell_best(one), *tell_withheld(one), *truth_sentences(one)])
     return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[draw_change(one)])
 
 

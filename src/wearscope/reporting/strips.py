@@ -18,7 +18,7 @@ from wearscope.reporting.loop_words import (
     tell_unexplained,
 )
 from wearscope.reporting.page_strip import Strip
-from wearscope.reporting.reevaluation import answer_sentences, count_truth, tell_headline
+from wearscope.reporting.reevaluation import count_truth, tell_headline, tell_withheld
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
 
@@ -128,7 +128,7 @@ def _loop_action(loop: ClosedLoop) -> Markup:
 
 def reevaluation_strip(one: Reevaluation) -> Strip:
     """What the correction changes in a study's answers."""
-    withheld = answer_sentences(one)[4:]
+    withheld = tell_withheld(one)
     own = "It holds for the test-cycles and axes of this study."
     effects = dict.fromkeys(name.partition(" at ")[0].replace("_", " ") for name in one.assumed)
     assumed = f"Assumed on every side, as no recording shows it: {join_words(list(effects))}."

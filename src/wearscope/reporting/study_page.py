@@ -30,7 +30,6 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     findings : sequence of Finding
         From `wearscope.reporting.findings.compare_with_paper`.
     """
-    parts = [section(study, findings) for section in SECTIONS]
     tables = study_tables(study)
     if study.detection is not None:
         tables["detection"] = detection_cases(study)[0]
@@ -40,7 +39,7 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     cells = count_text(len(study.snr), "cell")
     return render_page(
         f"Study {config['study']}",
-        [part.render() for part in parts if part.is_wanted()],
+        [section(study, findings).render() for section in SECTIONS],
         f"{describe_study(config, len(config['robots']))}; {cells}",
         "Made by wearscope from its tables.",
         study_filters(study),

@@ -33,11 +33,6 @@ def colours(names: Sequence[str]) -> dict[str, str]:
     return {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
 
 
-def markers(names: Sequence[str]) -> dict[str, str]:
-    """Marker by name, the same for the same list."""
-    return {name: MARKERS[k % len(MARKERS)] for k, name in enumerate(names)}
-
-
 def new_figure(width: float, height: float) -> Figure:
     """Empty figure of a size [inch] that no window system knows of."""
     return Figure(figsize=(width, height))

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wearscope.reporting.figures.boxes import draw_boxes, use_symlog
-from wearscope.reporting.labels import count_text, finite, split_groups, term_label
+from wearscope.reporting.labels import count_text, split_groups, term_label
 from wearscope.reporting.style import colours, figure_style, new_figure
 
 MOST = 12
@@ -49,15 +49,13 @@ def draw_sensitivity(
 
 
 def _draw_group(ax: Axes, name: str, group: pd.DataFrame, terms: Sequence[str], colour: str) -> None:
-    values = [group.loc[group["term"] == term, "theta_normalised"].to_numpy(dtype=float) for term in terms]
     ax.axhspan(-1, 1, color="#f0f0f0", zorder=0, lw=0)
     for level in (-1, 1):
         ax.axhline(level, color="#555555", lw=0.8, ls="--", zorder=1)
     ax.axhline(0, color="#999999", lw=0.6, zorder=1)
-    draw_boxes(ax, values, range(len(terms)), colour)
-    if use_symlog(ax, "y", np.concatenate(values) if values else []):
-        ax.set_yticks(*_symlog_ticks(np.concatenate(values)))
-        ax.minorticks_off()
+    values = [group.loc[group["term"] == term, "theta_normalised"] for term in terms]
+    draw_boxes(ax, values, [colour] * len(terms))
+    use_symlog(ax, "y", group["theta_normalised"])
     fault = group[group["term"] == "f"]
     parts = [count_text(len(fault), "cell")]
     unknown = int((~np.isfinite(fault["theta_normalised"].to_numpy(dtype=float))).sum())
@@ -70,17 +68,6 @@ def _draw_group(ax: Axes, name: str, group: pd.DataFrame, terms: Sequence[str], 
     ax.set_xlim(-0.6, len(terms) - 0.4)
     if unknown == len(fault):
         ax.text(0.5, 0.5, "n/a", transform=ax.transAxes, ha="center", va="center", color="#666666")
-
-
-def _symlog_ticks(values: object) -> tuple[list[float], list[str]]:
-    good = finite(values)
-    ticks, labels = [-1.0, 0.0, 1.0], ["−1", "0", "1"]
-    for sign, text in ((1, ""), (-1, "−")):
-        top = int(np.ceil(np.log10(max(float((sign * good).max(initial=1.0)), 1.0))))
-        for power in range(1, top + 1, max(1, top // 3)):
-            ticks.append(sign * 10.0**power)
-            labels.append(f"{text}{10**power:,}" if power < 4 else f"{text}1e{power}")
-    return ticks, labels
 
 
 def _label_parts(ax: Axes, terms: Sequence[str]) -> None:

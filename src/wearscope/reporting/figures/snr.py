@@ -1,6 +1,7 @@
 """Fig. 3: signal-to-noise ratios by group, and their ranks."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,10 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from wearscope.reporting.figures.boxes import draw_boxes, use_symlog
 from wearscope.reporting.labels import finite, group_name, split_groups
-from wearscope.reporting.style import WARNING, colours, figure_style, markers, new_figure
-
-_STEP = 0.618034
-"""Points of a box are spread by multiples of the golden ratio: evenly, and the same each time."""
+from wearscope.reporting.style import MARKERS, WARNING, colours, figure_style, new_figure
 
 
 def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda",)) -> Figure:
@@ -40,27 +38,32 @@ def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda
 
 
 def _draw_cells(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], tint: dict[str, str]) -> None:
-    robots = sorted({robot for _, rows in groups for robot in rows["robot"]})
-    shape = markers(robots)
-    labels = []
-    for k, (name, rows) in enumerate(groups):
-        draw_boxes(ax, [rows["snr"]], [k], tint[name], width=0.5)
-        spread = 0.28 + 0.18 * (np.arange(len(rows)) * _STEP % 1.0)
-        for robot in robots:
-            here = (rows["robot"] == robot).to_numpy() & np.isfinite(rows["snr"].to_numpy(dtype=float))
-            falls = here & (rows["status"] == "decreasing").to_numpy()
-            y = rows["snr"].to_numpy(dtype=float)
-            fine = here & ~falls
-            ax.plot(k + spread[fine], y[fine], shape[robot], color=tint[name], ms=3.5, alpha=0.75, mew=0)
-            ax.plot(k + spread[falls], y[falls], shape[robot], mfc="none", mec=WARNING, ms=5, mew=1.1)
-        missing = len(rows) - finite(rows["snr"]).size
-        labels.append(f"{name}\n{len(rows)} cells" + (f"\n{missing} n/a" if missing else ""))
-    for robot in robots:
-        ax.plot([], [], shape[robot], color="#666666", ms=4, label=f"a cell of {robot}")
-    if any((rows["status"] == "decreasing").any() for _, rows in groups):
-        ax.plot([], [], "o", mfc="none", mec=WARNING, label="y falls with wear")
+    table = pd.concat([rows.assign(group=name) for name, rows in groups])
+    names = list(tint)
+    draw_boxes(ax, [rows["snr"] for _, rows in groups], list(tint.values()), width=0.5)
+    known = table[np.isfinite(table["snr"].to_numpy(dtype=float))]
+    robots = {f"a cell of {robot}": rows for robot, rows in known.groupby("robot", sort=True)}
+    falling = known[known["status"] == "decreasing"]
+    for k, (label, rows) in enumerate(robots.items()):
+        place = rows["group"].map(names.index) + 0.28 + 0.18 * k / len(robots)
+        ax.plot(place, rows["snr"], MARKERS[k % len(MARKERS)], color="#444444", ms=3.5, mew=0, label=label)
+    if len(falling):
+        place = falling["group"].map(names.index) + 0.28
+        look: dict[str, Any] = {
+            "mfc": "none",
+            "mec": WARNING,
+            "ms": 6,
+            "mew": 1.1,
+            "label": "y falls with wear",
+        }
+        ax.plot(place, falling["snr"], "o", **look)
     ax.axhline(0, color="#999999", lw=0.7, zorder=0)
-    use_symlog(ax, "y", pd.concat([rows["snr"] for _, rows in groups]), 10.0)
+    use_symlog(ax, "y", table["snr"], 10.0)
+    missing = {name: len(rows) - finite(rows["snr"]).size for name, rows in groups}
+    labels = [
+        f"{name}\n{len(rows)} cells" + (f"\n{missing[name]} n/a" if missing[name] else "")
+        for name, rows in groups
+    ]
     ax.set_xticks(range(len(groups)), labels, rotation=45 if len(groups) > 8 else 0)
     ax.set_ylabel("signal-to-noise ratio")
     ax.set_title("Every cell")
@@ -72,23 +75,17 @@ def _draw_ranking(
     medians: Axes, ranks: Axes, ranking: pd.DataFrame, by: Sequence[str], tint: dict[str, str]
 ) -> None:
     names = [group_name(by, [row[name] for name in by]) for _, row in ranking.iterrows()]
-    for k, (name, row) in enumerate(zip(names, ranking.itertuples(), strict=True)):
-        colour = tint.get(name, "#666666")
-        if np.isfinite(row.median):
-            medians.plot([row.median_low, row.median_high], [k, k], color=colour, lw=2.5, alpha=0.6)
-            medians.plot([row.median], [k], "o", color=colour)
-            medians.annotate(
-                f"{row.median:.3g}",
-                (row.median, k),
-                (0, 6),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8,
-            )
+    for k, name in enumerate(names):
+        row, colour = ranking.iloc[k], tint.get(name, "#666666")
+        for ax, what in ((medians, "median"), (ranks, "rank")):
+            value, low, high = row[[what, f"{what}_low", f"{what}_high"]].astype(float)
+            if np.isfinite(value):
+                ax.errorbar([value], [k], xerr=[[value - low], [high - value]], fmt="o", color=colour, lw=2.5)
+        if np.isfinite(row["median"]):
+            place = (row["median"], k - 0.12)
+            medians.text(*place, f"{row['median']:.3g}", ha="center", va="bottom", fontsize=8)
         else:
             medians.text(0.5, k, "n/a", transform=medians.get_yaxis_transform(), ha="center", va="center")
-        ranks.plot([row.rank_low, row.rank_high], [k, k], color=colour, lw=2.5, alpha=0.6)
-        ranks.plot([row.rank], [k], "o", color=colour)
     for ax, title in ((medians, "Median SNR, 95 %"), (ranks, "Rank, 95 %")):
         ax.set_ylim(len(names) - 0.4, -0.6)
         ax.set_yticks(range(len(names)), names)

@@ -11,7 +11,7 @@ from wearscope.reporting.assumptions import list_assumptions
 from wearscope.reporting.charts.robots import chart_friction, chart_motion
 from wearscope.reporting.charts.trust import chart_fits
 from wearscope.reporting.labels import COLUMNS, join_words
-from wearscope.reporting.page import badge, render_table
+from wearscope.reporting.page import badge, embed_figure, render_table
 from wearscope.reporting.sections.base import StudySection, embed_charts, say
 from wearscope.reporting.study import Study
 
@@ -54,7 +54,7 @@ def render_chosen(study: Study) -> Markup:
 class Trust(StudySection):
     """Fits, audit, direct simulation, failed points, the design."""
 
-    title, anchor, template = "Can it be trusted?", "trust", "trust.html"
+    title, anchor, template = "Can it be trusted?", "trust", "study/trust.html"
 
     def context(self) -> dict[str, Any]:
         """Sentences, charts, tables."""
@@ -87,14 +87,10 @@ class Trust(StudySection):
 class Paper(StudySection):
     """What the paper found, compared with this study; only what the study asked."""
 
-    title, anchor, template = "Compared with the paper", "paper", "paper.html"
-
-    def is_wanted(self) -> bool:
-        """Only where some finding of the paper was asked."""
-        return any(one.verdict != "not asked" for one in self.findings)
+    title, anchor, template = "Compared with the paper", "paper", "study/paper.html"
 
     def context(self) -> dict[str, Any]:
-        """Findings asked, costs."""
+        """Findings that were asked; nothing where none was."""
         asked = [one for one in self.findings if one.verdict != "not asked"]
         table = [
             {
@@ -104,13 +100,19 @@ class Paper(StudySection):
             }
             for one in asked
         ]
-        return {"findings": render_table(table)}
+        return {"findings": render_table(table)} if table else {}
+
+
+_RECORDING = (
+    "Position, speed and motor torque of one joint in two runs that differ in wear.",
+    "What a drive records and a detector sees: two runs of one robot and test-cycle.",
+)
 
 
 class Simulated(StudySection):
     """The robots: motion, friction, recordings."""
 
-    title, anchor, template = "What was simulated", "simulated", "simulated.html"
+    title, anchor, template = "What was simulated", "simulated", "study/simulated.html"
 
     def context(self) -> dict[str, Any]:
         """Charts and the figure of two recordings."""
@@ -118,11 +120,9 @@ class Simulated(StudySection):
         return {
             "motion": embed_charts([chart_motion(study)] if study.postures is not None else []),
             "friction": embed_charts([chart_friction(study)] if study.friction is not None else []),
-            "recording": self.figure(
-                "recording",
-                "Position, speed and motor torque of one joint in two runs that differ in wear.",
-                "What a drive records and a detector sees: two runs of one robot and test-cycle.",
-            ),
+            "recording": embed_figure(study.figures["recording"], *_RECORDING)
+            if "recording" in study.figures
+            else "",
             "assumptions": list_assumptions(study),
         }
 
@@ -130,7 +130,7 @@ class Simulated(StudySection):
 class Provenance(StudySection):
     """Costs, versions, configuration."""
 
-    title, anchor, template = "Costs and provenance", "provenance", "provenance.html"
+    title, anchor, template = "Costs and provenance", "provenance", "study/provenance.html"
 
     def context(self) -> dict[str, Any]:
         """Costs by stage, facts, configuration, packages."""

@@ -8,13 +8,33 @@ from markupsafe import Markup
 from wearscope.reporting.charts.base import Chart
 from wearscope.reporting.closed_loop import ClosedLoop
 from wearscope.reporting.findings import Finding
-from wearscope.reporting.page import Section, embed_chart, embed_figure, render_part, render_template
+from wearscope.reporting.page import Section, embed_chart, render_part, render_template
 from wearscope.reporting.page_strip import unbreak
 from wearscope.reporting.study import Study
 
 
-class StudySection:
-    """A part of the page: what it needs of a study, and the template that says it.
+class PageSection:
+    """A part of a page: what it says, and the template that says it; left out where it says nothing."""
+
+    title: ClassVar[str]
+    anchor: ClassVar[str]
+    #: Its template, where it is not the usual one.
+    template: ClassVar[str] = ""
+
+    def context(self) -> dict[str, Any]:
+        """What the template needs; nothing where there is nothing to say."""
+        raise NotImplementedError
+
+    def render(self) -> Section:
+        """The section, ready for a page; without a body where it says nothing."""
+        context = self.context()
+        template = self.template if context else ""
+        body = render_template(template, **context) if template else render_part(**context)
+        return Section(self.title, body, self.anchor)
+
+
+class StudySection(PageSection):
+    """A part of a study's page.
 
     Parameters
     ----------
@@ -23,32 +43,21 @@ class StudySection:
         What the paper found, compared with this study.
     """
 
-    title: ClassVar[str]
-    anchor: ClassVar[str]
-    template: ClassVar[str]
-
     def __init__(self, study: Study, findings: Sequence[Finding] = ()) -> None:
         self.study = study
         self.findings = findings
 
-    def is_wanted(self) -> bool:
-        """Whether the study asked for it."""
-        return True
 
-    def context(self) -> dict[str, Any]:
-        """What the template needs."""
-        return {}
+class LoopSection(PageSection):
+    """A part of a closed loop's page.
 
-    def render(self) -> Section:
-        """The section, ready for a page."""
-        body = render_template(f"study/{self.template}", **self.context())
-        return Section(self.title, body, self.anchor)
+    Parameters
+    ----------
+    loop : ClosedLoop
+    """
 
-    def figure(self, name: str, alt: str, caption: str = "") -> Markup:
-        """A drawn figure of the study; nothing where it was not drawn."""
-        return (
-            embed_figure(self.study.figures[name], alt, caption) if name in self.study.figures else Markup()
-        )
+    def __init__(self, loop: ClosedLoop) -> None:
+        self.loop, self.verdict = loop, loop.verdict
 
 
 def embed_charts(charts: Iterable[Chart | None]) -> Markup:
@@ -63,32 +72,3 @@ def say(sentences: Iterable[str]) -> list[str]:
 
 #: Column of the joint, and the filter that it follows.
 JOINT = {"joint": "joint"}
-
-
-class LoopSection:
-    """A part of the page; left out where it has nothing to say.
-
-    Parameters
-    ----------
-    loop : ClosedLoop
-    """
-
-    title: str
-    anchor: str
-    #: Its template, where it is not the usual one.
-    template = ""
-
-    def __init__(self, loop: ClosedLoop) -> None:
-        self.loop, self.verdict = loop, loop.verdict
-
-    def context(self) -> dict[str, Any]:
-        """What the template needs; nothing where there is nothing to say."""
-        raise NotImplementedError
-
-    def render(self) -> Section | None:
-        """The section, ready for a page."""
-        context = self.context()
-        if not context:
-            return None
-        body = render_template(self.template, **context) if self.template else render_part(**context)
-        return Section(self.title, body, self.anchor)

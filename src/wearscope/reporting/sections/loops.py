@@ -14,31 +14,25 @@ DEMONSTRATION = "twin"
 class Correction(StudySection):
     """What the correction of a model changes in the study's answers."""
 
-    title, anchor, template = "What the correction changes", "correction", "correction.html"
-
-    def is_wanted(self) -> bool:
-        """Only where it was asked."""
-        return self.study.reevaluation is not None
+    title, anchor, template = "What the correction changes", "correction", "study/correction.html"
 
     def context(self) -> dict[str, Any]:
-        """Two sentences and the figure; the page of its own has the rest."""
-        assert self.study.reevaluation is not None
+        """Two sentences and the figure where it was asked; the page of its own has the rest."""
         one = self.study.reevaluation
+        if one is None:
+            return {}
         return {"told": render_part(listed=[tell_headline(one), count_truth(one)], parts=[draw_change(one)])}
 
 
 class Loops(StudySection):
     """Outcome of every closed loop of the study."""
 
-    title, anchor, template = "The closed loop", "loops", "loops.html"
-
-    def is_wanted(self) -> bool:
-        """Only where a loop was closed."""
-        return bool(self.study.loops)
+    title, anchor, template = "The closed loop", "loops", "study/loops.html"
 
     def context(self) -> dict[str, Any]:
-        """The conclusion of each; its page has the rest."""
-        return {"loops": [self._tell(name) for name in self.study.loops]}
+        """The conclusion of each, where a loop was closed; its page has the rest."""
+        loops = [self._tell(name) for name in self.study.loops]
+        return {"loops": loops} if loops else {}
 
     def _tell(self, name: str) -> dict[str, Any]:
         verdict = self.study.loops[name]

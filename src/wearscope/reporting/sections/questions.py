@@ -24,7 +24,7 @@ def _best(section: StudySection) -> str:
 class Factors(StudySection):
     """Q-1."""
 
-    title, anchor, template = "Which factors matter?", "q1", "factors.html"
+    title, anchor, template = "Which factors matter?", "q1", "study/factors.html"
 
     def context(self) -> dict[str, Any]:
         """Sentences, coefficients, responses."""
@@ -40,7 +40,7 @@ class Factors(StudySection):
 class Detectors(StudySection):
     """Q-2."""
 
-    title, anchor, template = "Which detector is best?", "q2", "detectors.html"
+    title, anchor, template = "Which detector is best?", "q2", "study/detectors.html"
 
     def context(self) -> dict[str, Any]:
         """Sentences, setting, ranking, charts."""
@@ -95,7 +95,7 @@ class Detectors(StudySection):
 class Scope(StudySection):
     """Q-3."""
 
-    title, anchor, template = "Where does it work?", "q3", "scope.html"
+    title, anchor, template = "Where does it work?", "q3", "study/scope.html"
 
     def context(self) -> dict[str, Any]:
         """Sentences, scope, ROC, thresholds."""

@@ -20,7 +20,7 @@ MOST = 2
 class Summary(StudySection):
     """The conclusion first, then the answers to the three questions."""
 
-    title, anchor, template = "Conclusion", "summary", "summary.html"
+    title, anchor, template = "Conclusion", "summary", "study/summary.html"
 
     def context(self) -> dict[str, Any]:
         """Conclusion, alarms, cards, robots."""
