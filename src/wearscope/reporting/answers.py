@@ -28,21 +28,11 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How much variation of one factor a group of cells bears.
+    """How much variation of one factor a group of cells tolerates.
 
-    Attributes
-    ----------
-    group, factor : str
-    cells : int
-    share : float
-        Of all verdicts on the grid, those that pass.
-    delta : float
-        Change of the fault, coded.
-    sigma : float
-        Largest sigma up to which at least half the cells pass at that change; NaN where not even the smallest
-        is reached.
-    largest : bool
-        Whether that is the end of the grid.
+    The share is of all verdicts on the grid, those that pass. At the coded change `delta` of the fault, at
+    least half the cells pass up to `sigma`: NaN where not even the smallest is reached, and the largest one
+    where the grid ends.
     """
 
     group: str

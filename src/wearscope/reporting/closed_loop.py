@@ -14,26 +14,12 @@ from wearscope.errors import InputError
 from wearscope.reporting.page import interval_text
 
 STAGES = ("before", "after")
-_OPTIONAL = (
-    "signals",
-    "profiles",
-    "forward",
-    "forward_series",
-)
+_OPTIONAL = ("signals", "profiles", "forward", "forward_series")
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """One closed loop's outcome.
-
-    Attributes
-    ----------
-    verdict : mapping
-        ``verdict.json``.
-    residual, candidates : DataFrame
-    signals, profiles, forward, forward_series : DataFrame or None
-        None where the loop was closed without them.
-    """
+    """One closed loop's outcome: ``verdict.json`` and its tables, None where it was closed without one."""
 
     verdict: Mapping[str, Any]
     residual: pd.DataFrame

@@ -24,14 +24,7 @@ WARMER = 1.0
 
 @dataclass(frozen=True)
 class Detections:
-    """Outcome of target ``detect``.
-
-    Attributes
-    ----------
-    summary : mapping
-        ``detection.json``.
-    detection, thresholds, simulated : DataFrame
-    """
+    """Outcome of target ``detect``: ``detection.json`` and the tables next to it."""
 
     summary: Mapping[str, Any]
     detection: pd.DataFrame

@@ -29,18 +29,10 @@ TABLE_4 = {"full": (83.7, 95.0), "simplified": (64.6, 89.8)}
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the comparison.
+    """One line of the comparison: what the paper says, and what this study's tables say with intervals.
 
-    Attributes
-    ----------
-    question : str
-    paper : str
-        What the paper says.
-    here : str
-        What this study's tables say, with intervals.
-    verdict : str
-        agrees, partly, disagrees, undecided (the intervals leave it open), not asked (the study lacks the
-        detectors or factors).
+    The verdict is agrees, partly, disagrees, undecided (the intervals leave it open), or not asked (the study
+    lacks the detectors or factors).
     """
 
     question: str

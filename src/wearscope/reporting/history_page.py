@@ -30,18 +30,7 @@ _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
 
 @dataclass(frozen=True)
 class Answer:
-    """A page with a strip.
-
-    Attributes
-    ----------
-    path : Path
-        Of the page, relative to the folder that was looked through.
-    kind, name : str
-        What made it, and what it is about.
-    when : str
-        When it was written, UTC.
-    strip : Strip
-    """
+    """A page with a strip: its path in the folder, what made it, what it is about, when (UTC)."""
 
     path: Path
     kind: str

@@ -30,13 +30,8 @@ _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
 class Section:
     """A part of a page.
 
-    Attributes
-    ----------
-    title : str
-    body : str
-        HTML; text from elsewhere must have been escaped (``Markup.format`` and templates do).
-    anchor : str
-        Name for links to it; made from the title where left out.
+    Text from elsewhere must have been escaped in its body (``Markup.format`` and templates do). The name for
+    links to it is made from the title where left out.
     """
 
     title: str

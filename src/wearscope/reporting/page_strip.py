@@ -22,18 +22,8 @@ HEADINGS = ("How sure", "Mind", "Next")
 class Strip:
     """What stands on top of every page, to be read in ten seconds.
 
-    Attributes
-    ----------
-    answer : str
-        One sentence or two, without a code, an equation's number or a hash.
-    kind : str
-        Its colour: good, unsure or bad.
-    sure : str
-        How sure that is.
-    caveat : str
-        The one that matters most.
-    action : str
-        What to do next, as text or `Markup` with a link.
+    The answer is one or two sentences without a code, an equation's number or a hash; its kind is good, unsure
+    or bad. Then how sure that is, the caveat that matters most, and what to do next, as text or `Markup`.
     """
 
     answer: str

@@ -19,51 +19,11 @@ if TYPE_CHECKING:
 class Study:
     """Tables of a finished study and what goes with them.
 
-    Attributes
-    ----------
-    config : mapping
-        The validated configuration.
-    factors : sequence of Factor
-    surrogates, validation, fits, sensitivity, snr, ranking, scope, failures, checks : DataFrame
-        As the stages write them; `snr` of the surrogate that answers.
-    paper_snr : DataFrame or None
-        SNR of the paper's model (3), where another surrogate answers.
-    failed_simulations : DataFrame
-        ``robot``, ``cycle``, ``set``, ``point``, ``reason``: points that were simulated in vain.
-    audit, audit_summary, audit_verdicts, audit_answers : DataFrame or None
-        None where the audit is switched off.
-    chosen : DataFrame or None
-        Chosen surrogate of every cell; None where none is chosen.
-    screening : DataFrame or None
-        ``robot``, ``factor``, ``kind``, ``dropped``: which factors move no torque of a robot.
-    direct : DataFrame or None
-        SNR by direct Monte Carlo; None where it was not asked.
-    mismatch : DataFrame or None
-        SNR where the robot has another law than the detectors hold; None where it was not asked.
-    reevaluation : Reevaluation or None
-        What the correction changes; None where it was not asked.
-    loops : mapping of str to mapping
-        Content of ``verdict.json`` by data set; the demonstration's is called ``twin``.
-    planted : mapping or None
-        What was planted in the demonstration's twin.
-    figures : mapping of str to path
-        SVG or PNG file by name.
-    costs : DataFrame
-        ``stage``, ``jobs``, ``seconds``; empty where nothing was measured.
-    provenance : mapping
-        Package version, commit, digest of the sources, Python and package versions.
-    sources : mapping of str to sequence of str
-        Where each robot's numbers come from, by robot.
-    conclusions : sequence of Conclusion
-        Of all robots together first, then of each where there are several.
-    thresholds, rankings : DataFrame or None
-        Alarm thresholds of the recommended detector by cell, and the ranking of each robot.
-    responses, simulated, detection : DataFrame or None
-        Surrogates along each factor, the runs along them, and ROC; from `wearscope.evaluation`.
-    friction, postures : DataFrame or None
-        Of the robots: friction over speed, positions along the test-cycles.
-    units : mapping of str to str
-        Unit of the test quantity by detector, where it is known.
+    Tables are as the stages write them, None or empty where the study did not ask for one: `snr` is that of
+    the surrogate that answers, `paper_snr` that of the paper's model (3). `loops` is ``verdict.json`` by data
+    set, where the demonstration is called ``twin``, and `planted` what was planted in it. `figures` are files
+    and `sources` where each robot's numbers come from, by name. `conclusions` are of all robots together,
+    then of each where there are several. `units` are those of the detectors' test quantities.
     """
 
     config: Mapping[str, Any]

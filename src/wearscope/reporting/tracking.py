@@ -14,15 +14,7 @@ from wearscope.errors import InputError
 
 @dataclass(frozen=True)
 class Tracking:
-    """Outcome of tracking one machine.
-
-    Attributes
-    ----------
-    outcome : mapping
-        ``tracking.json``.
-    changes : DataFrame
-        ``changes.parquet``.
-    """
+    """Outcome of tracking one machine: ``tracking.json`` and ``changes.parquet``."""
 
     outcome: Mapping[str, Any]
     changes: pd.DataFrame

@@ -25,19 +25,9 @@ BY_CELL = {key: key for key in CELL_KEYS}
 
 @dataclass(frozen=True)
 class Choice:
-    """Something that a reader chooses.
+    """Something that a reader chooses, from a list or by a slider, which a button may move on by itself.
 
-    Attributes
-    ----------
-    key : str
-    label : str
-    options : sequence of (value, text)
-    default : value, optional
-        The first one where left out.
-    slides : bool
-        A slider instead of a list.
-    plays : bool
-        With a button that moves the slider on by itself.
+    Options are values with their texts; the first one is the default where none is given.
     """
 
     key: str
@@ -67,11 +57,7 @@ class Choice:
 class Source:
     """Rows of one of the page's tables that a chart draws.
 
-    Attributes
-    ----------
-    table : str
-    by : mapping of str to str
-        Column and the choice that it must equal: a filter of the page or a choice of the chart.
+    By column, the choice that it must equal: a filter of the page or a choice of the chart.
     """
 
     table: str
