@@ -51,6 +51,21 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
+@pytest.mark.parametrize(("n", "turned"), [(3, 2), slow(4, 1)])
+def test_a_joint_turned_round_in_both_columns_is_told_next_to_a_spring(tmp_path, n, turned):
+    """Friction makes much of the torque, and a spring that nobody declared is at another joint."""
+    bench = Bench(tmp_path, n, 2.0)
+    sign = np.where(np.arange(n) == turned, -1.0, 1.0)
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 2.0, 0.3) + rub(v, 3.0, 3.0) + rng.normal(0, 0.05, q.shape)
+        tau[:, 0] -= 20.0 * q[:, 0]
+        return sign * tau
+
+    text = bench.record(torque, position=lambda q, k: sign * q).refuse()
+    assert f"give --turn q_j{turned + 1},tau_j{turned + 1};" in text
+
+
 @pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), slow(3, -0.7854), slow(3, 3.14159)])
 def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path, n, angle):
     """The recordings are of a chain that hangs; the URDF has its base turned about its y."""
@@ -170,6 +185,21 @@ def test_rates_of_one_recorder_are_brought_to_one(tmp_path, rates):
     assert any("Hz and brought to" in note for note in bench.accept())
 
 
+def test_recordings_of_several_rates_are_averaged_to_the_lowest(tmp_path):
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 0.8, 0.3) + rub(v, 0.3, 0.1)
+        return tau + 0.3 * np.abs(chain(q, v, a, 0.8, 0.3)) * np.tanh(v / 0.01) + rng.normal(0, 0.02, q.shape)
+
+    rates = (400.0, 100.0, 250.0)
+    bench = Bench(tmp_path, 1, 0.8, size=0.6)
+    notes = bench.record(torque, lambda k: np.arange(14 * rates[k]) / rates[k]).take().output
+    assert "sample rate: 100 Hz" in notes and "400 Hz, averaged to 100 Hz" in notes
+    (found,) = diagnose(tmp_path / "d").verdict["verdict"]
+    assert found["effect"] == "load_dependent_friction" and found["status"] == "confirmed"
+    assert found["parameters"]["coefficient"]["value"] == pytest.approx(0.3, abs=0.02)
+    assert "give --rate 100, or leave it out" in str(bench.take("--name", "e", "--rate", "250").exception)
+
+
 @pytest.mark.parametrize(("far", "unit"), [slow(7.9, 1.0), (8.5, 1.0), (8.5, 180 / np.pi)])
 def test_a_data_set_has_one_unit(tmp_path, far, unit):
     """One of the recordings goes further than a turn: all are in rad, or all in degrees."""
@@ -203,6 +233,17 @@ def test_a_joint_that_rests_does_not_count(tmp_path, toggles, count, tick):
         return np.column_stack([np.round(q[:, 0] / count) * count, rest])
 
     bench.record(torque, position=hold).accept()
+
+
+def test_a_gripper_that_holds_one_position_and_one_torque_is_taken(tmp_path):
+    bench = Bench(tmp_path, 2, 0.5)
+
+    def torque(q, v, a, rng, t):
+        still = np.column_stack([x[:, 0] for x in (q, v, a)])
+        tau = chain(*(np.column_stack([x, 0 * t]) for x in still.T), 0.5, 0.3) + rub(v, 0.2, 0.3)
+        return np.column_stack([tau[:, 0] + rng.normal(0, 0.01, len(t)), 0 * t + 0.0065])
+
+    bench.record(torque, position=lambda q, k: np.column_stack([q[:, 0], 0 * q[:, 0]])).accept()
 
 
 def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):

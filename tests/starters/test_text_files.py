@@ -92,11 +92,23 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
         (["MACur1", "MACur2"], "current", "MACur1"),
         (["eff_left", "eff_right"], "torque", "eff_left"),
         (["Left Kraft", "Right Kraft"], "torque", "Left Kraft"),
+        (["motor_q_left", "motor_q_right", "link_q_left", "link_q_right"], "position", "link_q_left"),
+        (["motor_vel_left", "motor_vel_right"], "velocity", "motor_vel_left"),
     ],
 )  # fmt: skip
 def test_names_as_makers_write_them(columns, kind, first):
     groups = find_groups(columns, ["left_axis", "right_axis"], kind)
     assert groups[0].columns[0] == first
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [("Istgeschwindigkeit [mm/min]", 1e-3 / 60.0), ("speed (deg/s)", np.pi / 180.0),
+     ("Drehzahl [1/min]", np.pi / 30.0), ("Drehzahl [U/min]", np.pi / 30.0),
+     ("speed [m/min]", 1.0 / 60.0), ("velocity [rad/s]", 1.0)],
+)  # fmt: skip
+def test_speeds_by_the_minute(name, factor):
+    np.testing.assert_allclose(find_groups([name], ["axis"], "velocity")[0].factors, factor)
 
 
 def test_a_row_of_units_is_obeyed(tmp_path):

@@ -215,6 +215,7 @@ def _name_option(problem: str) -> str:
         told = " ".join(f"--shift {one.replace(': ', '=')}" for one in shift[1].split(", "))
         problem = problem.replace(shift[0], f"give {told}")
     problem = problem.replace("or leave the column out", "or leave it out with --velocity none")
+    problem = re.sub(r"convert it to the joint's (rad|m)\b", "give --position-unit, or --side motor", problem)
     unit = "give torque on the joint side of the gear in N m (or N)"
     problem = problem.replace(unit, f"{unit}, by --torque-constant or --torque-side motor")
     joint = re.search(r"'tau_(\S+)'", problem)

@@ -35,7 +35,9 @@ _TARGET = set(
     "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne".split()
 )
 _OTHER = set("tcp tool pose cartesian error err limit max min std window raw".split())
-_TIME = set("t time timestamp stamp clock datetime date epoch elapsed zeit zeitstempel ipoc".split())
+_TIME = set("t time timestamp stamp clock datetime date epoch elapsed duration zeit zeitstempel ipoc".split())
+#: Turns by the minute, as drives' makers write them.
+_TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 #: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
 _FACTORS = {
     "rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295, "degrees": 0.017453292519943295,
@@ -76,7 +78,9 @@ class Group:
     @property
     def factors(self) -> Array:
         """Factors (n,) to rad, m, rad/s, N m, N or A; 1 where a name has no unit."""
-        return np.array([_FACTORS.get(find_unit(one, self.kind), 1.0) for one in self.columns])
+        units = [find_unit(one, self.kind) for one in self.columns]
+        by_minute = np.array([60.0 if unit.endswith("/min") else 1.0 for unit in units])
+        return np.array([_FACTORS.get(unit.removesuffix("/min"), 1.0) for unit in units]) / by_minute
 
 
 def split_name(name: str) -> list[str]:
@@ -100,9 +104,12 @@ def find_unit(name: str, kind: str) -> str:
     # Single letters within a name are more often a joint's or an axis's.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
     for text in [*bracketed, *_SUFFIX.findall(name), *inner]:
-        word = re.sub(r"[^a-z%‰]", "", text.lower().split("/")[0])
+        if kind == "velocity" and _TURNS_A_MINUTE.fullmatch(text.lower().strip()):
+            return "rpm"
+        one, _, time = text.lower().partition("/")
+        word = re.sub(r"[^a-z%‰]", "", one)
         if word in _UNITS_OF.get(kind, set()):
-            return word
+            return f"{word}/min" if kind == "velocity" and time.strip() == "min" else word
     return ""
 
 
@@ -186,7 +193,7 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
             # Numbered from 0 where the joints are from 1: the numbers count, as one column has no joint.
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
-    ranked = sorted(found, key=lambda chosen: _rank(found[chosen]))
+    ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
     return [Group(kind, chosen) for chosen in ranked]
 
 
@@ -211,9 +218,11 @@ def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
     ]
 
 
-def _rank(words: Sequence[str]) -> int:
+def _rank(words: Sequence[str], kind: str) -> int:
     marks = set(words)
-    return 4 * bool(marks & _OTHER) + 2 * bool(marks & _TARGET) - bool(marks & _ACTUAL)
+    # A joint's motion is that behind its gear, where both sides have an encoder.
+    before_gear = kind in ("position", "velocity") and "motor" in marks
+    return 4 * bool(marks & _OTHER) + 2 * bool(marks & _TARGET or before_gear) - bool(marks & _ACTUAL)
 
 
 def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str) -> Group:

@@ -20,7 +20,7 @@ from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
-from wearscope.starters.uses import Recorded, choose_uses, find_common_rate
+from wearscope.starters.uses import Recorded, choose_uses, take_common_rate
 
 
 @dataclass
@@ -84,8 +84,8 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
         _note(notes, told, file.name)
         rates.append(rate)
         runs.append(Recorded(_name_run(file, runs), run, file=file.name))
-    rate = find_common_rate(rates, opened, mapped.rate)
-    notes.append(f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."))
+    rate, told = take_common_rate(runs, rates, opened, mapped.rate)
+    notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."), *told]
     notes += choose_uses(runs, opened, mapped.test, rate)
     return Converted(joints, prismatic, rate, runs, notes)
 

@@ -25,16 +25,29 @@ class Recorded:
     file: str = ""
 
 
-def find_common_rate(rates: Sequence[float], files: Sequence[Path], stated: float | None) -> float:
-    """The stated rate of all recordings, or their median one [Hz]; `InputError` names one that is far off."""
-    rate = stated or float(np.median(rates))
-    for file, own in zip(files, rates, strict=True):
-        if abs(own / rate - 1.0) > _OFF:
+def take_common_rate(
+    runs: list[Recorded], rates: Sequence[float], files: Sequence[Path], stated: float | None
+) -> tuple[float, list[str]]:
+    """Rate of all recordings [Hz], to which faster ones are averaged, with notes.
+
+    Raises
+    ------
+    InputError
+        Naming a recording that is slower than the stated rate.
+    """
+    slow = [own for own in rates if own < (1.0 + _OFF) * min(rates)]
+    rate, notes = stated or float(np.median(slow)), []
+    for k, (file, own) in enumerate(zip(files, rates, strict=True)):
+        if own < (1.0 - _OFF) * rate:
             raise InputError(
-                f"{file}: has {own:g} Hz where {'--rate says' if stated else 'others have'} {rate:g} Hz; "
-                "a data set has one rate, so make one data set for each."
+                f"{file}: has {own:g} Hz where --rate says {rate:g} Hz; give --rate {own:g}, or leave it out."
             )
-    return rate
+        if own > (1.0 + _OFF) * rate:
+            frame = runs[k].frame
+            part = np.floor((frame["t"] - frame["t"].iloc[0] + 0.5 / own) * rate)
+            runs[k] = replace(runs[k], frame=frame.groupby(part.to_numpy()).mean().reset_index(drop=True))
+            notes.append(f"{file.name}: {own:g} Hz, averaged to {rate:g} Hz.")
+    return rate, notes
 
 
 def choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str], rate: float) -> list[str]:

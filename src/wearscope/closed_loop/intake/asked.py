@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from wearscope.closed_loop.intake.joint_fit import Fit, Rows
+from wearscope.closed_loop.intake.joint_fit import Fit, Products, Rows
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Reading:
         Under which a data set overrules it.
     joints : tuple of int
         Joints that it concerns.
-    fit : Fit
+    products : Products
     any_size : bool
         Whether a body of any size is no rival of it.
     """
@@ -60,8 +61,13 @@ class Reading:
     told: str
     codes: tuple[str, ...]
     joints: tuple[int, ...]
-    fit: Fit
+    products: Products
     any_size: bool = False
+
+    @cached_property
+    def fit(self) -> Fit:
+        """What it leaves."""
+        return self.products.fit()
 
 
 def say_columns(names: list[str]) -> str:

@@ -22,8 +22,8 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     size = float(np.linalg.norm(gravity))
     if not size:
         return
-    none = replace(rows, gravity=0.0).products.fit()
-    friction = np.nanmean(none.shares[list(heard), 0]) if heard else 0.0
+    none = replace(rows, gravity=0.0).products
+    friction = np.nanmean(none.fit().shares[list(heard), 0]) if heard else 0.0
     what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
     told = (
         f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '
@@ -37,12 +37,10 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
             f"gravity acts along [{along}] in the base frame, as of a robot that is mounted so; write "
             f'"gravity: [{along}]" below robot in dataset.yaml.'
         )
-        fit = _with_gravity(rows, size * direction).products.fit()
-        yield Reading(told, ("sign gravity",), heard, fit)
+        yield Reading(told, ("sign gravity",), heard, _with_gravity(rows, size * direction).products)
     if not 9.7 < size < 9.9:
         told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
-        fit = replace(rows, gravity=9.81 / size).products.fit()
-        yield Reading(told, ("size gravity",), heard, fit, True)
+        yield Reading(told, ("size gravity",), heard, replace(rows, gravity=9.81 / size).products, True)
 
 
 def _with_gravity(rows: Rows, gravity: np.ndarray) -> Rows:

@@ -194,15 +194,12 @@ class Fit:
         Share of each torque's variance; NaN where a joint says nothing.
     cost : float
         Of links that differ from the stated ones.
-    drive : ndarray (n, D)
-        Coefficients of `DRIVE`.
     shares : ndarray (n, 2)
         Share of the variance that friction, and rotors, make.
     """
 
     left: np.ndarray
     cost: float
-    drive: np.ndarray
     shares: np.ndarray
 
     @property
@@ -234,26 +231,25 @@ class Products:
         return [j for j, gram in enumerate(self.grams) if gram.size]
 
     def resize(self, size: np.ndarray) -> "Products":
-        """Products of torques divided by a size (n,), in units of the spread that they have then."""
+        """Products of torques divided by a size (n,), -1 where turned round."""
         grams = []
         for gram, one in zip(self.grams, size.tolist(), strict=True):
             scale = np.append(np.full(max(len(gram) - 1, 0), one), 1.0)[: len(gram)]
             grams.append(gram * np.outer(scale, scale))
         return replace(self, grams=grams, scale=self.scale / np.abs(size))
 
-    def fit(self, turned: np.ndarray | None = None, friction: float = 1.0) -> Fit:
-        """Fit all joints at once.
+    def run_backwards(self) -> "Products":
+        """Products of friction that gives power."""
+        p, d = len(self.deviations), len(DRIVE)
+        sign = np.ones(p + d + 2)
+        sign[p : p + d][FRICTION] = -1.0
+        return replace(
+            self, grams=[gram * np.outer(sign, sign) if gram.size else gram for gram in self.grams]
+        )
 
-        Parameters
-        ----------
-        turned : ndarray (n,), optional
-            Sign of each torque.
-        friction : float
-            Sign of the friction; 0 for none.
-        """
+    def fit(self) -> Fit:
+        """Fit all joints at once."""
         n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
-        sign = np.ones(d)
-        sign[FRICTION] = friction
         heard = self.heard
         links = np.diag(np.full(p, _COST))
         cross, drive = np.zeros((p, d * len(heard))), np.zeros((d * len(heard), d * len(heard)))
@@ -261,9 +257,9 @@ class Products:
         made = []
         for k, j in enumerate(heard):
             gram, at = self.grams[j], slice(d * k, d * (k + 1))
-            s = np.concatenate([self.deviations, sign, [1.0, 1.0 if turned is None else turned[j]]])
+            s = np.concatenate([self.deviations, np.ones(d + 2)])
             # Torque less the stated body.
-            last = np.concatenate([np.zeros(p + d), [-1.0, s[-1]]])
+            last = np.concatenate([np.zeros(p + d), [-1.0, 1.0]])
             b, part = s * (gram @ last), gram * np.outer(s, s)
             links += part[:p, :p]
             cross[:, at] = part[:p, p : p + d]
@@ -276,7 +272,7 @@ class Products:
         solved = linalg.cho_solve(factor, np.column_stack([cross, right_links]))
         found = _solve_non_negative(drive - cross.T @ solved[:, :-1], right - cross.T @ solved[:, -1])
         moved = solved[:, -1] - solved[:, :-1] @ found
-        left, coefficients, shares = np.full(n, np.nan), np.zeros((n, d)), np.zeros((n, 2))
+        left, shares = np.full(n, np.nan), np.zeros((n, 2))
         for k, j in enumerate(heard):
             part, b, whole = made[k]
             own = found[d * k : d * (k + 1)]
@@ -284,11 +280,16 @@ class Products:
             # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
             rounding = len(z) * np.finfo(float).eps * whole
             left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, rounding)
-            coefficients[j] = own * sign
             shares[j] = [
                 own[one] @ part[p : p + d, p : p + d][one, one] @ own[one] for one in (FRICTION, _ROTOR)
             ]
-        return Fit(left, _COST * float(moved @ moved), coefficients, shares)
+        return Fit(left, _COST * float(moved @ moved), shares)
+
+    @property
+    def any_size(self) -> float:
+        """What each joint by itself leaves, with a body of any size or none."""
+        factor, left, without = self.fit_sizes()
+        return float(np.nansum(np.where(factor > 0.0, np.minimum(left, without), without)))
 
     def fit_sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Each joint by itself with a torque of any size, also turned round.

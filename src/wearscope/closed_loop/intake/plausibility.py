@@ -299,7 +299,8 @@ def _check_limits(prepared: Prepared, run: PreparedRun, stated: np.ndarray) -> N
             unit, other = ("m", "mm") if slides else ("rad", "degrees")
             told = (
                 f"column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's limits are {joint.lower:.3g} "
-                f"to {joint.upper:.3g} {unit}; if it is in {other}, convert it to {unit}."
+                f"to {joint.upper:.3g} {unit}; if it is in {other} or before the gear, convert it to the "
+                f"joint's {unit}."
             )
             _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
 

@@ -14,7 +14,7 @@ from scipy import optimize
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity
-from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Rows
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
 
@@ -48,14 +48,14 @@ def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading
     stated = asked.rows.products.fit()
     if stated.total < _DOUBTFUL:
         return None
-    factor, loose, without = asked.rows.products.fit_sizes()
-    any_size = np.where(factor > 0.0, np.minimum(loose, without), without)
-    rival = min(stated.total, float(np.nansum(any_size)))
+    rival = asked.rows.products.any_size
     best: Reading | None = None
-    for reading in _list_readings(asked, stated, factor, loose, without):
+    for reading in _list_readings(asked, stated):
         if set(reading.codes) & ignored:
             continue
-        removed = (stated.total if reading.any_size else rival) - reading.fit.total
+        removed = stated.total - reading.fit.total
+        if removed > _DOUBTFUL and not reading.any_size:
+            removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))
         kept = float(np.nansum(reading.fit.left[list(reading.joints)]))
         if removed < _DOUBTFUL or kept > _CLEAR * removed:
             continue
@@ -64,21 +64,17 @@ def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading
     return best
 
 
-def _list_readings(
-    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
-) -> Iterator[Reading]:
+def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:
     """Readings from the likeliest to the unlikeliest: of those alike the first is taken."""
     rows, heard = asked.rows, tuple(asked.rows.products.heard)
     yield from read_gravity(asked, heard)
-    yield from read_sizes(asked, stated, factor, loose, without)
+    yield from read_sizes(asked)
     turned = _turn_torques(rows)
     if turned is not None:
-        yield _tell_turned(asked, turned, np.zeros(rows.n, dtype=bool), rows.products.fit(_signs(turned)))
+        yield _tell_turned(asked, turned, np.zeros(rows.n, dtype=bool), rows.products.resize(_signs(turned)))
     yield from _read_delay(asked, heard)
-    backwards = rows.products.fit(friction=-1.0)
-    yield Reading(
-        "the torques fit the motion run backwards; sort the rows by time.", ("backwards t",), heard, backwards
-    )
+    told = "the torques fit the motion run backwards; sort the rows by time."
+    yield Reading(told, ("backwards t",), heard, rows.products.run_backwards())
     yield from _read_units(asked, heard)
     yield from _read_turned_positions(asked)
     yield from read_zeros(asked, stated)
@@ -93,7 +89,7 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
     """Joints (n,) whose torques must be turned to leave least; None where none must."""
     products = rows.products
     best = np.zeros(rows.n, dtype=bool) if start is None else start
-    least = products.fit(_signs(best)).total
+    least = products.resize(_signs(best)).fit().total
     every = np.ones(rows.n, dtype=bool)
     candidates = [every] if rows.n > 1 else []
     while True:
@@ -102,7 +98,9 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
             other = best.copy()
             other[j] ^= True
             single.append(other)
-        tried = [(products.fit(_signs(one)).total, k, one) for k, one in enumerate([*single, *candidates])]
+        tried = [
+            (products.resize(_signs(one)).fit().total, k, one) for k, one in enumerate([*single, *candidates])
+        ]
         candidates = []
         total, _, one = min(tried, key=lambda t: t[:2]) if tried else (np.inf, 0, best)
         if total > least - _ALIKE:
@@ -111,7 +109,7 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
     return best if best.any() else None
 
 
-def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, fit: Fit) -> Reading:
+def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, read: Products) -> Reading:
     """One sentence about all columns that are turned round."""
     both = np.flatnonzero(torques & positions)
     parts, codes, columns = [], [], []
@@ -143,7 +141,7 @@ def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, fit: 
     hint = f"; {_SIGN_HINT}" if (torques & ~positions).any() else ""
     told = f'{", and ".join(parts)}{hint}; write "turned: [{", ".join(columns)}]" in dataset.yaml.'
     joints = np.flatnonzero(torques | positions)
-    return Reading(told, tuple(codes), tuple(joints.tolist()), fit)
+    return Reading(told, tuple(codes), tuple(joints.tolist()), read)
 
 
 def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
@@ -169,7 +167,7 @@ def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         "channels, or declare time_delay."
     )
     read = rows.pick(inside).with_torques(asked.torque_at(delay)[inside])
-    yield Reading(told, ("late tau",), heard, read.products.fit(), True)
+    yield Reading(told, ("late tau",), heard, read.products, True)
 
 
 def _find_delay(asked: Asked, at: np.ndarray) -> float:
@@ -198,13 +196,13 @@ def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         moved = kind & (span > least)
         picked = [moved, *(np.arange(rows.n) == j for j in np.flatnonzero(moved) if moved.sum() > 1)]
         for k, some in enumerate(picked if moved.any() else []):
-            fit = rows.times(np.where(some, factor, 1.0), "q", "v", "a").products.fit()
+            read = rows.times(np.where(some, factor, 1.0), "q", "v", "a").products
             j = int(np.flatnonzero(some)[0])
             told, code = f"positions look like {unit}; convert q to {target}.", f"{unit} q"
             if k:
                 name = f"q_{asked.joints[j]}"
                 told, code = f"column '{name}' looks like {unit}; convert it to {target}.", f"{unit} {name}"
-            yield Reading(told, (code,), (j,) if k else heard, fit)
+            yield Reading(told, (code,), (j,) if k else heard, read)
 
 
 def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
@@ -222,7 +220,7 @@ def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
             for also in (False, True):
                 tau = torques.copy()
                 tau[j] ^= also
-                tried.append((read.products.fit(_signs(tau)).total, len(tried), other, tau))
+                tried.append((read.products.resize(_signs(tau)).fit().total, len(tried), other, tau))
         if not tried:
             return
         total, _, other, tau = min(tried, key=lambda t: t[:2])
@@ -231,7 +229,7 @@ def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
         least, turned, torques = total, other, tau
     if turned.any():
         whole = asked.rows.times(_signs(turned), *_MOTION)
-        yield _tell_turned(asked, torques, turned, whole.products.fit(_signs(torques)))
+        yield _tell_turned(asked, torques, turned, whole.products.resize(_signs(torques)))
 
 
 def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
@@ -240,7 +238,7 @@ def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
     for j in doubtful:
         names = [f"q_{asked.joints[j]}", f"tau_{asked.joints[j]}"]
         told = f"columns {say_columns(names)} look swapped; exchange them."
-        yield Reading(told, (f"exchanged {' '.join(names)}",), (j,), asked.swapped(j).products.fit())
+        yield Reading(told, (f"exchanged {' '.join(names)}",), (j,), asked.swapped(j).products)
     rows = asked.rows.thin(_FIRST_LOOK)
     for i in range(rows.n):
         for j in range(i + 1, rows.n):
@@ -254,4 +252,4 @@ def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
                 pairs = [f"'{k}_{asked.joints[i]}' with '{k}_{asked.joints[j]}'" for k in kinds]
                 told = f"columns look swapped: exchange {' and '.join(pairs)}."
                 code = exchange_code(asked.joints, kinds, i, j)
-                yield Reading(told, (code,), (i, j), read.products.fit())
+                yield Reading(told, (code,), (i, j), read.products)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.joint_fit import Fit, Products, Rows
+from wearscope.closed_loop.intake.joint_fit import Products, Rows
 
 #: Torque over need beyond which a factor is no error of the model.
 _SMALL, _LARGE = 0.25, 4.0
@@ -22,21 +22,21 @@ _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
 LEAST_MM = 5.0
 
 
-def read_sizes(
-    asked: Asked, stated: Fit, factor: np.ndarray, loose: np.ndarray, without: np.ndarray
-) -> Iterator[Reading]:
+def read_sizes(asked: Asked) -> Iterator[Reading]:
     """Motor-side torque, currents, newton-millimetres, masses in grams."""
     rows = asked.rows
+    factor, loose, without = rows.products.fit_sizes()
     with np.errstate(invalid="ignore"):
         off = _is_off(factor) & (factor != 0.0) & (loose < _BODY * without)
     size = _find_sizes(rows.products, np.where(off, np.nan_to_num(factor, nan=1.0), 1.0))
     size = np.where(_is_off(size), size, 1.0)
-    fit = rows.products.resize(size).fit()
+    read = rows.products.resize(size)
+    fit = read.fit()
     at = np.flatnonzero(size != 1.0)
     # A torque in which no body is seen is of any size.
     if len(at) and np.all(fit.left[at] < _BODY * without[at]) and rows.rivals_springs(fit.total):
         told, codes = say_sizes(asked, at, size)
-        yield Reading(told, codes, tuple(at.tolist()), fit, True)
+        yield Reading(told, codes, tuple(at.tolist()), read, True)
 
 
 def _is_off(size: np.ndarray) -> np.ndarray:

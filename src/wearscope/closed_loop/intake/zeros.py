@@ -46,7 +46,7 @@ def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
     )
     whole = replace(asked.rows, q=asked.rows.q + shift)
     codes = tuple(f"zero {name}" for name in names)
-    yield Reading(told, codes, tuple(moved.tolist()), whole.products.fit())
+    yield Reading(told, codes, tuple(moved.tolist()), whole.products)
 
 
 def _left(rows: Rows, shift: np.ndarray) -> float:
