@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from recorded_chain import Bench, chain, rub
 
+from wearscope.closed_loop.diagnosis import diagnose
+
 
 def torque(factors, mass=1.0):
     """Chain of point masses with friction, each joint's torque in a unit of its own."""
@@ -36,6 +38,39 @@ def test_a_torque_in_another_unit_may_be_turned_round_too(tmp_path, factors):
     said = re.search(r"'tau_j(\d)' is (\S+) times what the rigid body needs", text)
     assert said is not None and int(said[1]) == len(factors)
     assert float(said[2]) == pytest.approx(factors[-1], rel=0.1)
+
+
+def test_what_is_said_of_a_turned_torque_in_another_unit_is_enough(tmp_path):
+    """Both remedies are printed, and the load's friction of the first joint is then named."""
+
+    def made(q, v, a, rng, t):
+        tau = torque((1.0, 1.0), mass=1.2)(q, v, a, rng, t)
+        tau[:, 0] += 0.3 * np.abs(chain(q, v, a, 1.2, 0.3)[:, 0]) * np.tanh(v[:, 0] / 0.01)
+        return np.array([1.0, -60.0]) * tau
+
+    bench = Bench(tmp_path, 2, seconds=9.0).record(made)
+    assert "--torque-constant or --torque-side motor" in (text := bench.refuse())
+    assert "what is negative is turned round too: give --turn tau_j2;" in text
+    bench.accept("--turn", "tau_j2", "--torque-constant", f"1,{1 / 60}")
+    (found,) = diagnose(tmp_path / "d").verdict["verdict"]
+    assert (found["joint"], found["effect"]) == ("j1", "load_dependent_friction")
+    assert found["parameters"]["coefficient"]["value"] == pytest.approx(0.3, abs=0.03)
+
+
+@pytest.mark.parametrize(("factor", "delay"), [(1000.0, 0.04), (-60.0, -0.05)])
+def test_another_unit_and_a_delay_are_told_at_once(tmp_path, factor, delay):
+    def made(q, v, a, rng, t):
+        tau = torque((factor, 1.0), mass=1.2)(q, v, a, rng, t)
+        return np.column_stack([np.interp(t - delay, t, x) for x in tau.T])
+
+    bench = Bench(tmp_path, 2, seconds=12.0)
+    bench.frequencies = (0.5, 1.1, 1.9, 2.7)
+    text = bench.record(made).refuse()
+    said = re.search(r"come (\d+) ms (late|early) .* in addition, 'tau_j1' is (\S+) times", text)
+    assert said is not None
+    assert int(said[1]) == pytest.approx(1000 * abs(delay), abs=3)
+    assert said[2] == ("late" if delay > 0 else "early")
+    assert float(said[3]) == pytest.approx(factor, rel=0.1)
 
 
 def test_a_strong_spring_is_no_other_mount_and_no_other_unit(tmp_path):

@@ -214,6 +214,10 @@ def _name_option(problem: str) -> str:
     if shift is not None:
         told = " ".join(f"--shift {one.replace(': ', '=')}" for one in shift[1].split(", "))
         problem = problem.replace(shift[0], f"give {told}")
+    from wearscope.starters.mapped import DECLARED
+
+    every = ",".join((*DECLARED, "time_delay"))
+    problem = problem.replace("or declare time_delay", f"or declare time_delay with --declare {every}")
     problem = problem.replace("or leave the column out", "or leave it out with --velocity none")
     problem = re.sub(r"convert it to the joint's (rad|m)\b", "give --position-unit, or --side motor", problem)
     unit = "give torque on the joint side of the gear in N m (or N)"

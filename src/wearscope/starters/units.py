@@ -164,7 +164,7 @@ def read_torque(
     if share and constant is None:
         raise InputError(
             f"{file}: column '{group.columns[0]}' is in {share} of a rated {group.kind}; give "
-            f"--torque-constant: N m for one unit of the column (the rated torque by "
+            f"--torque-constant: N m (N of a slide) for one unit of the column (the rated torque by "
             f"{100 if share in ('%', 'percent') else 1000}), for each joint."
         )
     if "torque" in values:

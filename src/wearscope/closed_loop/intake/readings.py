@@ -26,8 +26,9 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
     ((*_MOTION, "tau"), ("q", "tau")),
 )
 #: What the stated reading must leave for others to be asked, in shares of a torque's variance; a reading's
-#: joints must then keep less than a share of what it removes. Totals that differ by less are alike.
-_DOUBTFUL, _CLEAR, _ALIKE = 0.015, 0.3, 0.02
+#: joints must then keep less than a share of what it removes. Totals that differ by less are alike. Where a
+#: joint keeps more than the last, two faults at once are asked for.
+_DOUBTFUL, _CLEAR, _ALIKE, _POOR = 0.015, 0.3, 0.02, 0.1
 #: Rows of a first look; least span of a position in degrees that is a motion.
 _FIRST_LOOK, _LEAST_DEGREES = 900, 1.0
 #: Longest delay that is sought, its step, and the least that is the recorder's [s];
@@ -48,11 +49,19 @@ def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading
     stated = asked.rows.products.fit()
     if stated.total < _DOUBTFUL:
         return None
-    rival = asked.rows.products.any_size
+    some = [one for one in _list_readings(asked, stated) if not set(one.codes) & ignored]
+    best = _choose(some, stated, asked.rows.products.any_size)
+    if best is None and np.nanmax(stated.left) > _POOR:
+        better = [one for one in some if one.fit.total < stated.total - _DOUBTFUL]
+        pairs = [pair for one in better for pair in read_sizes(asked, one)]
+        best = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
+    return best
+
+
+def _choose(readings: list[Reading], stated: Fit, rival: float) -> Reading | None:
+    """The first of those that clearly leave less than the stated reading and a body of any size."""
     best: Reading | None = None
-    for reading in _list_readings(asked, stated):
-        if set(reading.codes) & ignored:
-            continue
+    for reading in readings:
         removed = stated.total - reading.fit.total
         if removed > _DOUBTFUL and not reading.any_size:
             removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))

@@ -22,21 +22,25 @@ _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
 LEAST_MM = 5.0
 
 
-def read_sizes(asked: Asked) -> Iterator[Reading]:
-    """Motor-side torque, currents, newton-millimetres, masses in grams."""
-    rows = asked.rows
-    factor, loose, without = rows.products.fit_sizes()
+def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
+    """Motor-side torque, currents, newton-millimetres, masses in grams, also on top of another reading."""
+    products = asked.rows.products if other is None else other.products
+    factor, loose, without = products.fit_sizes()
     with np.errstate(invalid="ignore"):
         off = _is_off(factor) & (factor != 0.0) & (loose < _BODY * without)
-    size = _find_sizes(rows.products, np.where(off, np.nan_to_num(factor, nan=1.0), 1.0))
+    size = _find_sizes(products, np.where(off, np.nan_to_num(factor, nan=1.0), 1.0))
     size = np.where(_is_off(size), size, 1.0)
-    read = rows.products.resize(size)
+    read = products.resize(size)
     fit = read.fit()
     at = np.flatnonzero(size != 1.0)
     # A torque in which no body is seen is of any size.
-    if len(at) and np.all(fit.left[at] < _BODY * without[at]) and rows.rivals_springs(fit.total):
+    if len(at) and np.all(fit.left[at] < _BODY * without[at]) and asked.rows.rivals_springs(fit.total):
         told, codes = say_sizes(asked, at, size)
-        yield Reading(told, codes, tuple(at.tolist()), read, True)
+        if other is None:
+            yield Reading(told, codes, tuple(at.tolist()), read, True)
+        else:
+            told = f"{other.told.rstrip('.')}; in addition, {told}"
+            yield Reading(told, (*other.codes, *codes), tuple(read.heard), read, True)
 
 
 def _is_off(size: np.ndarray) -> np.ndarray:
@@ -76,11 +80,18 @@ def say_sizes(asked: Asked, at: np.ndarray, size: np.ndarray) -> tuple[str, tupl
     ratio = asked.gear_ratio
     if ratio is not None and 0.3 < abs(middle * float(np.median(np.abs(np.array(ratio)[at])))) < 3.0:
         hint = "it looks like motor-side torque: multiply it with the gear ratio"
+    elif all(asked.slides[j] for j in at):
+        far = all(np.ptp(asked.rows.q[:, j]) > LEAST_MM for j in at)
+        hint += (
+            ", and that q is in m" if far else "; a spindle's force is its torque times 2 pi over its lead"
+        )
     elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
         hint += ", and that q is in rad"
-    elif all(asked.slides[j] and np.ptp(asked.rows.q[:, j]) > LEAST_MM for j in at):
-        hint += ", and that q is in m"
-    names = asked.names(at)
+    names, turned = asked.names(at), asked.names(at[size[at] < 0.0])
+    if turned:
+        hint += (
+            f'; what is negative is turned round too: write "turned: [{", ".join(turned)}]" in dataset.yaml'
+        )
     sizes = ", ".join(f"{one:.3g}" for one in size[at])
     told = (
         f"{say_columns(names)} {'is' if len(at) == 1 else 'are'} {sizes} times what the rigid body needs, as "
