@@ -22,8 +22,9 @@ HEADINGS = ("How sure", "Mind", "Next")
 class Strip:
     """What stands on top of every page, to be read in ten seconds.
 
-    The answer is one or two sentences without a code, an equation's number or a hash; its kind is good, unsure
-    or bad. Then how sure that is, the caveat that matters most, and what to do next, as text or `Markup`.
+    The answer is one or two sentences without a code, an equation's number or a hash, and its kind good,
+    unsure or bad. Then how sure that is, the caveat that matters most, and what to do next (text or
+    `Markup`).
     """
 
     answer: str
