@@ -140,13 +140,28 @@ def open_new(path: str | Path) -> IO[str]:
     return path.open("x", encoding="utf-8")
 
 
-def check_depth(content: Any) -> None:
-    """Refuse content of a JSON file that what works on it, level by level, could not go through.
+def load_json(text: str | bytes, **options: Any) -> Any:
+    """Content of a JSON text that what works on it, level by level, can go through, and write again.
+
+    Parameters
+    ----------
+    text : str or bytes
+    **options
+        Of `json.loads`.
 
     Raises
     ------
-    ValueError
+    ValueError, RecursionError
     """
+    text = text if isinstance(text, str) else text.decode()
+    content = json.loads(text, **options)
+    _check_depth(content)
+    if re.search(r"\\u[dD][89a-fA-F]", text):  # halves of a character, which no file can hold alone
+        json.dumps(content, ensure_ascii=False).encode()
+    return content
+
+
+def _check_depth(content: Any) -> None:
     level, depth = [content], 0
     while level := [inner for one in level for inner in _list_inner(one)]:
         depth += 1
@@ -195,8 +210,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     check_plain(path, limits.JSON_BYTES, "run the command that makes it")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        check_depth(content)
+        content = load_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         told = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: is no JSON ({told}); make it again.") from None

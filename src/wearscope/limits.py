@@ -8,6 +8,8 @@ JSON_BYTES, JSON_DEPTH = 100_000_000, 100
 TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
 TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
+#: Most memory that reading one recording may take, largest description in a Parquet file [bytes].
+READING_BYTES, FOOTER_BYTES = 1_500_000_000, 10_000_000
 #: Most joints of a data set or robot, most runs and other entries of a list of a data set.
 JOINTS, RUNS, ENTRIES = 60, 2000, 2000
 #: Most entries of a list of a configuration, largest whole number in it, longest text.

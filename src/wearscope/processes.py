@@ -2,16 +2,20 @@
 
 import atexit
 import os
+import resource
 import select
 import signal
 import sys
 import threading
-from collections.abc import Mapping, Sequence
-from contextlib import chdir
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import chdir, contextmanager
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
+
+from wearscope import limits
+from wearscope.errors import InputError
 
 #: Environment variable with the process that a job works for, see `identify_process`.
 MAIN = "WEARSCOPE_MAIN"
@@ -64,6 +68,38 @@ def ignore_settings_here() -> None:
     """
     if _Elsewhere not in sys.meta_path:
         sys.meta_path.insert(0, _Elsewhere)
+
+
+@contextmanager
+def bound_memory(path: str | Path) -> Iterator[None]:
+    """Refuse a file that takes more memory while it is read than `wearscope.limits` says.
+
+    What a file says of its own size need not be so. Only Linux tells what a process holds, and Arrow's own
+    memory pool reserves a gigabyte at its first use, which would count.
+
+    Raises
+    ------
+    InputError
+    """
+    import pyarrow as pa
+
+    pool = pa.default_memory_pool()
+    pa.set_memory_pool(pa.system_memory_pool())
+    held = Path("/proc/self/statm")
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = limits.READING_BYTES
+    if held.is_file():
+        data = int(held.read_text(encoding="utf-8").split()[5]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_DATA, (data + most if hard < 0 else min(data + most, hard), hard))
+    try:
+        yield
+    except MemoryError:
+        raise InputError(
+            f"{path}: takes more than {most / 1e9:g} GB of memory to read; give it in several files."
+        ) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+        pa.set_memory_pool(pool)
 
 
 _ended: list[int] = []

@@ -186,6 +186,8 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
         table = table if columns is None else table.select(columns)
     except FileNotFoundError as error:
         raise DamagedFile(path, f"{path}: no such file; run the stage that makes it.") from error
+    except MemoryError:
+        raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         reason = " ".join(str(error).split())[:200]
         raise DamagedFile(
@@ -198,7 +200,7 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
     return table
 
 
-def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
+def check_unpacked(source: str | Path | bytes, name: str = "") -> int:
     """Refuse a Parquet file that would take more memory than `wearscope.limits` says, before it is read.
 
     Parameters
@@ -207,6 +209,11 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
         The file or its content.
     name : str
         What messages call a content.
+
+    Returns
+    -------
+    int
+        Size of what is unpacked [bytes].
 
     Raises
     ------
@@ -219,8 +226,13 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
     if not isinstance(source, bytes) and path.exists() and not path.is_file():
         raise InputError(f"{path}: is no plain file; give a Parquet file.")
     try:
+        if _footer_size(source if isinstance(source, bytes) else path) > limits.FOOTER_BYTES:
+            told = f"describes itself in more than {limits.FOOTER_BYTES / 1e6:g} MB"
+            raise InputError(f"{path}: {told}; write it again, without metadata.")
         with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else path) as file:
             about = file.metadata
+    except InputError:
+        raise
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = " ".join(str(error).replace(str(path), "it").split())[:200]
         told = f"{path}: cannot be read whole ({reason}); copy the file again, or make it again."
@@ -236,6 +248,7 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> None:
             f"{path}: takes {size / 1e9:.3g} GB of memory once it is unpacked, more than "
             f"{limits.UNPACKED_BYTES / 1e9:g} GB; give it in several files."
         )
+    return size
 
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
@@ -302,6 +315,17 @@ def read_units(path: str | Path) -> dict[str, str]:
         for field in read_arrow(path).schema
         if field.metadata and b"unit" in field.metadata
     }
+
+
+def _footer_size(source: Path | bytes) -> int:
+    """Size of the footer of a Parquet file as it says [bytes]; 0 where it is none."""
+    if isinstance(source, bytes):
+        end = source[-8:]
+    else:
+        with source.open("rb") as file:
+            file.seek(-min(8, file.seek(0, os.SEEK_END)), os.SEEK_END)
+            end = file.read()
+    return int.from_bytes(end[:4], "little") if end[4:] == b"PAR1" else 0
 
 
 def _footer(content: bytes) -> int:

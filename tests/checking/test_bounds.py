@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -26,15 +27,18 @@ from wearscope.checking.robot import check_model
 from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
 from wearscope.cli import main, stages, workflow
 from wearscope.cli.main import wearscope
+from wearscope.cli.tables import read_frame
 from wearscope.cli.workflow import call_snakemake, wait_turn
 from wearscope.closed_loop.intake.dataset_fields import list_breaches, load_fields
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile
+from wearscope.files import DamagedFile, load_json
 from wearscope.plain_yaml import load_plain_yaml
+from wearscope.processes import bound_memory
 from wearscope.reporting.style import figure_bytes, new_figure
 from wearscope.starters.model_text import _flow
+from wearscope.starters.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 COPIES = ", ".join(["*a{0}"] * 10)
@@ -79,7 +83,7 @@ def spoil(tmp_path, change):
     ("change", "told"),
     [
         (lambda f: f.update(runs=f["runs"] * 600), "at most 2000 items"),
-        (lambda f: f["robot"].update(joints=[f"j{k}" for k in range(101)]), "at most 100 items"),
+        (lambda f: f["robot"].update(joints=[f"j{k}" for k in range(61)]), "at most 60 items"),
         (lambda f: f["runs"][0].update(payload={"mass": 1e300}), "less than or equal to"),
         (lambda f: f["runs"][0].update(payload={"mass": 1.0, "com": [1e20, 0, 0]}), "less than or equal to"),
         (lambda f: f.update(declared_effects=["viscous"] * 3000), "at most 2000 items"),
@@ -95,6 +99,70 @@ def test_numbers_that_no_joint_has_are_told(tmp_path, name):
     assert not spoil(tmp_path, lambda f: f["robot"].update({name: [2.0 * limits.DRIVE[name]] * joints}))
     found = check_dataset(tmp_path / "arm").problems
     assert len(found) == 1 and f"robot.{name} holds a value above" in found[0]
+
+
+def test_what_a_file_takes_while_it_is_read_is_bounded(monkeypatch):
+    """What it says of its own size need not be so."""
+    monkeypatch.setattr(limits, "READING_BYTES", 100_000_000)
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with (
+        pytest.raises(InputError, match=r"a\.mcap: takes more than 0\.1 GB of memory"),
+        bound_memory("a.mcap"),
+    ):
+        bytearray(300_000_000)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+def test_a_table_with_a_large_description_is_refused(tmp_path, monkeypatch):
+    pq.write_table(pa.table({"t": [1.0]}).replace_schema_metadata({"x": "y" * 5000}), tmp_path / "a.parquet")
+    assert len(read_columns(tmp_path / "a.parquet")) == 1
+    monkeypatch.setattr(limits, "FOOTER_BYTES", 3000)
+    with pytest.raises(InputError, match=r"describes itself in more than 0\.003 MB"):
+        read_columns(tmp_path / "a.parquet")
+
+
+def test_a_text_of_a_table_that_unpacks_to_much_is_refused(tmp_path, monkeypatch):
+    """A dictionary holds it once on disk, so that no size in the file tells."""
+    monkeypatch.setattr(limits, "READING_BYTES", 200_000_000)
+    words = pa.DictionaryArray.from_arrays(np.zeros(1000, np.int32), ["x" * 1_000_000])
+    pq.write_table(pa.table({"a": words, "b": np.zeros(1000)}), tmp_path / "a.parquet", store_schema=False)
+    with pytest.raises(InputError, match=r"takes more than 0\.2 GB of memory"):
+        read_frame(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3"])
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir])
+def test_a_bag_that_is_no_plain_file_is_not_opened(tmp_path, make, name):
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=r"is no plain file|cannot be read as a ROS 2 bag"):
+        read_recording(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("described", "told"),
+    [
+        ("\n".join(GROWING["aliases"]), "values with its aliases"),
+        ("rosbag2_bagfile_information: {compression_mode: FILE}", "its files are compressed whole"),
+        ("- 1", "cannot be read as a ROS 2 bag"),
+    ],
+)
+def test_a_bag_that_would_grow_is_refused(tmp_path, described, told):
+    (tmp_path / "metadata.yaml").write_text(described)
+    with pytest.raises(InputError, match=told):
+        read_recording(tmp_path)
+
+
+def test_a_half_of_a_character_is_refused_before_anything_writes_it():
+    assert load_json('"\\ud83d\\ude00"') == "\U0001f600"
+    with pytest.raises(ValueError, match="surrogates not allowed"):
+        load_json('{"a": ["\\uD800"]}')
+
+
+def test_a_text_of_many_columns_is_refused(tmp_path):
+    row = ",".join(["1"] * 3000)
+    (tmp_path / "a.csv").write_text("\n".join([",".join(f"c{k}" for k in range(3000)), row, row, row]))
+    with pytest.raises(InputError, match="has 3000 columns, more than 2000"):
+        read_recording(tmp_path / "a.csv")
 
 
 def test_tables_are_bounded_before_they_are_read(tmp_path):

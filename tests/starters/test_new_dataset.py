@@ -423,3 +423,8 @@ def test_velocities_may_be_left_out(truth, tmp_path):
     frame.to_csv(tmp_path / "log.csv", index=False)
     assert "qd_axis_1" in whole(convert(tmp_path / "log.csv"))
     assert "qd_axis_1" not in whole(convert(tmp_path / "log.csv", patterns={"velocity": "none"}))
+
+
+def test_truth_values_are_no_time():
+    with pytest.raises(InputError, match="t: holds truth values, no times"):
+        to_seconds(pd.Series([True, False]), "t")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from wearscope import limits
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
@@ -19,6 +21,7 @@ from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.servos import PRESETS, read_servo_option
+from wearscope.tables import check_unpacked
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="10"/>'
 INERTIA = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
@@ -180,10 +183,23 @@ def test_lerobot_without_effort_needs_a_servo(tmp_path):
     np.testing.assert_array_equal(converted.runs[1].frame["goal_elbow"], goal[1, :, 1])
 
 
-def test_a_damaged_lerobot_data_set_gets_one_sentence(tmp_path):
+def test_a_damaged_lerobot_data_set_gets_one_sentence(tmp_path, monkeypatch):
     write_lerobot(tmp_path / "set")
     urdf = write_urdf(tmp_path, JOINTS)
     file = tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet"
+    again = Path(shutil.copy(file, file.with_name("file-001.parquet")))
+    together = ("UNPACKED_BYTES", 1.5 * check_unpacked(file), "GB of memory together; download fewer")
+    for name, most, told in (together, ("RUNS", 1, "more than 1 episodes")):
+        with monkeypatch.context() as bounds, pytest.raises(InputError, match=told):
+            bounds.setattr(limits, name, most)
+            convert_recordings([tmp_path / "set"], urdf, Mapped())
+    again.unlink()
+    table = pq.read_table(file)
+    column = table.column_names.index("observation.state")
+    bodies = pa.array([{"a": 1.0}] * len(table))
+    pq.write_table(table.set_column(column, "observation.state", bodies), file)
+    with pytest.raises(InputError, match="cannot be read as a LeRobot data set"):
+        convert_recordings([tmp_path / "set"], urdf, Mapped())
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(InputError, match="cannot be read as a LeRobot data set"):
         convert_recordings([tmp_path / "set"], urdf, Mapped())

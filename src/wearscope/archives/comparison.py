@@ -1,6 +1,5 @@
 """How two studies differ: settings, versions, tables, and which conclusions."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -13,7 +12,7 @@ from wearscope.archives.members import read_member, walk_archive
 from wearscope.checksums import SETTINGS
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
-from wearscope.files import check_depth, digest_file
+from wearscope.files import digest_file, load_json
 from wearscope.verdicts import check_verdict
 
 
@@ -124,8 +123,7 @@ class Content:
         if key != "config" or not settings.is_file():
             return {}
         try:
-            found = json.loads(settings.read_bytes())
-            check_depth(found)
+            found = load_json(settings.read_bytes())
         except (ValueError, RecursionError):
             found = None
         if not isinstance(found, dict):
@@ -171,8 +169,7 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
 def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
     where = f"{content.path}: {name}"
     try:
-        verdict = json.loads(content.read(name))
-        check_depth(verdict)
+        verdict = load_json(content.read(name))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: is no verdict ({type(error).__name__}); make it again.") from None
     named: dict[str, list[str]] = {joint: [] for joint in check_verdict(verdict, where)["joints"]}

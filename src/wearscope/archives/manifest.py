@@ -1,6 +1,5 @@
 """``MANIFEST.json`` of an archive: what it holds and was made with, believed only after it is checked."""
 
-import json
 import re
 from collections.abc import Iterable
 from pathlib import PurePosixPath
@@ -10,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import check_depth
+from wearscope.files import load_json
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
 CRATE, CONFIG = "ro-crate-metadata.json", "config.yaml"
@@ -81,8 +80,7 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
         One sentence for the first thing that is wrong.
     """
     try:
-        fields = json.loads(content, object_pairs_hook=_refuse_doubles)
-        check_depth(fields)
+        fields = load_json(content, object_pairs_hook=_refuse_doubles)
     except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(

@@ -1,6 +1,5 @@
 """Results as rows of text."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,8 @@ import pyarrow as pa
 
 from wearscope import limits, tables
 from wearscope.errors import InputError
-from wearscope.files import check_depth
+from wearscope.files import load_json
+from wearscope.processes import bound_memory
 
 
 def format_value(value: Any) -> str:
@@ -34,19 +34,23 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     try:
         if path.stat().st_size > limits.TABLE_BYTES:
             raise InputError(f"{path}: is larger than {limits.TABLE_BYTES / 1e6:g} MB; show a smaller table.")
-        if path.suffix == ".parquet":
-            tables.check_unpacked(path)
-            return tables.read_table(path), tables.read_units(path)
-        if path.suffix == ".csv":
-            return pd.read_csv(path), {}
-        content = json.loads(path.read_text(encoding="utf-8"))
-        check_depth(content)
-        return pd.json_normalize(content if isinstance(content, list) else [content]).T.reset_index(), {}
+        with bound_memory(path):
+            return _read(path)
     except InputError:
         raise
     except (OSError, ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException) as error:
         told = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: cannot be read as a table ({told}); make it again.") from error
+
+
+def _read(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    if path.suffix == ".parquet":
+        tables.check_unpacked(path)
+        return tables.read_table(path), tables.read_units(path)
+    if path.suffix == ".csv":
+        return pd.read_csv(path), {}
+    content = load_json(path.read_text(encoding="utf-8"))
+    return pd.json_normalize(content if isinstance(content, list) else [content]).T.reset_index(), {}
 
 
 def frame_rows(

@@ -1,11 +1,12 @@
 """What stands on top of every page, and how it is read from a page that was written."""
 
-import json
 import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 from markupsafe import Markup
+
+from wearscope.files import load_json
 
 
 def unbreak(text: str) -> str:
@@ -58,7 +59,7 @@ def read_strip(page: str | Path) -> Strip | None:
     with Path(page).open(encoding="utf-8", errors="replace") as file:
         found = _DATA.search(file.read(_TOP))
     try:
-        told = json.loads(found[1]) if found else {}
+        told = load_json(found[1]) if found else {}
     except (ValueError, RecursionError):
         return None
     texts = [told.get(one.name) for one in fields(Strip)] if isinstance(told, dict) else []

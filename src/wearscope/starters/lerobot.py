@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import read_json
+from wearscope.files import DamagedFile, read_json
 from wearscope.tables import check_unpacked
 
 #: Features of joints and the word of their kind; names of single values may hold another.
@@ -77,8 +77,9 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
         raise InputError(f"{path}: has no Parquet files under data; download the data set whole.")
     wanted = ["timestamp", "episode_index", *columns]
     try:
-        for file in files:
-            check_unpacked(file)
+        if sum(map(check_unpacked, files)) > limits.UNPACKED_BYTES:
+            told = f"take more than {limits.UNPACKED_BYTES / 1e9:g} GB of memory together"
+            raise InputError(f"{path}: its Parquet files {told}; download fewer episodes.")
         tables = [pq.read_table(file, columns=wanted, partitioning=None) for file in files]
         table = pa.concat_tables(tables)
         parts = [_read_values(table, feature, len(names)) for feature, names in columns.items()]
@@ -88,7 +89,11 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
         )
         if table["episode_index"].null_count:
             raise ValueError("episode_index has holes")
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except MemoryError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, TypeError, AttributeError) as error:
+        if isinstance(error, InputError) and not isinstance(error, DamagedFile):
+            raise
         told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(
             f"{path}: cannot be read as a LeRobot data set ({told}); download it again."
@@ -99,10 +104,10 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
         np.column_stack(parts), columns=[name for names in columns.values() for name in names]
     )
     frame.insert(0, "timestamp", time)
-    return [
-        (f"episode_{number:06d}", frame[episode == number].reset_index(drop=True))
-        for number in np.unique(episode)
-    ]
+    numbers = np.unique(episode)
+    if len(numbers) > limits.RUNS:
+        raise InputError(f"{path}: has more than {limits.RUNS} episodes; download fewer of them.")
+    return [(f"episode_{number:06d}", frame[episode == number].reset_index(drop=True)) for number in numbers]
 
 
 def _read_features(path: Path) -> dict[str, _Feature]:

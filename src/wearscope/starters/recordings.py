@@ -13,6 +13,8 @@ from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.extras import need
 from wearscope.files import check_plain
+from wearscope.plain_yaml import load_plain_yaml
+from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
 from wearscope.starters.text_files import read_text
 from wearscope.tables import check_unpacked, to_frame
@@ -40,6 +42,11 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     """
     if not path.exists():
         raise InputError(f"{path}: no such file; correct the name.")
+    with bound_memory(path):
+        return _read(path, topic)
+
+
+def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     kind = path.suffix.lower()
     if path.is_dir() or kind in _BAGS:
         return _read_bag(path, topic)
@@ -50,7 +57,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
         if kind in _TEXT:
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
             return read_text(path)
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except (OSError, ValueError, UnicodeError, csv.Error, pa.ArrowException) as error:
         told = " ".join(str(error).split())[:200].rstrip(".")
@@ -75,7 +82,9 @@ def open_recordings(
     """
     for file in files:
         if is_lerobot(file):
-            for name, frame in read_lerobot(file, servo):
+            with bound_memory(file):
+                episodes = read_lerobot(file, servo)
+            for name, frame in episodes:
                 yield file / name, frame, []
         else:
             yield file, *read_recording(file, topic)
@@ -84,12 +93,13 @@ def open_recordings(
 def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     """Joint states of a bag: ``time`` [s] and ``<joint>.position``, ``.velocity``, ``.effort``."""
     need("rosbags")
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file():
         path = path.parent
     try:
+        _check_bag(path)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             known = {one.topic: one for one in reader.connections if one.msgtype == JOINT_STATE}
             if not known:
@@ -100,9 +110,9 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
             chosen = topic or max(known, key=lambda name: known[name].msgcount)
             links = [one for one in reader.connections if one.topic == chosen]
             rows = list(_list_states(reader, links))
-    except (AnyReaderError, OSError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # of a broken bag its readers raise many kinds
         told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(f"{path}: cannot be read as a ROS 2 bag ({told}); copy it again, whole.") from error
     if not rows:
@@ -114,8 +124,19 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     return frame, [note]
 
 
+def _check_bag(path: Path) -> None:
+    """Refuse what no reader of a bag would end at: files that are none, or large, and YAML that grows."""
+    described = path / "metadata.yaml"
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        check_plain(file, limits.TABLE_BYTES, "copy the bag again, or split it where it is large")
+    about = load_plain_yaml(described.read_text(encoding="utf-8")) if described.is_file() else {}
+    if str(about.get("rosbag2_bagfile_information", {}).get("compression_mode")).lower() == "file":
+        raise InputError(f"{path}: its files are compressed whole; unpack them with 'ros2 bag convert'.")
+
+
 def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
     first: int | None = None
+    known: set[str] = set()
     for connection, received, raw in reader.messages(connections=links):
         message = reader.deserialize(raw, connection.msgtype)
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec or received
@@ -124,4 +145,7 @@ def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
         for field in ("position", "velocity", "effort"):
             values = getattr(message, field)
             row |= {f"{name}.{field}": float(one) for name, one in zip(message.name, values, strict=False)}
+        known.update(row)
+        if len(known) > limits.COLUMNS:
+            raise InputError(f"{links[0].topic}: has more than {limits.COLUMNS} names; leave out some.")
         yield row

@@ -47,6 +47,8 @@ def to_seconds(
         Where they are neither, or no unit gives a robot's rate.
     """
     notes = []
+    if pd.api.types.is_bool_dtype(stamps):
+        raise InputError(f"{where}: holds truth values, no times; name the time with --time.")
     numbers = pd.to_numeric(stamps, errors="coerce")
     if numbers.notna().sum() > _NUMBERS * len(stamps):
         stamps = numbers

@@ -1,5 +1,6 @@
 """Tables in text as recorders write them: lines before the header, a row of units, any separator."""
 
+import codecs
 import csv
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from wearscope import limits
 from wearscope.errors import InputError
 
 _SEPARATORS = ",;\t| "
 _COMMENTS = "#%/"
-#: Lines that are looked at, in which the numbers begin.
-_LOOK = 400
+#: Lines that are looked at, in which the numbers begin, and most characters of them.
+_LOOK, _HEAD = 400, 8_000_000
 #: Share of a column that must be numbers for the rest to be none; of usual numbers in a row.
 _NUMBERS, _ROW = 0.5, 0.8
 
@@ -29,14 +31,9 @@ class _Layout:
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     """Table of a text file, with notes on how it was read; `InputError` where it is none."""
-    raw = path.read_bytes()
-    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    try:
-        text = raw.decode(encoding)
-    except UnicodeDecodeError:
-        encoding = "latin-1"
-        text = raw.decode(encoding)
-    lines = text.splitlines()[:_LOOK]
+    encoding = _find_encoding(path)
+    with path.open(encoding=encoding) as file:
+        lines = file.read(_HEAD).splitlines()[:_LOOK]
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         what = "a single line" if filled else "empty"
@@ -44,6 +41,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
             f"{path}: is {what}, and a recording has a header and rows; record it again, or leave it out."
         )
     layout = _find_layout(path, lines)
+    if layout.cells > limits.COLUMNS:
+        told = f"has {layout.cells} columns, more than {limits.COLUMNS}"
+        raise InputError(f"{path}: {told}; leave out what is unused.")
     names, units, notes = _name_columns(path, layout)
     point = "," if layout.separator != "," and _has_decimal_commas(lines[layout.begin :]) else "."
     frame = pd.read_csv(
@@ -68,6 +68,23 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
         [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
     )
     return _drop_repeated(path, frame, notes), notes
+
+
+def _find_encoding(path: Path) -> str:
+    """UTF-16 by its mark, UTF-8 where all of the file is such, else Latin-1."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as file:
+        block = file.read(1 << 20)
+        if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            return "utf-16"
+        try:
+            while block:
+                decoder.decode(block)
+                block = file.read(1 << 20)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "latin-1"
+    return "utf-8-sig"
 
 
 def _split(line: str, separator: str) -> list[str]:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from wearscope import limits
 from wearscope.closed_loop.intake.data_folder import check_file
 from wearscope.errors import InputError
+from wearscope.processes import bound_memory
 from wearscope.tables import check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
@@ -82,16 +83,8 @@ def read_columns(path: Path) -> pd.DataFrame:
     if kind not in (".csv", ".parquet"):
         raise InputError(f"{path}: is neither .parquet nor .csv; convert it to one of them.")
     try:
-        if kind == ".csv":
-            table = _read_csv(path)
-        else:
-            check_unpacked(path)
-            table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
-        names = table.column_names
-        for name, times in Counter(names).items():
-            if times > 1:
-                raise InputError(f"{path}: column '{name}' stands twice; keep one of them.")
-        return table.to_pandas(ignore_metadata=True)
+        with bound_memory(path):
+            return _read_table(path, kind)
     except (pa.ArrowException, OSError, UnicodeError, ValueError, OverflowError, TypeError) as error:
         if isinstance(error, InputError):
             raise
@@ -100,6 +93,18 @@ def read_columns(path: Path) -> pd.DataFrame:
         if "CSV parse error" in told:
             remedy += ", or give it one line of column names, nothing above, and as many values in each row"
         raise InputError(f"{path}: cannot be read whole ({told}); {remedy}.") from error
+
+
+def _read_table(path: Path, kind: str) -> pd.DataFrame:
+    if kind == ".csv":
+        table = _read_csv(path)
+    else:
+        check_unpacked(path)
+        table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
+    for name, times in Counter(table.column_names).items():
+        if times > 1:
+            raise InputError(f"{path}: column '{name}' stands twice; keep one of them.")
+    return table.to_pandas(ignore_metadata=True)
 
 
 def take_column(path: Path, frame: pd.DataFrame, name: str) -> np.ndarray:
