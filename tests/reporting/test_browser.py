@@ -21,6 +21,11 @@ from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
 
 KEYS = list(CELL_KEYS)
+#: Texts of legends that leave their drawing, as a script.
+CUT_LEGENDS = """[...document.querySelectorAll(".view svg .role-legend text")].filter((one) => {
+    const [text, drawing] = [one, one.ownerSVGElement].map((it) => it.getBoundingClientRect());
+    return text.right > drawing.right + 1 || text.left < drawing.left - 1;
+}).map((one) => one.textContent)"""
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +71,7 @@ def test_every_chart_is_drawn_and_nothing_complains(browser, file, width, scheme
             assert box["width"] <= width and box["height"] > 40
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.evaluate(RUNNING_OVER) == []
+        assert page.evaluate(CUT_LEGENDS) == []
 
 
 def test_numbers_shown_are_those_of_the_tables(browser, file, asked):

@@ -66,12 +66,11 @@ def render_history(folder: Path, found: list[Answer]) -> str:
     """
     rows = [
         {
-            "when (UTC)": one.when,
+            "when (UTC)": one.when[:-3],
             "what": one.kind,
             "name": Markup('<a href="{}">{}</a>').format(one.path.as_posix(), one.name),
-            "": badge(_BADGES.get(one.strip.kind, "answered"), one.strip.kind),
+            "how sure": badge(_BADGES.get(one.strip.kind, "answered"), one.strip.kind),
             "answer": one.strip.answer,
-            "mind": one.strip.caveat,
         }
         for one in found
     ]
@@ -134,7 +133,7 @@ def _chart(trend: pd.DataFrame) -> Chart:
         .encode(
             x=alt.X("when:O", title=None, axis=alt.Axis(labelAngle=-30)),
             y=alt.Y("value:Q", title=None, scale=alt.Scale(type="symlog")),
-            color=alt.Color("of:N", title=None),
+            color=alt.Color("of:N", title=None, legend=alt.Legend(columns=6)),
             tooltip=["when:N", "name:N", "of:N", alt.Tooltip("value:Q", format=".4")],
         )
         .properties(width=520, height=200)

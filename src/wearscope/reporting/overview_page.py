@@ -4,6 +4,7 @@ Details are on the pages of the partitions, to which it links: so it holds a row
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -27,13 +28,17 @@ from wearscope.reporting.page import (
     describe_study,
     embed_figure,
     render_page,
+    render_part,
     render_table,
     render_template,
 )
 from wearscope.reporting.sections.background import Provenance
 from wearscope.reporting.sections.base import say
-from wearscope.reporting.strips import study_strip
+from wearscope.reporting.strips import SIMULATED, study_strip
 from wearscope.reporting.study import Study
+
+#: Terms that are shown unfolded.
+_MOST = 15
 
 
 def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) -> str:
@@ -48,7 +53,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     pages : mapping of str to str
         By robot, where its own page is, relative to this one.
     """
-    robots = overview["robot"].nunique()
+    robots, strip = overview["robot"].nunique(), study_strip(study, pages=True)
     config = study.config
     sections = [
         Section("Conclusion", _summarise(study, overview), "summary"),
@@ -72,7 +77,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
         describe_study(config, robots),
         "Made by wearscope from its tables.",
         filters,
-        strip=study_strip(study, pages=True),
+        strip=replace(strip, caveat=_caveat(overview)) if strip else None,
     )
 
 
@@ -81,22 +86,22 @@ def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
     failed = [] if study.failures.empty else [trust.failed_points(study)]
     return render_template(
         "study/summary.html",
-        qualifiers=say(qualify(study, first)),
-        alarms=say([*_doubts(overview), *trust.failed_simulations(study), *failed]),
+        qualifiers=say([*qualify(study, first), *failed]),
+        alarms=say(trust.failed_simulations(study)),
         robots="",
         cards=[("Robots", say(_compare(study, overview)), "robots", "Every robot and test-cycle")],
     )
 
 
-def _doubts(overview: pd.DataFrame) -> list[str]:
-    """Where nothing is found."""
+def _caveat(overview: pd.DataFrame) -> str:
+    """Where nothing is found, or that all is simulated."""
     lost = overview[overview["wear"].isna()]
     if lost.empty:
-        return []
+        return SIMULATED
     names = list(dict.fromkeys(lost["robot"]))
     shown = join_words([*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])])
     many = count_text(len(lost), "robot and test-cycle", "robots and test-cycles")
-    return [f"In {many} no change of wear that was asked is found: on {shown}."]
+    return f"In {many} no change of wear that was asked is found: on {shown}."
 
 
 def _compare(study: Study, overview: pd.DataFrame) -> list[str]:
@@ -142,7 +147,7 @@ def _tabulate(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) ->
 
 
 def _rank(study: Study) -> Markup:
-    shown = study.ranking.rename(columns=COLUMNS)
+    shown = study.ranking.drop(columns="interval_from", errors="ignore").rename(columns=COLUMNS)
     note = "Over the cells of all robots."
     return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
 
@@ -163,7 +168,12 @@ def _weigh(study: Study) -> Markup:
     names = {"share": "outweighs wear in [%]", "low": "95 % from", "high": "to"}
     shown = shown.rename(columns=COLUMNS | names | {"median": "median size over that of wear"})
     note = "Coefficients of the surrogates over that of wear, in the cells of all robots."
-    return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
+    by = {"detector": "fda"} if "detector" in shown else None
+    if len(shown) <= _MOST:
+        return render_table(shown, note, filter_by=by)
+    rest = render_table(shown[_MOST:], "The others.", filter_by=by)
+    folded = [(f"{len(shown) - _MOST} more terms", False, rest)]
+    return render_table(shown[:_MOST], note, filter_by=by) + render_part(folded=folded)
 
 
 def _draw_scopes(study: Study) -> Markup:

@@ -22,6 +22,9 @@ from wearscope.reporting.reevaluation import count_truth, tell_headline, tell_wi
 from wearscope.reporting.study import Study
 from wearscope.reporting.tracking import Tracking
 
+#: Where nothing else limits a study's answer more.
+SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
+
 
 def study_strip(study: Study, pages: bool = False) -> Strip | None:
     """Which detector to use; None where the study did not come so far.
@@ -54,7 +57,7 @@ def _study_caveat(study: Study, one: Conclusion) -> str:
         if len(assumed) == len(study.sources):
             return f"The answer is about a robot like {join_words(assumed)}, not about yours. {moved}"
         return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
-    return "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
+    return SIMULATED
 
 
 def _study_action(one: Conclusion) -> Markup:

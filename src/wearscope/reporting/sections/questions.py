@@ -46,7 +46,7 @@ class Detectors(StudySection):
         """Sentences, setting, ranking, charts."""
         study = self.study
         setting = study.config["snr"]
-        shown = study.ranking.rename(columns=COLUMNS)
+        shown = study.ranking.drop(columns="interval_from", errors="ignore").rename(columns=COLUMNS)
         fault = study.factor("f")
         ends = (setting["f0"], setting["f0"] + setting["delta"])
         low, high = (float(fault.to_natural(one)) for one in ends)

@@ -108,7 +108,7 @@ const wearscope = (() => {
     },
     legend: {
       labelColor: "var(--ink)", titleColor: "var(--soft)", orient: "top", labelFontSize: 12.5,
-      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260, columns: { expr: "width < 300 ? 1 : width < 480 ? 2 : width < 800 ? 3 : 6" },
+      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260, layout: { top: { anchor: innerWidth < 640 ? "end" : "start" } }, columns: { expr: "width < 300 ? 1 : width < 480 ? 2 : width < 800 ? 3 : 6" },
     },
     header: { labelColor: "var(--ink)", titleColor: "var(--soft)" },
     title: { color: "var(--ink)" },
