@@ -71,3 +71,12 @@ def tell_limits(limits: Sequence[dict[str, float]], joints: Sequence[str]) -> li
                 f"get no name. In shares of the joint's torque (RMS): {', '.join(large)}."
             )
     return sentences
+
+
+def tell_doubtful(f: Found, equivalent: Sequence[str], joints: Sequence[str]) -> str:
+    """A sentence on a name that held-out runs ask for and whose size may be zero next to the other terms."""
+    names = " or ".join([f.effect.name, *equivalent])
+    return (
+        f"{joints[f.joint]}: {names} predicts held-out runs better, but may be zero next to the other terms "
+        "of the model, which can take its place. These runs do not tell them apart."
+    )
