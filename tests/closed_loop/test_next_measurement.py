@@ -85,7 +85,7 @@ def test_the_advice_widens_the_angle_and_is_written_as_a_cycle(diagnosis, tmp_pa
     if advice.power >= 0.9:
         assert (tmp_path / "next_measurement_1.csv").is_file() and "Record" in page
     else:
-        assert not list(tmp_path.iterdir()) and "No motion of the" in page
+        assert not list(tmp_path.iterdir()) and "None of the" in page
 
 
 def test_following_the_advice_names_the_planted_effect(tmp_path):

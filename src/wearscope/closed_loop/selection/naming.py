@@ -87,9 +87,10 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         name = rule.simplest(naming, opposing) if naming else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
         most = own.complexity if f.effect.standard else max(e.complexity for e in [own, *able])
-        closer = [e for e in inside if fits_closer(e, own, search.policy)]
-        closer = [] if f.effect.is_in_every_drive else closer
-        open_to = [e for e in inside if e.complexity <= most or e in closer]
+        optional = f.effect.standard and not f.effect.is_in_every_drive
+        open_to = [
+            e for e in inside if e.complexity <= most or (optional and fits_closer(e, own, search.policy))
+        ]
         named = dict.fromkeys(e.term.effect.name for e in open_to)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent
