@@ -189,7 +189,7 @@ def test_a_value_at_the_end_of_its_interval_is_inside_but_for_rounding(points):
         def predict(self, z):
             return np.full(len(z), 2.0)
 
-        def prediction_interval(self, z, level):
+        def prediction_interval(self, z):
             return np.full(len(z), 1.0), np.full(len(z), 4.0)
 
     few = view_for_axis(points, 1)[["point", *NAMES]].iloc[:6]

@@ -25,12 +25,12 @@ QUESTIONS = {
 }
 
 
-def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table as wide as the terminal; nothing where it has no rows."""
     if not rows:
         return
     console = Console() if sys.stdout.isatty() else Console(width=160)
-    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    table = Table(box=None, pad_edge=False, header_style="bold")
     for header in headers:
         table.add_column(Text(escape_text(header)), overflow="fold")
     for row in rows:

@@ -123,7 +123,6 @@ def audit_table(
     surrogates: pd.DataFrame,
     points: pd.DataFrame | None = None,
     model: str = "full",
-    level: float = 0.95,
     chosen: Mapping[tuple, ChosenSurrogate] | None = None,
 ) -> pd.DataFrame:
     """Both values at every audited point of every cell.
@@ -136,8 +135,6 @@ def audit_table(
     points : DataFrame, optional
         From `choose_audit_points`, to say why a point was chosen.
     model : str
-    level : float
-        Of the prediction interval.
     chosen : mapping, optional
         Chosen surrogate by cell, audited in place of `model`; these state no leverage, and no point within
         -2..2 lies outside the runs that they learned from.
@@ -171,7 +168,7 @@ def audit_table(
         cell = cell.sort_values("point")
         names = list(surrogate.names)
         z, direct = cell[names].to_numpy(dtype=float), cell["y"].to_numpy(dtype=float)
-        low, high = surrogate.prediction_interval(z, level)
+        low, high = surrogate.prediction_interval(z)
         known = chosen is None and np.isfinite(surrogate.sigma) and surrogate.sigma > 0
         leverage = (surrogate.standard_error(z) / surrogate.sigma) ** 2 if known else np.full(len(z), np.nan)
         part = cell[[*CELL, "point", *names]].copy()
@@ -194,7 +191,7 @@ def audit_table(
     return table
 
 
-def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",), level: float = 0.95) -> pd.DataFrame:
+def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
     """How often the prediction interval held the direct value.
 
     Returns
@@ -209,7 +206,7 @@ def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",), level: floa
         for extrapolated, rows in group.groupby("extrapolated", sort=True):
             good = rows[~rows["failed"]]
             inside = int(good["inside"].sum())
-            low, high = wilson_interval(inside, len(good), level)
+            low, high = wilson_interval(inside, len(good))
             half = (0.5 * (good["high"] - good["low"])).to_numpy(dtype=float)
             error = np.abs(good["y_direct"] - good["y_surrogate"]).to_numpy(dtype=float)
             sure = half > 0
@@ -229,19 +226,17 @@ def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",), level: floa
     return pd.DataFrame(records)
 
 
-def audit_answers(audit: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
+def audit_answers(audit: pd.DataFrame) -> pd.DataFrame:
     """Which detectors' answers stand, and which are withheld.
 
-    An answer is withheld where the direct values lie outside their `level` intervals more often than chance
-    allows: where even the upper end of the Wilson interval of the share inside is below `level`. Of 108
+    An answer is withheld where the direct values lie outside their 95 % intervals more often than chance
+    allows: where even the upper end of the Wilson interval of the share inside is below that. Of 108
     values 98 inside are too few.
 
     Parameters
     ----------
     audit : DataFrame
         From `audit_table`.
-    level : float
-        Of the prediction intervals and of the Wilson interval.
 
     Returns
     -------
@@ -253,8 +248,8 @@ def audit_answers(audit: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
     for (fda, model), rows in audit.groupby(["fda", "model"], sort=True, observed=True):
         good = rows[~rows["failed"]]
         inside = int(good["inside"].sum())
-        low, high = wilson_interval(inside, len(good), level)
-        answer = "withheld" if high < level else "given"
+        low, high = wilson_interval(inside, len(good))
+        answer = "withheld" if high < 0.95 else "given"
         records.append(
             {
                 "fda": fda,

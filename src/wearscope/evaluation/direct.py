@@ -99,8 +99,6 @@ def mismatch_table(
     test_quantities: pd.DataFrame,
     direct: pd.DataFrame,
     seed: int = 0,
-    level: float = 0.95,
-    draws: int = 2000,
 ) -> pd.DataFrame:
     """SNR where the robot differs from the detectors' model, next to that where it does not.
 
@@ -110,8 +108,8 @@ def mismatch_table(
         Of the pairs of a `mismatch_design`.
     direct : DataFrame
         From `direct_table`.
-    seed, level, draws
-        As in `direct_table`.
+    seed : int
+        Of the bootstrap over the runs.
 
     Returns
     -------
@@ -125,7 +123,7 @@ def mismatch_table(
         known = ideal.loc[key]
         y = _pairs(cell)
         free = not np.isfinite(known["snr_direct"])
-        value, low, high = _sample(y, free, key, seed, level, draws)
+        value, low, high = _sample(y, free, key, seed)
         records.append(
             {
                 **dict(zip(CELL, key, strict=True)),
@@ -233,7 +231,7 @@ def _pairs(cell: pd.DataFrame) -> np.ndarray:
 
 
 def _sample(
-    y: np.ndarray, free: bool, key: tuple, seed: int, level: float, draws: int
+    y: np.ndarray, free: bool, key: tuple, seed: int, level: float = 0.95, draws: int = 2000
 ) -> tuple[float, float, float]:
     """SNR of pairs (2, N) with its interval; NaN where there are too few, or the model is free of noise."""
     low, high = np.nan, np.nan

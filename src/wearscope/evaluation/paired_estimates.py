@@ -69,11 +69,11 @@ def nan_mean(values: Array) -> Array:
 
 
 def estimate_columns(
-    wide: pd.DataFrame, statistic: Callable[[Array], Array] = nan_median, draws: int = DRAWS
+    wide: pd.DataFrame, statistic: Callable[[Array], Array] = nan_median
 ) -> dict[str, Estimate]:
     """Statistic of each detector's column, with its interval."""
     values = wide.to_numpy(dtype=float)
-    value, boot = statistic(values), _resample(values, statistic, draws)
+    value, boot = statistic(values), _resample(values, statistic)
     counts = (~np.isnan(values)).sum(axis=0)
     return {
         str(name): _estimate(float(value[k]), boot[:, k], int(counts[k]))
@@ -86,23 +86,22 @@ def estimate_difference(
     first: str,
     second: str,
     statistic: Callable[[Array], Array] = nan_median,
-    draws: int = DRAWS,
 ) -> Estimate:
     """Statistic of `first` less that of `second`, resampling the cells that both have together."""
     pair = wide[[first, second]].dropna()
     values = pair.to_numpy(dtype=float)
     if not len(values):
         return Estimate(np.nan, np.nan, np.nan, 0)
-    value, boot = statistic(values), _resample(values, statistic, draws)
+    value, boot = statistic(values), _resample(values, statistic)
     with np.errstate(invalid="ignore"):
         return _estimate(float(value[0] - value[1]), boot[:, 0] - boot[:, 1], len(values))
 
 
-def _resample(values: Array, statistic: Callable[[Array], Array], draws: int) -> Array:
-    """Statistic of resampled rows, (draws, columns); the draws depend on the number of rows only."""
+def _resample(values: Array, statistic: Callable[[Array], Array]) -> Array:
+    """Statistic of resampled rows, (`DRAWS`, columns); the draws depend on the number of rows only."""
     n = len(values)
     rng = np.random.default_rng(np.random.SeedSequence([n, 29]))
-    return statistic(values[rng.integers(0, n, size=(draws, n))])
+    return statistic(values[rng.integers(0, n, size=(DRAWS, n))])
 
 
 def _estimate(value: float, boot: Array, n: int) -> Estimate:

@@ -21,7 +21,6 @@ def response_table(
     factors: Sequence[Factor],
     levels: Mapping[str, float],
     steps: int = STEPS,
-    level: float = 0.95,
 ) -> pd.DataFrame:
     """Response of every cell along each factor, the others held.
 
@@ -33,14 +32,13 @@ def response_table(
         Coded levels at which the others are held.
     steps : int
         Levels a factor, evenly over its simulated range.
-    level : float
-        Of the interval, which holds the value of a new run with that probability.
 
     Returns
     -------
     DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, ``low``, ``high``
-        (NaN without residual degrees of freedom).
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, and ``low``,
+        ``high``, which hold the value of a new run with a probability of 95 % (NaN without residual degrees
+        of freedom).
     """
     line = np.linspace(CODED_LOW, CODED_HIGH, steps)
     parts = []
@@ -48,7 +46,7 @@ def response_table(
         for factor in factors:
             z = np.tile([levels[name] for name in surrogate.names], (steps, 1)).astype(float)
             z[:, surrogate.names.index(factor.name)] = line
-            low, high = surrogate.prediction_interval(z, level)
+            low, high = surrogate.prediction_interval(z)
             columns = {"coded": line, "natural": factor.to_natural(line), "y": surrogate.predict(z)}
             parts.append(_keyed(key, factor.name, columns | {"low": low, "high": high}))
     return pd.concat(parts, ignore_index=True)

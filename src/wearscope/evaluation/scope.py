@@ -18,9 +18,9 @@ from wearscope.surrogates.surrogate import Surrogate
 METHODS = ("exact", "kde")
 
 
-def paper_grid(n_delta: int = 30, n_sigma: int = 30) -> tuple[np.ndarray, np.ndarray]:
+def paper_grid() -> tuple[np.ndarray, np.ndarray]:
     """Linear grid (16) of the paper: Delta in [0, 4], sigma in [0.01, 1], coded."""
-    return np.linspace(0.0, 4.0, n_delta), np.linspace(0.01, 1.0, n_sigma)
+    return np.linspace(0.0, 4.0, 30), np.linspace(0.01, 1.0, 30)
 
 
 def scope_quadratics(

@@ -102,7 +102,6 @@ def run_motion(
     wear: Array | float,
     start: tuple[Array, Array],
     t0: float = 0.0,
-    block: int | None = None,
     by_effect: bool = False,
 ) -> Trace:
     """Simulate one run.
@@ -123,8 +122,6 @@ def run_motion(
         Motor position and speed.
     t0 : float
         Time of the first step [s].
-    block : int, optional
-        Steps solved ahead of PyBullet, `BLOCK` by default.
     by_effect : bool
         Whether the trace tells what the torque for PyBullet is made of.
 
@@ -133,7 +130,7 @@ def run_motion(
     SimulationError
         Where a step has no solution, a motor loses its reference, or PyBullet does not arrive there.
     """
-    n, count, block = body.n, len(law.feedforward), BLOCK if block is None else block
+    n, count = body.n, len(law.feedforward)
     scale = np.where(np.isfinite(law.limit), law.limit, 0.0)
     scale = np.where(scale > 0.0, scale, np.abs(law.feedforward).max(axis=0) + 1.0)
     gears = build_gears(plant, scale)
@@ -150,8 +147,8 @@ def run_motion(
     world.set_state(state.q, state.v)
     link_q = np.full((count, n), np.nan)
     rigid = ~gears.flexible
-    for first in range(0, count, block):
-        last = min(first + block, count)
+    for first in range(0, count, BLOCK):
+        last = min(first + BLOCK, count)
         link_q[first] = state.q
         failed = advance_block(
             rows, terms, law, gears, chain, bodies, ghost, state, work, motion, w, v, log, warm, worn,

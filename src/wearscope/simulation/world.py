@@ -137,7 +137,7 @@ class World:
             self.client = -1
 
 
-def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> float:
+def prove_world(world: World, body: RigidBody, dt: float) -> float:
     """Show that PyBullet adds nothing to rigid-body dynamics.
 
     The torque applied at random states must equal Pinocchio's inverse dynamics of the acceleration that
@@ -151,7 +151,6 @@ def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> 
         With its payload.
     dt : float
         Step [s].
-    samples : int
 
     Returns
     -------
@@ -166,7 +165,7 @@ def prove_world(world: World, body: RigidBody, dt: float, samples: int = 20) -> 
     world.load(write_plant_urdf(body), body.names, body.gravity, dt)
     rng = np.random.default_rng(np.random.SeedSequence(entropy=0))
     worst = 0.0
-    for _ in range(samples):
+    for _ in range(20):
         q, v = rng.uniform(-1.5, 1.5, body.n), rng.uniform(-2.0, 2.0, body.n)
         torque = body.inverse_dynamics(q, v, rng.uniform(-5.0, 5.0, body.n))
         world.set_state(q, v)

@@ -39,8 +39,8 @@ def training_runs(
     return good[list(names)].to_numpy(dtype=float), good["y"].to_numpy(dtype=float)
 
 
-def noise_ceiling(y: np.ndarray, squares: float, freedom: int, level: float = 0.95) -> tuple[float, float]:
-    """Fit (6) [%] that noise alone leaves at values y, and the lowest that its uncertainty allows.
+def noise_ceiling(y: np.ndarray, squares: float, freedom: int) -> tuple[float, float]:
+    """Fit (6) [%] that noise alone leaves at values y, and the lowest that its uncertainty allows (95 %).
 
     Parameters
     ----------
@@ -48,8 +48,6 @@ def noise_ceiling(y: np.ndarray, squares: float, freedom: int, level: float = 0.
         Runs that a fit is stated on.
     squares, freedom : float, int
         Of the noise, from replicated runs.
-    level : float
-        One-sided.
 
     Returns
     -------
@@ -59,7 +57,7 @@ def noise_ceiling(y: np.ndarray, squares: float, freedom: int, level: float = 0.
     if freedom < 1 or len(y) < 2 or np.ptp(y) == 0:
         return np.nan, np.nan
     deviation = float(np.sqrt(np.mean((y - y.mean()) ** 2)))
-    largest = squares / special.chdtri(freedom, level)
+    largest = squares / special.chdtri(freedom, 0.95)
     return (
         100.0 * (1.0 - float(np.sqrt(squares / freedom)) / deviation),
         100.0 * (1.0 - float(np.sqrt(largest)) / deviation),

@@ -90,16 +90,16 @@ def lack_of_fit(
     return np.nan, np.nan, "nothing"
 
 
-def fault_effect(surrogate: Surrogate, level: float = 0.95) -> str:
+def fault_effect(surrogate: Surrogate) -> str:
     """Sign of the direct effect theta_0 of the fault, or that it is unclear.
 
-    ``rises``, ``falls``, ``unclear`` (its interval holds 0) or ``none`` (exactly 0).
+    ``rises``, ``falls``, ``unclear`` (its 95 % interval holds 0) or ``none`` (exactly 0).
     """
     k = surrogate.terms.index(FAULT)
     value, error = surrogate.theta[k], np.sqrt(surrogate.covariance[k, k])
     if value == 0:
         return "none"
-    if surrogate.dof < 1 or abs(value) <= special.stdtrit(surrogate.dof, 0.5 + level / 2) * error:
+    if surrogate.dof < 1 or abs(value) <= special.stdtrit(surrogate.dof, 0.975) * error:
         return "unclear"
     return "rises" if value > 0 else "falls"
 
