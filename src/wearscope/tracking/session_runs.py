@@ -74,7 +74,7 @@ def prepare_runs(dataset: Dataset, frame: Frame) -> tuple[list[PreparedRun], lis
     motion = MovingJoints(frame.moving, frame.top_speed)
     coarse = choose_factor(rate, frame.band.motion, 0.0)
     rough = [make_rough(s, rate, frame.band.motion, coarse, inertia, motion) for s in moves]
-    moves, _ = bridge_gaps(dataset, moves, rough, coarse, frame.moving, notes)
+    moves, _ = bridge_gaps(dataset, moves, rough, coarse, notes)
     factor = round(rate / frame.band.rate)
     runs = [finish_run(s, rate, frame.band, factor, inertia, frame.reversals, motion) for s in moves]
     return leave_out_short(dataset, runs, frame.band, notes), notes

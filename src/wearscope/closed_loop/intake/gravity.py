@@ -23,7 +23,7 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     if not size:
         return
     none = replace(rows, gravity=0.0).products
-    friction = np.nanmean(none.fit().shares[list(heard), 0]) if heard else 0.0
+    friction = np.nanmean(none.fit().friction[list(heard)]) if heard else 0.0
     what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
     told = (
         f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '

@@ -20,7 +20,6 @@ _FALLS = (0.05, 0.3)
 _FALLING = tuple(f"falling {k}" for k in _FALLS)
 DRIVE = ("inertia", "Coulomb", "viscous", *_FALLING, "load", *(f"load {one}" for one in _FALLING))
 FRICTION = slice(1, len(DRIVE))
-_ROTOR = slice(0, 1)
 #: Share of a link's own parameters by which they may differ from the stated ones at a cost of `_COST`
 #: shares of variance, trusted or approximate; share of the robot's mass that every link and the last may
 #: carry undeclared at the same cost.
@@ -151,7 +150,8 @@ class Rows:
     @cached_property
     def products(self) -> "Products":
         """What a fit needs of these rows."""
-        scale, grams = np.zeros(self.n), []
+        deviations = _deviations(self.bodies[0], self.inertials)
+        scale, grams, units = np.zeros(self.n), [], np.append(deviations, np.ones(len(DRIVE) + 2))
         for j, (x, own) in enumerate(self.columns):
             y = self.tau[self.counts[:, j], j]
             y = y - y.mean() if len(y) else y
@@ -162,8 +162,8 @@ class Rows:
             y = self._take_out(y[:, None], j)[:, 0]
             cross = x.T @ y
             gram = np.block([[own, cross[:, None]], [cross[None, :], np.array([[y @ y]])]])
-            grams.append(gram / (len(y) * scale[j] ** 2))
-        return Products(grams, scale, _deviations(self.bodies[0], self.inertials))
+            grams.append(gram * np.outer(units, units) / (len(y) * scale[j] ** 2))
+        return Products(grams, scale, len(deviations))
 
 
 @lru_cache(maxsize=64)
@@ -194,13 +194,13 @@ class Fit:
         Share of each torque's variance; NaN where a joint says nothing.
     cost : float
         Of links that differ from the stated ones.
-    shares : ndarray (n, 2)
-        Share of the variance that friction, and rotors, make.
+    friction : ndarray (n,)
+        Share of the variance that friction makes.
     """
 
     left: np.ndarray
     cost: float
-    shares: np.ndarray
+    friction: np.ndarray
 
     @property
     def total(self) -> float:
@@ -218,12 +218,13 @@ class Products:
         By joint, over the torque's variance; empty where a joint says nothing.
     scale : ndarray (n,)
         Spread of the torques.
-    deviations : ndarray (10 n,)
+    size : int
+        Number of the links' columns, each over what costs `_COST`.
     """
 
     grams: list[np.ndarray]
     scale: np.ndarray
-    deviations: np.ndarray
+    size: int
 
     @property
     def heard(self) -> list[int]:
@@ -240,7 +241,7 @@ class Products:
 
     def run_backwards(self) -> "Products":
         """Products of friction that gives power."""
-        p, d = len(self.deviations), len(DRIVE)
+        p, d = self.size, len(DRIVE)
         sign = np.ones(p + d + 2)
         sign[p : p + d][FRICTION] = -1.0
         return replace(
@@ -249,30 +250,28 @@ class Products:
 
     def fit(self) -> Fit:
         """Fit all joints at once."""
-        n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
+        n, p, d = len(self.grams), self.size, len(DRIVE)
         heard = self.heard
         links = np.diag(np.full(p, _COST))
         cross, drive = np.zeros((p, d * len(heard))), np.zeros((d * len(heard), d * len(heard)))
         right_links, right = np.zeros(p), np.zeros(d * len(heard))
         made = []
         for k, j in enumerate(heard):
-            gram, at = self.grams[j], slice(d * k, d * (k + 1))
-            s = np.concatenate([self.deviations, np.ones(d + 2)])
+            part, at = self.grams[j], slice(d * k, d * (k + 1))
             # Torque less the stated body.
-            last = np.concatenate([np.zeros(p + d), [-1.0, 1.0]])
-            b, part = s * (gram @ last), gram * np.outer(s, s)
+            b = part[:, -1] - part[:, -2]
             links += part[:p, :p]
             cross[:, at] = part[:p, p : p + d]
             drive[at, at] = part[p : p + d, p : p + d]
             right_links += b[:p]
             right[at] = b[p : p + d]
-            made.append((part, b, float(last @ gram @ last)))
+            made.append((part, b, float(b[-1] - b[-2])))
         links += _HELD * float(np.diag(links).max()) * np.eye(p)
         factor = linalg.cho_factor(links)
         solved = linalg.cho_solve(factor, np.column_stack([cross, right_links]))
         found = _solve_non_negative(drive - cross.T @ solved[:, :-1], right - cross.T @ solved[:, -1])
         moved = solved[:, -1] - solved[:, :-1] @ found
-        left, shares = np.full(n, np.nan), np.zeros((n, 2))
+        left, friction = np.full(n, np.nan), np.zeros(n)
         for k, j in enumerate(heard):
             part, b, whole = made[k]
             own = found[d * k : d * (k + 1)]
@@ -280,10 +279,9 @@ class Products:
             # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
             rounding = len(z) * np.finfo(float).eps * whole
             left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, rounding)
-            shares[j] = [
-                own[one] @ part[p : p + d, p : p + d][one, one] @ own[one] for one in (FRICTION, _ROTOR)
-            ]
-        return Fit(left, _COST * float(moved @ moved), shares)
+            rubs = own[FRICTION]
+            friction[j] = rubs @ part[p : p + d, p : p + d][FRICTION, FRICTION] @ rubs
+        return Fit(left, _COST * float(moved @ moved), friction)
 
     @property
     def any_size(self) -> float:
@@ -300,7 +298,7 @@ class Products:
             Torque over what the body needs, negative where the torque is turned round, its friction with it;
             share of the variance that is left with it, and without a body.
         """
-        n, p, d = len(self.grams), len(self.deviations), len(DRIVE)
+        n, p, d = len(self.grams), self.size, len(DRIVE)
         factor, left, without = (np.full(n, np.nan) for _ in range(3))
         for j in self.heard:
             gram = self.grams[j][p:, p:]

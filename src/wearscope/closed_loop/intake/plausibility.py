@@ -253,7 +253,7 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
     """Readings that change no number: torques without friction, and bodies of which nothing is seen."""
     fit, joints = whole.products.fit(), prepared.dataset.joints
     factor, loose, without = whole.products.fit_sizes()
-    link = [joints[j] for j in whole.products.heard if fit.shares[j, 0] < _NO_FRICTION and fit.left[j] < 0.05]
+    link = [joints[j] for j in whole.products.heard if fit.friction[j] < _NO_FRICTION and fit.left[j] < 0.05]
     prepared.link_side = frozenset(link)
     if link:
         prepared.notes.append(
@@ -290,12 +290,8 @@ def _check_limits(prepared: Prepared, run: PreparedRun, stated: np.ndarray) -> N
         widest = max(abs(joint.lower), abs(joint.upper))
         slides = prepared.dataset.position_unit[j] == "m"
         reach = float(np.abs(run.signals.q[:, j]).max())
-        explained = stated[j] <= _DOUBTFUL
-        if (
-            not explained
-            and widest < 0.1 * OPEN_LIMIT
-            and reach > 2.0 * widest + (0.2 if slides else 2 * np.pi)
-        ):
+        beyond = widest < 0.1 * OPEN_LIMIT and reach > 2.0 * widest + (0.2 if slides else 2 * np.pi)
+        if beyond and not stated[j] <= _DOUBTFUL:
             unit, other = ("m", "mm") if slides else ("rad", "degrees")
             told = (
                 f"column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's limits are {joint.lower:.3g} "

@@ -74,7 +74,7 @@ def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared
     edge = choose_motion_cutoff([s.run for s in sources if s.run.use == "train"], rate)
     factor = choose_factor(rate, edge, 0.0)
     rough = [make_rough(s, rate, edge, factor, inertia, motion) for s in sources]
-    sources, rough = bridge_gaps(dataset, sources, rough, factor, motion.moving, notes)
+    sources, rough = bridge_gaps(dataset, sources, rough, factor, notes)
     band = _choose_band(rough, motion.moving, rate, edge, factor)
     reversals = Reversals.over(_choose_widths(rough, motion.moving, band, factor))
     del rough
@@ -133,12 +133,7 @@ def _thin_marks(marked: np.ndarray, factor: int) -> np.ndarray:
 
 
 def bridge_gaps(
-    dataset: Dataset,
-    sources: list[Source],
-    rough: list[RoughRun],
-    factor: int,
-    moving: np.ndarray,
-    notes: list[str],
+    dataset: Dataset, sources: list[Source], rough: list[RoughRun], factor: int, notes: list[str]
 ) -> tuple[list[Source], list[RoughRun]]:
     """Find clipped torques and bridge all that are no measurements, along the rough model's prediction.
 
@@ -166,21 +161,16 @@ def bridge_gaps(
         tau = bridge_torque(source.run.tau, predicted, faulty)
         bridged.append(replace(source, run=replace(source.run, tau=tau), faulty=faulty))
         seen.append(replace(run, tau=decimate(tau, factor), faulty=_thin_marks(faulty, factor)))
-    _check_share(dataset, bridged, seen, factor, moving, notes)
+    _check_share(dataset, bridged, seen, factor, notes)
     return bridged, seen
 
 
 def _check_share(
-    dataset: Dataset,
-    sources: list[Source],
-    runs: list[RoughRun],
-    factor: int,
-    moving: np.ndarray,
-    notes: list[str],
+    dataset: Dataset, sources: list[Source], runs: list[RoughRun], factor: int, notes: list[str]
 ) -> None:
     """Refuse a joint of whose training torque in motion too much is clipped or frozen: the rest is biased."""
     count, faulty = np.zeros((2, len(dataset.joints)))
-    never = np.zeros(len(dataset.joints), dtype=bool)
+    never, moves = np.zeros((2, len(dataset.joints)), dtype=bool)
     for source, run in zip(sources, runs, strict=True):
         if run.use == "train":
             off = np.zeros_like(source.faulty) if source.run.off is None else source.run.off
@@ -190,10 +180,11 @@ def _check_share(
             count += ~silent * asked.sum(axis=0)
             faulty += ~silent * lost
             never |= silent
+            moves |= ~run.slow.all(axis=0)
     share = np.where(never & (count == 0), 1.0, faulty / np.maximum(count, 1.0))
     readings = dataset.fields.readings()
-    for joint, part, moves in zip(dataset.joints, share, moving, strict=True):
-        if moves and part > _MOST_FAULTY and readings[joint] != "none":
+    for joint, part in zip(dataset.joints, share * moves, strict=True):
+        if part > _MOST_FAULTY and readings[joint] != "none":
             limited = "" if dataset.fields.robot.torque_limit is None else "correct robot.torque_limit, "
             told = (
                 f"'tau_{joint}' is clipped or frozen in {100 * part:.0f} % of the train runs; {limited}"

@@ -120,37 +120,25 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
 
 def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, read: Products) -> Reading:
     """One sentence about all columns that are turned round."""
+    every = not positions.any() and torques[asked.rows.products.heard].all()
+    axis = "the URDF's axis"
+    groups: list[tuple[np.ndarray, tuple[str, ...], str]]
+    groups = [(torques & ~positions, ("tau",), "what the motion needs"), (positions & ~torques, ("q",), axis)]
     both = np.flatnonzero(torques & positions)
-    parts, codes, columns = [], [], []
-    heard = np.isin(np.arange(len(torques)), asked.rows.products.heard)
-    if not positions.any() and torques[heard].all():
-        names = asked.names(np.flatnonzero(torques))
-        verb = "have" if len(names) > 1 else "has"
-        told = f"{say_columns(names)} {verb} the opposite sign of what the motion needs"
-        parts, codes, columns = [told], ["sign tau"], names
-    else:
-        alone = asked.names(np.flatnonzero(torques & ~positions))
-        if alone:
-            noun = "columns" if len(alone) > 1 else "column"
-            verb = "have" if len(alone) > 1 else "has"
-            parts.append(f"{noun} {say_columns(alone)} {verb} the opposite sign of what the motion needs")
-            codes += [f"sign {name}" for name in alone]
-            columns += alone
-        single = asked.names(np.flatnonzero(positions & ~torques), "q")
-        if single:
-            noun, verb = ("columns", "have") if len(single) > 1 else ("column", "has")
-            parts.append(f"{noun} {say_columns(single)} {verb} the opposite sign of the URDF's axis")
-            codes += [f"sign {name}" for name in single]
-            columns += single
-        for j in both.tolist():
-            names = [f"q_{asked.joints[j]}", f"tau_{asked.joints[j]}"]
-            parts.append(f"columns {say_columns(names)} have the opposite sign of the URDF's axis")
-            codes.append(f"sign {' '.join(names)}")
-            columns += names
+    groups += [(np.arange(len(torques)) == j, ("q", "tau"), axis) for j in both]
+    parts, codes, columns = [], ["sign tau"] if every else [], []
+    for some, kinds, of_what in groups:
+        names = [f"{kind}_{asked.joints[j]}" for j in np.flatnonzero(some) for kind in kinds]
+        if not names:
+            continue
+        noun, verb = ("columns ", "have") if len(names) > 1 else ("column ", "has")
+        parts.append(f"{'' if every else noun}{say_columns(names)} {verb} the opposite sign of {of_what}")
+        if not every:
+            codes += [f"sign {' '.join(names)}"] if len(kinds) > 1 else [f"sign {name}" for name in names]
+        columns += names
     hint = f"; {_SIGN_HINT}" if (torques & ~positions).any() else ""
     told = f'{", and ".join(parts)}{hint}; write "turned: [{", ".join(columns)}]" in dataset.yaml.'
-    joints = np.flatnonzero(torques | positions)
-    return Reading(told, tuple(codes), tuple(joints.tolist()), read)
+    return Reading(told, tuple(codes), tuple(np.flatnonzero(torques | positions).tolist()), read)
 
 
 def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
@@ -170,11 +158,8 @@ def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
             single.append(_find_delay(asked, at))
     if np.mean(np.abs(np.array(single) - delay) < _ALIKE_DELAY) < 0.75:
         return
-    late = "late" if delay > 0 else "early"
-    told = (
-        f"the torque channels come {1000 * abs(delay):.0f} ms {late} against the positions; align the "
-        "channels, or declare time_delay."
-    )
+    told = f"the torque channels come {1000 * abs(delay):.0f} ms {'late' if delay > 0 else 'early'} against "
+    told += "the positions; align the channels, or declare time_delay."
     read = rows.pick(inside).with_torques(asked.torque_at(delay)[inside])
     yield Reading(told, ("late tau",), heard, read.products, True)
 
