@@ -55,7 +55,7 @@ def make_table(seed: int, rows: int = 1000) -> pd.DataFrame:
     columns = {"t": t, "fan": t}
     for k in (1, 2):
         columns[f"q_j{k}"] = np.sin((2 + k + seed) * t)
-        columns[f"tau_j{k}"] = columns[f"current_j{k}"] = 5.0 * np.cos(3 * k * t) + noise[k]
+        columns[f"tau_j{k}"] = columns[f"current_j{k}"] = 5.0 * np.cos((2 + k + seed) * t) + noise[k]
     return pd.DataFrame(columns)
 
 
