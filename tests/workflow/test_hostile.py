@@ -1,8 +1,8 @@
 """Whatever files from someone else hold, a command ends soon, in a result or one sentence, and runs no code.
 
-Each command is a process with bounds. Fifty inputs a command run with the rest of the tests (two of slow commands,
-which get their fifty with `make test-slow`), and 2,000 with `make test-kills`. Every input is made from its
-number alone, so that one that fails can be made again.
+Each command is a process with bounds. Fifty inputs a command run with the rest of the tests (two of slow
+commands, which get their fifty with `make test-slow`), and 2,000 with `make test-kills`. Every input is made
+from its number alone, so that one that fails can be made again.
 """
 
 import os
