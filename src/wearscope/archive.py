@@ -29,6 +29,7 @@ from typing import IO, Any
 import pandas as pd
 import yaml
 
+from wearscope import limits
 from wearscope.archives.code import read_settings, refuse_code
 from wearscope.archives.comparison import compare_archives, list_results
 from wearscope.archives.crate import describe_crate
@@ -50,7 +51,7 @@ from wearscope.archives.members import as_content, describe_checksum, walk_archi
 from wearscope.checksums import record_checksums
 from wearscope.config import drop_retired
 from wearscope.errors import InputError, escape_text
-from wearscope.files import digest_file, explain_unwritten, write_text, write_whole
+from wearscope.files import check_plain, digest_file, explain_unwritten, write_new, write_text, write_whole
 from wearscope.processes import end_process
 from wearscope.provenance import describe_provenance
 
@@ -198,9 +199,18 @@ def restore_archive(
     changed = [
         name
         for name, digest in sorted({**manifest.code.files, **manifest.inputs}.items())
-        if not (root / name).is_file() or digest_file(root / name) != digest
+        if not _is_as(root / name, digest)
     ]
     return manifest, folder, refused, changed
+
+
+def _is_as(path: Path, digest: str) -> bool:
+    """Whether a file that an archive names, which may be any of the machine's, has a digest."""
+    try:
+        check_plain(path, limits.TEXT_BYTES, "")
+        return digest_file(path) == digest
+    except (InputError, OSError):
+        return False
 
 
 def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lambda _: None) -> Manifest:
@@ -261,7 +271,7 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     # Logs and timings are no job's output: they are written over without a word.
     left = ("logs/", "benchmarks/")
     outputs = [name for name in manifest.files if is_brought(name) and not name.startswith(left)]
-    record_checksums(place, [place / name for name in outputs])
+    record_checksums(place, [place / name for name in outputs], write=write_new)
     now = time.time()
     for file in place.rglob("*"):
         os.utime(file, (now, now))
@@ -342,10 +352,10 @@ def _tell_restored(
         told = f"{folder / CONFIG}: names code, which is refused ({'; '.join(refused)})"
         print(InputError(f"{told}; read it, and restore with --allow-code to let it run."))
     if changed:
+        names = ", ".join([*map(show, changed[:3]), *(["..."] if len(changed) > 3 else [])])
         print(
-            f"{len(changed)} files of code or input are not as they were ({', '.join(changed[:3])}"
-            f"{', ...' if len(changed) > 3 else ''}); for the same bytes use wearscope "
-            f"{manifest.code.wearscope}, commit {manifest.code.commit or 'unknown'}"
+            f"{len(changed)} files of code or input are not as they were ({names}); for the same bytes use "
+            f"wearscope {show(manifest.code.wearscope)}, commit {show(manifest.code.commit or 'unknown')}"
         )
     print(f"one stage again, e.g.: snakemake snr --cores 2 --configfile {folder / CONFIG} -R compute_snr")
 

@@ -140,6 +140,12 @@ def open_new(path: str | Path) -> IO[str]:
     return path.open("x", encoding="utf-8")
 
 
+def write_new(path: str | Path, text: str) -> None:
+    """Write a text file as `open_new` opens it, where nobody looks before all is written."""
+    with open_new(path) as file:
+        file.write(text)
+
+
 def load_json(text: str | bytes, **options: Any) -> Any:
     """Content of a JSON text that what works on it, level by level, can go through, and write again.
 

@@ -262,6 +262,12 @@ def test_what_no_joint_has_is_told(tmp_path, section, change, told):
     assert any(told in one for one in found.problems)
 
 
+def test_a_joint_that_is_named_twice_is_told_once(tmp_path):
+    assert not spoil(tmp_path, lambda f: f["robot"].update(joints=f["robot"]["joints"][:1] * 2))
+    found = check_dataset(tmp_path / "arm").problems
+    assert sum("robot.joints names a joint twice" in one for one in found) == 1
+
+
 def test_a_constant_recording_is_told(tmp_path):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     file = tmp_path / "arm" / "runs" / "sweeps.parquet"
@@ -401,6 +407,15 @@ def test_what_is_shown_steers_no_terminal(tmp_path):
         outcome = call("show", tmp_path / name)
         assert outcome.exit_code == 0 and outcome.output.replace("\n", "").isprintable(), name
         assert "own" in outcome.output
+
+
+@pytest.mark.parametrize("name", ["/none", "a**b", "**", "[ab]", "?", "x" * 5000, "", "../a"])
+def test_a_name_that_is_shown_is_no_pattern(tmp_path, name):
+    """So that what was named is shown, or nothing."""
+    (tmp_path / "results").mkdir()
+    pq.write_table(pa.table({"x": [1]}), tmp_path / "results" / "a.parquet")
+    told = str(call("show", name, "--in", tmp_path / "results").exception)
+    assert "there is no table or figure" in told and len(told) < 1000
 
 
 def test_what_cannot_be_shown_ends_in_one_sentence(tmp_path):

@@ -77,6 +77,7 @@ def test_words_are_completed(monkeypatch):
         (["new", "effect", "coulomb"], "is the platform's own"),
         (["new", "cycle", "c", "--via", "a b"], "holds other than numbers"),
         (["new", "cycle", "c", "--via", "30 10"], "say --unit rad or deg"),
+        (["new", "study", "s", "--detector", "="], "--detector =: names none"),
         (["new", "study", "s", "--robot", "none"], "robot 'none': no such model file"),
         (["new", "dataset", "none.csv", "--urdf", "none.urdf"], "none.urdf: no such file"),
     ],

@@ -428,3 +428,11 @@ def test_velocities_may_be_left_out(truth, tmp_path):
 def test_truth_values_are_no_time():
     with pytest.raises(InputError, match="t: holds truth values, no times"):
         to_seconds(pd.Series([True, False]), "t")
+
+
+def test_what_is_named_twice_is_told(truth, tmp_path):
+    table(truth, "t", "q{}", "tau{}").to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="column 'q1' is taken for two things"):
+        convert(tmp_path / "log.csv", patterns={"torque": "q*"})
+    with pytest.raises(InputError, match="--joints names a joint twice"):
+        convert_recordings([tmp_path / "log.csv"], URDF, Mapped(joints=JOINTS[:1] * 2))

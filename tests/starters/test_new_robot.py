@@ -150,6 +150,7 @@ def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):
         ({"rotor_inertia": [1e-4]}, "give --gear-ratio with it"),
         ({"payload": -1.0}, "--payload -1"),
         ({"joints": ["elbow"]}, "has no joint 'elbow'"),
+        ({"joints": ["j2", "j1"]}, "name each once, from the base on: j1,j2"),
         ({"speed_limit": [float("nan")]}, "--speed-limit"),
         ({"speed_limit": [0.0]}, "--speed-limit"),
         ({"torque_limit": [0.0]}, "--torque-limit"),

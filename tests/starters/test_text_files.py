@@ -9,6 +9,7 @@ from wearscope.starters.columns import find_groups
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
+from wearscope.starters.text_files import read_text
 
 T = np.arange(0.0, 14.0, 0.01)
 Q = np.column_stack([0.4 * np.sin(T), 0.3 * np.cos(2.0 * T)])
@@ -130,3 +131,30 @@ def test_a_row_of_units_is_obeyed(tmp_path):
         np.testing.assert_allclose(made[f"q_{joint}"][:n], Q[:n, k], atol=1e-7)
         np.testing.assert_allclose(made[f"qd_{joint}"][:n], v[:n, k], atol=1e-7)
         np.testing.assert_allclose(made[f"tau_{joint}"][:n], TAU[:n, k], atol=1e-6)
+
+
+@pytest.mark.parametrize("end", ["\x0b", "\x0c", "\u0085", "\u2028"])
+def test_lines_that_no_table_ends_are_one_line(tmp_path, end):
+    """Python splits texts there, pandas does not."""
+    (tmp_path / "a.csv").write_text(end.join(["t,q", *(f"{k},1" for k in range(99))]), encoding="utf-8")
+    with pytest.raises(InputError, match="is a single line"):
+        read_text(tmp_path / "a.csv")
+
+
+def test_names_without_a_row_are_told(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q\n\nt,q\n")
+    with pytest.raises(InputError, match="holds no row of numbers"):
+        read_text(tmp_path / "a.csv")
+
+
+def test_a_row_that_is_longer_than_the_others_loses_no_value_silently(tmp_path):
+    rows = [f"{k},1,2" for k in range(60)]
+    for where in (0, 1, 30, 59):
+        longer = [f"{row},7,8" if k == where else row for k, row in enumerate(rows)]
+        (tmp_path / "a.csv").write_text("\n".join(["t,q,tau", *longer]))
+        try:
+            frame, _ = read_recording(tmp_path / "a.csv")
+        except InputError as error:
+            assert "cannot be read as a table" in str(error)
+        else:
+            assert 7 in frame.to_numpy() and 8 in frame.to_numpy()

@@ -250,6 +250,21 @@ def test_no_archive_brings_code_or_odd_names(tmp_path, name, capsys):
         assert (folder / "a.json").is_file() and not (folder / name).exists()
 
 
+@pytest.mark.parametrize("name", ["/proc/self/mem", "/dev/zero", "a\0b", "a" * 5000, "\x1b[2J"])
+def test_files_that_an_archive_names_are_looked_at_with_bounds(tmp_path, name, capsys):
+    """Its inputs may be any path of the machine, and are told as they can be read."""
+    path = tmp_path / "a.tar"
+    fields = make_manifest(format=2, inputs={name: "0" * 64}, files={})
+    fields["code"] |= {"commit": "\x1b]0;x\x07"}
+    content = json.dumps(fields).encode()
+    digest = f"{hashlib.sha256(content).hexdigest()}  MANIFEST.json\n".encode()
+    write(path, ("MANIFEST.json", content), ("MANIFEST.sha256", digest))
+    assert archive.main(["restore", str(path), str(tmp_path / "root")]) == 0
+    said = capsys.readouterr().out
+    assert "1 files of code or input are not as they were" in said
+    assert said.replace("\n", "").isprintable() and len(said) < 2000
+
+
 def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):
     config = {
         "study": "tiny", "seed": 0, "cycles": ["point_to_point", "evil.py"], "allow_code": True,

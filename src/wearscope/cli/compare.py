@@ -48,7 +48,7 @@ def compare(a, b, everything, page, opened):  # type: ignore[no-untyped-def]
         from wearscope import tables
 
         tables.write_text(page, html())
-        click.echo(str(page))
+        click.echo(escape_text(str(page)))
         if opened:
             click.launch(str(page))
 

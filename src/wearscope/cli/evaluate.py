@@ -24,6 +24,7 @@ def evaluate(model, dataset, out, allow_code):  # type: ignore[no-untyped-def]
     """
     from wearscope.cli.show import print_table
     from wearscope.cli.tables import format_value
+    from wearscope.errors import escape_text
     from wearscope.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
@@ -41,4 +42,4 @@ def evaluate(model, dataset, out, allow_code):  # type: ignore[no-untyped-def]
     print_table(headers, rows)
     if out is not None:
         errors.write(out)
-        click.echo(str(out))
+        click.echo(escape_text(str(out)))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 
 
 @click.command()
@@ -31,6 +31,6 @@ def history(folder, opened):  # type: ignore[no-untyped-def]
     print_table(("when", "what", "name", "answer"), rows)
     page = folder / "history.html"
     tables.write_text(page, render_history(folder, found))
-    click.echo(str(page))
+    click.echo(escape_text(str(page)))
     if opened:
         click.launch(str(page))

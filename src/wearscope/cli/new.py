@@ -61,6 +61,8 @@ def study(name, robots, cycles, detectors, large):  # type: ignore[no-untyped-de
         key, equals, use = one.partition("=")
         if not equals:
             key, use = Path(one).stem, one
+        if not (key and use):
+            raise InputError(f"--detector {one}: names none; write --detector NAME=USE.")
         used[key] = use
     for note in write_study(name, robots or ("medium",), cycles, used, large):
         click.echo(note)

@@ -112,5 +112,6 @@ def _report(target: Path, figures) -> None:  # type: ignore[no-untyped-def]
     )
     if found.problems:
         raise InputError(
-            f"{target}: does not pass its own check; state the figures above by options, and try again."
+            f"{target}: does not pass its own check; correct its model.yaml, or remove the folder and state "
+            "the figures above by options."
         )

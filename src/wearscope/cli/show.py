@@ -1,5 +1,6 @@
 """Tables and figures in the terminal."""
 
+import glob
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,16 +55,25 @@ def find_item(name: str, folder: Path) -> Path:
         Where there is none.
     """
     for path in (Path(name), folder / name):
-        if path.is_file():
+        if _is_file(path):
             return path
-    for pattern in (f"{name}.parquet", f"*/{name}.parquet", f"figures/{name}.png", f"**/{name}.parquet"):
+    plain = glob.escape(name.lstrip("/"))
+    patterns = (f"{plain}.parquet", f"*/{plain}.parquet", f"figures/{plain}.png", f"**/{plain}.parquet")
+    for pattern in patterns if len(name.encode()) < limits.NAME else ():
         found = sorted(folder.glob(pattern))
         if found:
             return found[0]
     there = (
         ", ".join(sorted({file.stem for file in list_items(folder)})) or "nothing yet; run the study first"
     )
-    raise InputError(f"{folder}: there is no table or figure '{name}'; there are {there}.")
+    raise InputError(f"{folder}: there is no table or figure '{name[:80]}'; there are {there}.")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that no file has
+        return False
 
 
 def list_items(folder: Path) -> list[Path]:
@@ -100,7 +110,7 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
     """
     from wearscope.cli.tables import frame_rows, read_frame
 
-    given = item is not None and Path(item).is_file()
+    given = item is not None and _is_file(Path(item))
     folder = Path() if given else find_results(place)
     if item is None:
         _list(folder)
@@ -155,4 +165,4 @@ def _draw(path: Path) -> None:
             colours = (f"rgb({','.join(map(str, pixels[row, x].tolist()))})" for row in (top, top + 1))
             line.append("▀", style=" on ".join(colours))
         console.print(line)
-    click.echo(str(path))
+    click.echo(escape_text(str(path)))

@@ -68,6 +68,8 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
             raise InputError(
                 f"{urdf}: has no joint '{name}'; its movable joints are {', '.join(movable_joints(tree))}."
             )
+    if len(set(joints)) < len(joints):
+        raise InputError(f"{urdf}: --joints names a joint twice; name each once.")
     ordered = [known[name] for name in joints]
     prismatic = [joint.kind == "prismatic" for joint in ordered]
     notes: list[str] = []
@@ -127,7 +129,10 @@ def _convert(
     joints = [joint.name for joint in ordered]
     groups = choose_groups(file, [str(c) for c in frame.columns], joints, mapped)
     t, rows = _read_time(file, frame, mapped, notes)
-    used = [column for group in groups.values() for column in group.columns]
+    used = [column for group in groups.values() for column in dict.fromkeys(group.columns)]
+    again = [column for column in dict.fromkeys(used) if used.count(column) > 1]
+    if again:
+        raise InputError(f"{file}: column '{again[0]}' is taken for two things; name others by options.")
     table = frame.iloc[rows].reset_index(drop=True)
     numbers = table[used].apply(pd.to_numeric, errors="coerce")
     whole = numbers.notna().all(axis=1).to_numpy()

@@ -59,8 +59,10 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
             return read_text(path)
     except (InputError, MemoryError):
         raise
-    except (OSError, ValueError, UnicodeError, csv.Error, pa.ArrowException) as error:
+    except (OSError, ValueError, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
         told = " ".join(str(error).split())[:200].rstrip(".")
+        if told.endswith("out of memory"):  # as pandas says it
+            raise MemoryError from None
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(
         f"{path}: is no recording that is known; give {', '.join(_TEXT)}, .parquet, .mcap or a bag."

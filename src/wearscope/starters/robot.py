@@ -112,6 +112,9 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
     tree = parse_urdf(urdf)
     joints = list(stated.joints) or movable_joints(tree)
     text = normalise_urdf(urdf, joints)
+    chain = [joint for joint in movable_joints(tree) if joint in joints]
+    if joints != chain:
+        raise InputError(f"{urdf}: --joints: name each once, from the base on: {','.join(chain)}.")
     found = {joint.name: joint for joint in tree.joints}
     ordered = [found[joint] for joint in joints]
     n = len(joints)

@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     """Table of a text file, with notes on how it was read; `InputError` where it is none."""
     encoding = _find_encoding(path)
     with path.open(encoding=encoding) as file:
-        lines = file.read(_HEAD).splitlines()[:_LOOK]
+        lines = file.read(_HEAD).split("\n", _LOOK)[:_LOOK]
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         what = "a single line" if filled else "empty"
@@ -46,19 +47,23 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
         raise InputError(f"{path}: {told}; leave out what is unused.")
     names, units, notes = _name_columns(path, layout)
     point = "," if layout.separator != "," and _has_decimal_commas(lines[layout.begin :]) else "."
-    frame = pd.read_csv(
-        path,
-        sep=r"\s+" if layout.separator == " " else layout.separator,
-        decimal=point,
-        encoding=encoding,
-        comment="#",
-        header=None,
-        names=list(range(len(names))),
-        skiprows=layout.begin,
-        index_col=False,
-        skipinitialspace=True,
-        low_memory=False,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # values that no name has
+        frame = pd.read_csv(
+            path,
+            sep=r"\s+" if layout.separator == " " else layout.separator,
+            decimal=point,
+            encoding=encoding,
+            comment="#",
+            header=None,
+            names=list(range(len(names))),
+            skiprows=layout.begin,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    if not len(frame):
+        raise InputError(f"{path}: holds no row of numbers; record it again, or leave it out.")
     for column in frame.columns:
         if not pd.api.types.is_numeric_dtype(frame[column]):
             frame[column] = _to_numbers(frame[column], point)

@@ -122,12 +122,13 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     frame = read_columns(path)
     t = take_column(path, frame, "t")
     told = check_clock(str(path), t, fields.sample_rate)
-    uncounted = [f"tau_{joint}" for joint, reading in fields.readings().items() if reading == "none"]
-    frame = frame.assign(**dict.fromkeys(set(uncounted) - set(frame.columns), 0.0))
+    uncounted = [fields.readings()[joint] == "none" for joint in joints]
+    named = {f"tau_{joint}" for joint, one in zip(joints, uncounted, strict=True) if one}
+    frame = frame.assign(**dict.fromkeys(named - set(frame.columns), 0.0))
     q = take_joints(path, frame, "q", joints)
     torque = take_torques(path, frame, joints, fields.servos, t, q)
     off = np.zeros(q.shape, dtype=bool) if torque.off is None else torque.off.copy()
-    off[:, [reading == "none" for reading in fields.readings().values()]] = True
+    off[:, uncounted] = True
     speed = take_given(path, frame, "qd", joints)
     way = {
         kind: np.array([-1.0 if f"{kind}_{joint}" in fields.turned else 1.0 for joint in joints])
