@@ -75,6 +75,9 @@ def test_written_and_shown(worn, tmp_path):
     assert "runs/r6.parquet (day 6): alarm." in page
     assert "is of another motion" in page and 'id="axis-chart"' in page
     assert "Than in the nominal recordings" in page
+    # Each row of the tables follows the page's filters.
+    rows = page.count("<tr data-cell=")
+    assert rows == page.count("<tr ") and rows >= (worn.detection["kind"] == "judged").sum()
 
 
 def test_on_the_common_axis_the_threshold_is_one_and_the_simulated_median_zero(worn):

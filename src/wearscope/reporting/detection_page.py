@@ -37,6 +37,8 @@ _BADGES = {
     "withheld": "unsure",
     "failed": "neutral",
 }
+#: Columns of the tables, by the page's filters that they follow.
+_FILTERS = {"motion": "motion", "joint": "joint", "detector": "fda"}
 #: Rows of a table that is shown unfolded.
 _MOST_SHOWN = 40
 
@@ -88,7 +90,8 @@ def _outcome(found: Detections) -> Markup:
 
 
 def _fold(rows: Sequence[Mapping[Any, Any]], caption: str, summary: str) -> Markup:
-    table = render_table(rows, caption)
+    by = {name: key for name, key in _FILTERS.items() if rows and name in rows[0]}
+    table = render_table(rows, caption, filter_by=by)
     if len(rows) <= _MOST_SHOWN:
         return table
     return render_part(folded=[(summary, False, table)])

@@ -20,6 +20,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
+from wearscope.reporting.sections.base import JOINT
 from wearscope.reporting.strips import tracking_strip
 from wearscope.reporting.tracking import Tracking, read_tracking
 
@@ -102,7 +103,7 @@ def _friction(tracking: Tracking) -> Markup:
     ]
     if not trends:
         return chart
-    return chart + render_table(trends, "Straight line through the later sessions.")
+    return chart + render_table(trends, "Straight line through the later sessions.", filter_by=JOINT)
 
 
 def _wear(tracking: Tracking) -> Markup:
@@ -128,7 +129,7 @@ def _wear(tracking: Tracking) -> Markup:
         "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
         "study or one side of the target reevaluate."
     )
-    return render_table(records, caption)
+    return render_table(records, caption, filter_by=JOINT)
 
 
 def _sessions(tracking: Tracking) -> Markup:
@@ -166,5 +167,5 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
     )
     return render_part(
         told=[("", text)],
-        parts=[render_table(records, "Terms of the healthy model.")],
+        parts=[render_table(records, "Terms of the healthy model.", filter_by=JOINT)],
     )

@@ -156,7 +156,7 @@ const wearscope = (() => {
   function tellShown(chart) {
     const shown = chart.definition.single.filter((key) => settings.filters?.some((one) => one.key === key));
     const text = shown.map((key) => label(key, chart.asked[key])).join(" · ");
-    const picked = shown.every((key) => state[key]);
+    const picked = shown.every((key) => state[key] || !document.querySelector(`.filters [name="${key}"]`));
     chart.shown.textContent = !text ? "" : picked ? text : `${text} (choose others at the top)`;
     const empty = Object.keys(chart.definition.sources).every((name) => rowsFor(chart, name).length === 0);
     chart.figure.classList.toggle("empty", empty);
