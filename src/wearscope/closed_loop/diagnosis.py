@@ -32,7 +32,7 @@ from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
 from wearscope.closed_loop.selection.evidence import Found
-from wearscope.closed_loop.selection.limits import find_limits, tell_doubtful, tell_limits
+from wearscope.closed_loop.selection.limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
@@ -216,9 +216,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
     proposed, kept = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
-    sets = list(zip(answer.equivalent, found, strict=True))
-    equivalent = [names for names, f in sets if f in kept]
-    doubtful = [tell_doubtful(f, names, prepared.dataset.joints) for names, f in sets if f not in kept]
+    equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
     found = kept
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
@@ -239,7 +237,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     limits = find_limits(search, found)
-    notes = tell_loads(prepared, predicted) + doubtful + tell_limits(limits, prepared.dataset.joints)
+    notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
     notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "

@@ -61,22 +61,13 @@ def say_limit(share: float) -> str:
 
 
 def tell_limits(limits: Sequence[dict[str, float]], joints: Sequence[str]) -> list[str]:
-    """A sentence for each joint at which a large effect gets no name."""
-    sentences = []
-    for joint, own in zip(joints, limits, strict=True):
-        large = [f"{name} below {say_limit(one)}" for name, one in own.items() if one > LARGE]
-        if large:
-            sentences.append(
-                f"{joint}: on these runs friction, refitted masses and noise can hide effects, which then "
-                f"get no name. In shares of the joint's torque (RMS): {', '.join(large)}."
-            )
-    return sentences
-
-
-def tell_doubtful(f: Found, equivalent: Sequence[str], joints: Sequence[str]) -> str:
-    """A sentence on a name that held-out runs ask for and whose size may be zero next to the other terms."""
-    names = " or ".join([f.effect.name, *equivalent])
-    return (
-        f"{joints[f.joint]}: {names} predicts held-out runs better, but may be zero next to the other terms "
-        "of the model, which can take its place. These runs do not tell them apart."
-    )
+    """A sentence on joints at which a large effect gets no name; none where there is no such joint."""
+    where = [
+        joint for joint, own in zip(joints, limits, strict=True) if max(own.values(), default=0.0) > LARGE
+    ]
+    if not where:
+        return []
+    return [
+        f"{', '.join(where)}: on these runs friction, refitted masses and noise can hide effects of more "
+        f"than {say_limit(LARGE)} of the torque (RMS). detection_limit_percent in verdict.json lists them."
+    ]
