@@ -1,9 +1,9 @@
 """How large an input may be that comes from someone else; each sentence that refuses one names the limit."""
 
 #: Largest YAML file [bytes], most values in it, deepest nesting, longest number [characters].
-YAML_BYTES, YAML_VALUES, YAML_DEPTH, NUMBER_LENGTH = 2_000_000, 200_000, 40, 40
+YAML_BYTES, YAML_VALUES, YAML_DEPTH, NUMBER_LENGTH = 2_000_000, 120_000, 40, 40
 #: Largest JSON file that is shown or read as a verdict [bytes], and its deepest nesting.
-JSON_BYTES, JSON_DEPTH = 100_000_000, 100
+JSON_BYTES, JSON_DEPTH = 30_000_000, 100
 #: Largest text file of another kind, such as a URDF [bytes]; most links and joints of a URDF.
 TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
@@ -11,12 +11,12 @@ TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
 #: Most memory that reading one recording may take, largest description in a Parquet file [bytes].
 READING_BYTES, FOOTER_BYTES = 1_500_000_000, 10_000_000
 #: Most joints of a data set or robot, most runs and other entries of a list of a data set.
-JOINTS, RUNS, ENTRIES = 60, 2000, 2000
+JOINTS, RUNS, ENTRIES = 40, 2000, 2000
 #: Most entries of a list of a configuration, largest whole number in it, longest text.
 LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 #: No number of a machine is larger; products of a few such still have a value.
 NUMBER = 1e30
-#: Heaviest payload [kg], longest distance in it [m].
+#: Heaviest payload or link [kg], longest distance in a payload [m].
 MASS, LENGTH = 1e6, 1e3
 #: Largest gear ratio, inertia of a rotor at its joint [kg m^2], and torque of a joint [N m].
 GEAR_RATIO, INERTIA, TORQUE = 1e6, 1e6, 1e9

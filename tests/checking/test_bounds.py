@@ -83,7 +83,7 @@ def spoil(tmp_path, change):
     ("change", "told"),
     [
         (lambda f: f.update(runs=f["runs"] * 600), "at most 2000 items"),
-        (lambda f: f["robot"].update(joints=[f"j{k}" for k in range(61)]), "at most 60 items"),
+        (lambda f: f["robot"].update(joints=[f"j{k}" for k in range(41)]), "at most 40 items"),
         (lambda f: f["runs"][0].update(payload={"mass": 1e300}), "less than or equal to"),
         (lambda f: f["runs"][0].update(payload={"mass": 1.0, "com": [1e20, 0, 0]}), "less than or equal to"),
         (lambda f: f.update(declared_effects=["viscous"] * 3000), "at most 2000 items"),
@@ -419,6 +419,9 @@ def test_a_name_that_is_shown_is_no_pattern(tmp_path, name):
 
 
 def test_what_cannot_be_shown_ends_in_one_sentence(tmp_path):
+    (tmp_path / "large.json").touch()
+    os.truncate(tmp_path / "large.json", limits.JSON_BYTES + 1)
+    assert "is larger than 30 MB" in str(call("show", tmp_path / "large.json").exception)
     (tmp_path / "deep.json").write_text("[" * 900 + "]" * 900)
     (tmp_path / "text.json").write_text('"x"')
     (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 100)

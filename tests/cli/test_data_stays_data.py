@@ -167,6 +167,19 @@ def test_code_of_a_study_that_nobody_named_is_refused(tmp_path, monkeypatch):
     assert "config.yaml names runs: evil.py." in outcome.output
 
 
+def test_a_check_says_which_code_of_a_study_runs_and_runs_none_that_nobody_named(tmp_path, monkeypatch):
+    (tmp_path / "config").mkdir()
+    settings = yaml.safe_load((find_home() / "config" / "quick.yaml").read_text()) | {"cycles": ["own.py"]}
+    (tmp_path / "config" / "config.yaml").write_text(yaml.safe_dump(settings))
+    (tmp_path / "own.py").write_text(f"print('ran')\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    outcome = CliRunner().invoke(wearscope, ["check"])
+    assert "names code that would run (own.py)" in str(outcome.exception)
+    assert not (tmp_path / "ran").exists()
+    outcome = CliRunner().invoke(wearscope, ["check", "."])
+    assert outcome.output.index("config.yaml names runs: own.py.") < outcome.output.index("ran\n")
+
+
 @pytest.mark.parametrize(
     ("settings", "code"),
     [

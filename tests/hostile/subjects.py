@@ -95,7 +95,7 @@ SUBJECTS = {
     "check dataset": Subject(_DATA_SET, _DATA, "check data"),
     "check servo": Subject(lambda f: write_dataset(f / "data", True), _DATA[:1], "check data"),
     "check robot": Subject(_write(arm=write_robot), _ARM, "check arm"),
-    "check study": Subject(write_study, ("config/config.yaml",), "check ."),
+    "check study": Subject(write_study, ("config/config.yaml",), "check"),
     **{f"check {kind}": Subject(lambda f, kind=kind: write_own(f, kind), ("own.py",), "check own.py")
        for kind in ("detector", "effect", "cycle")},
     **{name: Subject(_DATA_SET, _DATA, f"{name} data -n") for name in ("diagnose", "track", "detect")},

@@ -378,3 +378,21 @@ def test_more_joints_than_a_robot_has_are_refused():
     )
     with pytest.raises(InputError, match=f"{n} joints move, more than {limits.JOINTS}; name those"):
         normalise_urdf(f'<robot name="x"><link name="l0"/>{links}</robot>')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('value="1"', 'value="1e29"', r"has the mass 1e\+29 kg"),
+        ('"j1"', '"a&#x202e;b"', "is named with a control character"),
+    ],
+)
+def test_what_no_robot_has_is_refused(old, new, told):
+    text = (
+        '<robot name="x"><link name="l0"/><link name="l1"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1"/></inertial></link><joint name="j1" type="continuous">'
+        '<parent link="l0"/><child link="l1"/></joint></robot>'
+    )
+    assert normalise_urdf(text)
+    with pytest.raises(InputError, match=told):
+        normalise_urdf(text.replace(old, new))

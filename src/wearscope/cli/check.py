@@ -27,7 +27,7 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
       wearscope check my_cycle.py --robot arm
     """
     wrong = 0
-    for thing in things or (".",):
+    for thing in things or (None,):
         found = inspect(thing, allow_code, robots)
         for note in found.notes:
             click.echo(f"  {note}")
@@ -45,7 +45,7 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
         sys.exit(1)
 
 
-def inspect(thing: str, allow_code: bool = False, robots: tuple[str, ...] = ()):  # type: ignore[no-untyped-def]
+def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...] = ()):  # type: ignore[no-untyped-def]
     """Check a thing by what it is.
 
     Parameters
@@ -65,7 +65,7 @@ def inspect(thing: str, allow_code: bool = False, robots: tuple[str, ...] = ()):
     InputError
         Where it is none of the things that can be checked.
     """
-    path = Path(thing)
+    path = Path(thing or ".")
     if path.suffix == ".py":
         from wearscope.checking.own_code import check_file
 
@@ -75,15 +75,17 @@ def inspect(thing: str, allow_code: bool = False, robots: tuple[str, ...] = ()):
         from wearscope.checking.dataset import check_dataset
 
         return check_dataset(path, allow_code)
-    if kind == "robot" or (kind == "" and _is_robot(thing)):
+    if kind == "robot" or (kind == "" and _is_robot(str(path))):
         from wearscope.checking.robot import check_robot_folder
 
-        return check_robot_folder(thing, allow_code)
+        return check_robot_folder(str(path), allow_code)
     from wearscope.checking.study import check_study
-    from wearscope.cli.study import find_study, read_yaml
+    from wearscope.cli.study import check_code_named, find_study, read_yaml
 
-    place = find_study(None if thing == "." else thing)
-    return check_study(read_yaml(place.config), f"study {place.config}", place.folder)
+    place = find_study(thing)
+    settings = read_yaml(place.config)
+    check_code_named(place, settings)
+    return check_study(settings, f"study {place.config}", place.folder)
 
 
 def _tell_kind(path: Path) -> str:

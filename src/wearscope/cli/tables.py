@@ -32,8 +32,9 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
         Where it cannot be read as a table.
     """
     try:
-        if path.stat().st_size > limits.TABLE_BYTES:
-            raise InputError(f"{path}: is larger than {limits.TABLE_BYTES / 1e6:g} MB; show a smaller table.")
+        most = limits.JSON_BYTES if path.suffix == ".json" else limits.TABLE_BYTES
+        if path.stat().st_size > most:
+            raise InputError(f"{path}: is larger than {most / 1e6:g} MB; show a smaller table.")
         with bound_memory(path):
             return _read(path)
     except InputError:

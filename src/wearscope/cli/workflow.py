@@ -16,8 +16,9 @@ from typing import Any
 
 import yaml
 
+from wearscope import limits
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import FULL, explain_unwritten, open_new, write_text
+from wearscope.files import FULL, check_plain, explain_unwritten, open_new, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.processes import PYTHON, isolate
@@ -236,6 +237,8 @@ def build_command(
     if os.path.lexists(brought):
         raise InputError(f"{brought}: holds code that Snakemake would run; remove it.")
     home = find_home()
+    if snakefile is not None:
+        check_plain(snakefile, limits.TEXT_BYTES, "name a Snakefile")
     own = snakefile.resolve() if snakefile is not None else home / "Snakefile"
     profile = own.parent / "profiles" / "default"
     command = [*PYTHON, "-m", "snakemake", "--cores", str(cores)]

@@ -47,6 +47,8 @@ def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
             raise InputError(
                 f"{source}: has no joint '{name}'; its movable joints are {', '.join(movable_joints(tree))}."
             )
+        if not name.isprintable():
+            raise InputError(f"{source}: joint '{name}' is named with a control character; rename it.")
         if by_name[name].kind not in MOVABLE:
             raise InputError(
                 f"{source}: joint '{name}' is {by_name[name].kind}; only revolute, continuous and prismatic "
@@ -164,7 +166,7 @@ def normalise_tree(
             f"{source}: {len(wanted)} joints move, more than {limits.JOINTS}; name those that are wanted."
         )
     for link in tree.links.values():
-        if link.mass < 0.0:
+        if not 0.0 <= link.mass <= limits.MASS:
             raise InputError(f"{source}: link '{link.name}' has the mass {link.mass:g} kg; correct it.")
     locked = locked or {}
     for name in locked:

@@ -20,7 +20,7 @@ from wearscope.starters.figures import Figures, assume, choose, round_figures, t
 from wearscope.starters.limits import START_TIME, fit_to_cycles
 
 # Beyond these nothing is a robot's joint [rad or m; per s].
-LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 1e-4, 1e3
+LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 5e-3, 1e3
 # Assumed where nothing is stated.
 SPEED = {"rad": 2.0, "m": 0.5}
 MOTOR_SPEED = 300.0  # rad/s, at the joint's speed limit
