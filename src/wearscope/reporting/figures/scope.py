@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -93,11 +94,14 @@ def _cells(rows: pd.DataFrame) -> int:
 
 def _draw_grid(ax: Axes, sigma: Matrix, delta: Matrix, values: Matrix, **options: Any) -> None:
     """Heat map whose first cell lies at the origin, with ticks in coded units."""
-    ax.pcolormesh(values, rasterized=True, **options)
+    look: dict[str, Any] = {"cbar": False, "xticklabels": False, "yticklabels": False, "rasterized": True}
+    sns.heatmap(values, ax=ax, **look, **options)
+    ax.invert_yaxis()
     for axis, grid in ((ax.xaxis, sigma), (ax.yaxis, delta)):
         ticks = MaxNLocator(4).tick_values(grid[0], grid[-1])
         ticks = ticks[(ticks >= grid[0] - 1e-9) & (ticks <= grid[-1] + 1e-9)]
         axis.set_ticks(_place(grid, ticks), [f"{tick:g}" for tick in ticks])
+    ax.tick_params(axis="y", rotation=0)
 
 
 def _place(grid: Matrix, values: ArrayLike) -> Matrix:
