@@ -225,7 +225,7 @@ def replace_by_pipe(name):
 REFUSED = {
     "nested_deeply": (make_deep, "nested too deeply"),
     "long_number": (make_long_number, "not readable as YAML"),
-    "alias_bomb": (make_bomb, "more than 200000 values"),
+    "alias_bomb": (make_bomb, "more than 120000 values"),
     "python_tag": (make_tag, "not readable as YAML"),
     "holds_itself": (make_self, "not readable as YAML"),
     "parent": (name_outside("../outside.csv"), "does not lie in the data set's folder"),

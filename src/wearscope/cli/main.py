@@ -11,6 +11,9 @@ from wearscope.errors import InputError
 from wearscope.files import FULL, explain_unwritten
 from wearscope.processes import end_process, ignore_settings_here, isolate
 
+# Arrow's own pool reserves a gigabyte, which hides how much reading a file takes (`processes.bound_memory`).
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+
 #: Where each command is: module of `wearscope.cli` and name in it.
 COMMANDS = {
     "new": "new:new",

@@ -153,7 +153,7 @@ def _first_text(series: pd.Series) -> tuple[int, str]:
     """Row and content of the first value that is no number."""
     try:
         row = int(np.argmax(pd.to_numeric(series, errors="coerce").isna().to_numpy()))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, MemoryError):  # of a text that a dictionary repeats
         row = 0
     return row, ascii(str(series.iloc[row])[:30])
 
