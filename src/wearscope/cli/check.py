@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from wearscope import limits
+from wearscope.cli.say import say
 from wearscope.errors import InputError
 
 
@@ -30,17 +31,17 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
     for thing in things or (None,):
         found = inspect(thing, allow_code, robots)
         for note in found.notes:
-            click.echo(f"  {note}")
+            say(f"  {note}")
         count, told = len(found.problems), found.problems[: limits.PROBLEMS]
         for problem in told:
-            click.echo(f"  wrong: {problem}")
+            say(f"  wrong: {problem}")
         if count > len(told):
-            click.echo(f"  and {count - len(told)} more; correct these first.")
+            say(f"  and {count - len(told)} more; correct these first.")
         wrong += count
         outcome = (
             "all well" if not count else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
         )
-        click.echo(f"{found.what}: {outcome}")
+        say(f"{found.what}: {outcome}")
     if wrong:
         sys.exit(1)
 

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from wearscope.cli.say import say
 from wearscope.cli.show import find_results, print_table
-from wearscope.errors import InputError, escape_text
+from wearscope.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +49,7 @@ def compare(a, b, everything, page, opened):  # type: ignore[no-untyped-def]
         from wearscope import tables
 
         tables.write_text(page, html())
-        click.echo(escape_text(str(page)))
+        say(page)
         if opened:
             click.launch(str(page))
 
@@ -62,7 +63,7 @@ def _name(left: Path, right: Path) -> tuple[str, str]:
 
 def _say(sentences: Iterable[str]) -> None:
     for one in sentences:
-        click.echo(escape_text(one))
+        say(one)
 
 
 def _find(place: str) -> Path:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from wearscope.cli.say import say
+
 
 @click.command()
 @click.option(
@@ -26,7 +28,7 @@ def demo(out, opened):  # type: ignore[no-untyped-def]
     from wearscope.example import example_dataset
     from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
-    click.echo("Comparing four recordings of an arm with its model ...", err=True)
+    say("Comparing four recordings of an arm with its model ...", err=True)
     close_loop(example_dataset(), out, light=True)
     write_closed_loop_page(out)
     show_result(out / "report.html", opened)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from wearscope.cli.say import say
+
 
 @click.command()
 @click.argument("model")
@@ -24,14 +26,13 @@ def evaluate(model, dataset, out, allow_code):  # type: ignore[no-untyped-def]
     """
     from wearscope.cli.show import print_table
     from wearscope.cli.tables import format_value
-    from wearscope.errors import escape_text
     from wearscope.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
     errors = evaluate_model(
         load_model(model, strict=False, allow_code=allow_code),
         dataset,
-        lambda line: click.echo(line, err=True),
+        lambda line: say(line, err=True),
     )
     torque = errors.torque
     columns = ["run", "use", "joint", "torque_rms", "error_rms", "unit", "error_percent", "outcome"]
@@ -42,4 +43,4 @@ def evaluate(model, dataset, out, allow_code):  # type: ignore[no-untyped-def]
     print_table(headers, rows)
     if out is not None:
         errors.write(out)
-        click.echo(escape_text(str(out)))
+        say(out)

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from wearscope.errors import InputError, escape_text
+from wearscope.cli.say import say
+from wearscope.errors import InputError
 
 
 @click.command()
@@ -31,6 +32,6 @@ def history(folder, opened):  # type: ignore[no-untyped-def]
     print_table(("when", "what", "name", "answer"), rows)
     page = folder / "history.html"
     tables.write_text(page, render_history(folder, found))
-    click.echo(escape_text(str(page)))
+    say(page)
     if opened:
         click.launch(str(page))

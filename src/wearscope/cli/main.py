@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from wearscope.cli.say import say
 from wearscope.errors import InputError
 from wearscope.files import FULL, explain_unwritten
 from wearscope.processes import end_process, ignore_settings_here, isolate
@@ -92,10 +93,10 @@ def main() -> None:
     except SystemExit as end:
         end_process(end.code if isinstance(end.code, int) else int(end.code is not None))
     except InputError as error:
-        click.echo(str(error), err=True)
+        say(error, err=True)
         end_process(1)
     except OSError as error:
         if error.errno not in FULL:
             raise
-        click.echo(str(explain_unwritten(error.filename2 or error.filename or os.getcwd(), error)), err=True)
+        say(str(explain_unwritten(error.filename2 or error.filename or os.getcwd(), error)), err=True)
         end_process(1)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from wearscope.cli.main import LazyGroup
+from wearscope.cli.say import say
 from wearscope.errors import InputError
 
 KINDS = {
@@ -65,7 +66,7 @@ def study(name, robots, cycles, detectors, large):  # type: ignore[no-untyped-de
             raise InputError(f"--detector {one}: names none; write --detector NAME=USE.")
         used[key] = use
     for note in write_study(name, robots or ("medium",), cycles, used, large):
-        click.echo(note)
+        say(note)
     _tell([name], f"wearscope run {name}")
 
 
@@ -150,4 +151,4 @@ def example(name):  # type: ignore[no-untyped-def]
 
 def _tell(paths, following: str) -> None:  # type: ignore[no-untyped-def]
     """Say what was written, and what to do next."""
-    click.echo(f"Written: {', '.join(map(str, paths))}. Next: {following}")
+    say(f"Written: {', '.join(map(str, paths))}. Next: {following}")

@@ -7,6 +7,7 @@ import click
 import yaml
 
 from wearscope.cli.new_robot import Numbers
+from wearscope.cli.say import say
 from wearscope.errors import InputError
 
 READINGS = ("motor", "link", "without_gravity", "none")
@@ -150,7 +151,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
     )
     converted = convert_recordings(recordings, urdf, mapped)
     for note in converted.notes:
-        click.echo(f"  {note}")
+        say(f"  {note}")
     with new_folder(target) as made:
         write_dataset(made, name, urdf, converted, mapped)
         found = check_dataset(made)
@@ -160,9 +161,9 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         ]
         if found.problems:
             for problem in found.problems[:-1]:
-                click.echo(f"  wrong: {problem}")
+                say(f"  wrong: {problem}")
             raise InputError(_name_option(found.problems[-1]))
-    click.echo(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
+    say(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
 
 
 def _split(text: str) -> list[str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from wearscope.cli.say import say
 from wearscope.errors import InputError
 
 
@@ -89,7 +90,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
         (made / "model.yaml").write_text(text, encoding="utf-8")
         copy_urdf(urdf, made)
     for note in notes:
-        click.echo(note)
+        say(note)
     _report(target, figures)
 
 
@@ -103,13 +104,11 @@ def _report(target: Path, figures) -> None:  # type: ignore[no-untyped-def]
 
     assumed = [name for name, one in figures.items() if not one.given.all()]
     if assumed:
-        click.echo(f"Assumed, in whole or in part: {', '.join(name.replace('_', ' ') for name in assumed)}.")
+        say(f"Assumed, in whole or in part: {', '.join(name.replace('_', ' ') for name in assumed)}.")
     found = check_robot_folder(target)
     for sentence in [*found.notes, *found.problems]:
-        click.echo(sentence)
-    click.echo(
-        f"Written: {target}. Next: edit {target}/model.yaml, then wearscope new study NAME --robot {target}"
-    )
+        say(sentence)
+    say(f"Written: {target}. Next: edit {target}/model.yaml, then wearscope new study NAME --robot {target}")
     if found.problems:
         raise InputError(
             f"{target}: does not pass its own check; correct its model.yaml, or remove the folder and state "

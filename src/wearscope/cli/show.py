@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wearscope import limits
+from wearscope.cli.say import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
 
@@ -123,7 +124,7 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
         headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows)
         print_table(headers, cells)
         if left:
-            click.echo(f"{left} more rows; --rows 0 shows all, --where COLUMN=VALUE some.", err=True)
+            say(f"{left} more rows; --rows 0 shows all, --where COLUMN=VALUE some.", err=True)
     else:
         raise InputError(
             f"{path}: is neither a table nor a figure; name a .parquet, .json, .csv or .png file."
@@ -165,4 +166,4 @@ def _draw(path: Path) -> None:
             colours = (f"rgb({','.join(map(str, pixels[row, x].tolist()))})" for row in (top, top + 1))
             line.append("▀", style=" on ".join(colours))
         console.print(line)
-    click.echo(escape_text(str(path)))
+    say(path)

@@ -10,6 +10,7 @@ import click
 
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
+from wearscope.cli.say import say
 from wearscope.cli.study import (
     StudyPlace,
     check_code_named,
@@ -30,7 +31,7 @@ from wearscope.cli.workflow import (
     read_setting,
     wait_turn,
 )
-from wearscope.errors import InputError, escape_text
+from wearscope.errors import InputError
 from wearscope.files import check_folder, read_json
 
 
@@ -69,10 +70,10 @@ def run_targets(
         config = merge(config, change)
     read_name(place.config, config)
     if snakefile is not None:
-        click.echo(f"Runs the workflow of {snakefile}, not the platform's.", err=True)
+        say(f"Runs the workflow of {snakefile}, not the platform's.", err=True)
     log = folder / "results" / f"wearscope-{targets[0] if targets else 'all'}.log"
     seconds = [0.0]
-    alone = nullcontext() if dry_run else wait_turn(folder, lambda told: click.echo(told, err=True))
+    alone = nullcontext() if dry_run else wait_turn(folder, lambda told: say(told, err=True))
     with alone, keep_settings(folder, config) as file, show_progress(verbose) as watch:
 
         def keep_time(done, elapsed, line):  # type: ignore[no-untyped-def]
@@ -84,20 +85,20 @@ def run_targets(
         try:
             code, progress = call_snakemake(command, folder, log, keep_time)
         except KeyboardInterrupt:
-            click.echo("Interrupted; the same command goes on from here.", err=True)
+            say("Interrupted; the same command goes on from here.", err=True)
             sys.exit(130)
     if code:
-        click.echo(f"The log is {_shorten(log)}.", err=True)
+        say(f"The log is {_shorten(log)}.", err=True)
         raise InputError(explain_failure(progress, targets, folder))
     if dry_run:
-        click.echo(f"{progress.total} jobs to do." if progress.total else "Nothing to be done.")
+        say(f"{progress.total} jobs to do." if progress.total else "Nothing to be done.")
     elif progress.total:
-        click.echo(
+        say(
             f"{progress.total} jobs done in {format_seconds(seconds[0])}; the log is {_shorten(log)}.",
             err=True,
         )
     else:
-        click.echo("Nothing to be done.", err=True)
+        say("Nothing to be done.", err=True)
 
 
 def _shorten(path: Path) -> str:
@@ -115,10 +116,10 @@ def show_result(path: Path, opened: bool = False) -> None:
 
         strip = read_strip(path)
         if strip is not None:
-            click.echo(escape_text(strip.answer))
+            say(strip.answer)
             for heading, text in strip.rows():
-                click.echo(escape_text(f"{heading}: {text}"))
-        click.echo(_shorten(path))
+                say(f"{heading}: {text}")
+        say(_shorten(path))
         if opened:
             click.launch(str(path))
 
@@ -201,7 +202,7 @@ def _run_on_dataset(target, dataset, study, allow_code, results, answer, opened,
     path, name = _read_named(dataset)
     changes = {"dataset": str(path), **({"allow_code": True} if allow_code else {})}
     if allow_code:
-        click.echo(f"Effect files that {path} names run.", err=True)
+        say(f"Effect files that {path} names run.", err=True)
     place = find_study_or_default(study)
     run_targets((target,), place, changes, **options)
     made = place.folder / "results" / results / name
@@ -324,4 +325,4 @@ def export(model, study, **options):  # type: ignore[no-untyped-def]
     run_targets(("export",), place, {"export": {"model": _locate(model)}}, **options)
     if not options["dry_run"]:
         for file in sorted((place.folder / "results" / "export" / label(model)).glob("*")):
-            click.echo(_shorten(file))
+            say(_shorten(file))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
 import yaml
 
+from wearscope.cli.say import say
 from wearscope.errors import InputError, explain_yaml
 from wearscope.files import read_json, write_text
 from wearscope.home import find_home
@@ -141,7 +141,7 @@ def check_code_named(place: StudyPlace, config: Mapping[str, Any]) -> None:
         )
     if code:
         told = InputError(f"Code that {place.config} names runs: {', '.join(code)}.")
-        click.echo(str(told), err=True)
+        say(told, err=True)
 
 
 def read_yaml(path: Path) -> dict:

@@ -1,0 +1,10 @@
+"""Lines on the terminal."""
+
+import click
+
+from wearscope.errors import escape_text
+
+
+def say(line: object, err: bool = False) -> None:
+    """Print a line in which no text of a file, and no path, can steer the terminal."""
+    click.echo(escape_text(str(line)), err=err)
