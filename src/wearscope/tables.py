@@ -243,12 +243,17 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> int:
         raise InputError(
             f"{path}: has {about.num_columns} columns, more than {limits.COLUMNS}; leave out what is unused."
         )
+    check_size(size, path)
+    return size
+
+
+def check_size(size: int, path: Path) -> None:
+    """Refuse a table of more memory [bytes] than `wearscope.limits` says."""
     if size > limits.UNPACKED_BYTES:
         raise InputError(
             f"{path}: takes {size / 1e9:.3g} GB of memory once it is unpacked, more than "
             f"{limits.UNPACKED_BYTES / 1e9:g} GB; give it in several files."
         )
-    return size
 
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -119,6 +120,18 @@ def test_a_table_with_a_large_description_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "FOOTER_BYTES", 3000)
     with pytest.raises(InputError, match=r"describes itself in more than 0\.003 MB"):
         read_columns(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_recording_of_short_rows_is_bounded_by_its_memory(tmp_path, monkeypatch, kind):
+    """A row of four bytes on disk takes sixteen in memory."""
+    table, file = pd.DataFrame({"t": [1] * 1000, "u": [2] * 1000}), tmp_path / f"a.{kind}"
+    table.to_csv(file, index=False) if kind == "csv" else table.to_parquet(file)
+    monkeypatch.setattr(limits, "UNPACKED_BYTES", 16_000)
+    assert len(read_columns(file)) == 1000
+    monkeypatch.setattr(limits, "UNPACKED_BYTES", 15_999)
+    with pytest.raises(InputError, match=r"GB of memory once it is unpacked.*in several files"):
+        read_columns(file)
 
 
 def test_a_text_of_a_table_that_unpacks_to_much_is_refused(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from wearscope import limits
 from wearscope.closed_loop.intake.data_folder import check_file
 from wearscope.errors import InputError
 from wearscope.processes import bound_memory
-from wearscope.tables import check_unpacked
+from wearscope.tables import check_size, check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
 LEAST_ROWS, LEAST_TIME = 50, 1.0
@@ -98,6 +98,7 @@ def read_columns(path: Path) -> pd.DataFrame:
 def _read_table(path: Path, kind: str) -> pd.DataFrame:
     if kind == ".csv":
         table = _read_csv(path)
+        check_size(table.nbytes, path)
     else:
         check_unpacked(path)
         table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
