@@ -13,7 +13,7 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.limits import find_limits
+from wearscope.closed_loop.selection.detection_limits import find_limits
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search

@@ -244,16 +244,6 @@ def test_an_effect_of_several_joints_is_compared_with_any_but_a_plain_joint_s_ow
         assert ("payload_error" in {given, *beside}) is not standard
 
 
-@pytest.mark.parametrize(("name", "count"), [("joint_spring", 2), ("payload_error", 4)])
-def test_an_offset_stands_with_what_has_more_parameters_where_these_explain_something(name, count):
-    """Of the loss the offset leaves 70 %, the other as much or less, for each block beyond its parameters."""
-    own, other = evidence("torque_offset", losses(-1.0, 0)), evidence(name, losses(-1.0, 1))
-    other = replace(other, chosen=replace(other.chosen, subset=tuple(range(count))))
-    same = 0.7 * (other.blocks - count) / (own.blocks - 1)
-    for left, told in ((same, []), (0.95 * same, []), (0.93 * same, [name])):
-        assert named(own, replace(other, fitted=1.0 - left)) == ("torque_offset", told)
-
-
 def test_a_term_of_another_joint_is_no_name():
     own, here = evidence("quadratic_viscous", losses(-1.0, 0)), evidence("joint_spring", losses(-1.0, 1))
     there = replace(

@@ -31,8 +31,8 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
+from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.evidence import Found
-from wearscope.closed_loop.selection.limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search

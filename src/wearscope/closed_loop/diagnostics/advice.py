@@ -7,7 +7,7 @@ import pandas as pd
 
 from wearscope.closed_loop.diagnostics.isolability import ABSORBED, CLOSE
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.selection.limits import LARGE, say_limit
+from wearscope.closed_loop.selection.detection_limits import LARGE, say_limit
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
 from wearscope.effects.vocabulary import separating_motions
@@ -60,7 +60,7 @@ def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -
     ----------
     problem : Problem
     limits : sequence of mapping of str to float
-        By joint, from `wearscope.closed_loop.selection.limits.find_limits`.
+        By joint, from `wearscope.closed_loop.selection.detection_limits.find_limits`.
 
     Returns
     -------

@@ -69,7 +69,7 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         given = search.assemble(others)
         joints = f.chosen.candidate.joints if f.effect.spread else (f.joint,)
         offered = search.list_rivals(given, others, joints, every=True)
-        offered = [c for c in offered if not (f.effect.is_in_every_drive and c.effect.spread)]
+        offered = [c for c in offered if not (f.effect.standard and c.effect.spread)]
         own = search.refine(given, search.weigh_again(given, f))
         weighed = search.weigh_all(given, offered, match_gain(given, own))
         weighed = [e for e in weighed if e.refusal in _OPEN and search.is_delay(given, e, settled=True)]
@@ -86,20 +86,12 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         naming = [e for e in able if not f.effect.standard and e.term.effect.name not in search.left_out]
         name = rule.simplest(naming, opposing) if naming else own
         found = [Found(name.chosen, name) if k is f else k for k in found]
-        most = own.complexity if f.effect.standard else max(e.complexity for e in [own, *able])
-        optional = f.effect.standard and not f.effect.is_in_every_drive
-        open_to = [
-            e for e in inside if e.complexity <= most or (optional and fits_closer(e, own, search.policy))
-        ]
-        named = dict.fromkeys(e.term.effect.name for e in open_to)
+        most = max((e.complexity for e in able), default=own.complexity)
+        if f.effect.standard:
+            most = own.complexity
+        named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
         equivalent[i] = [x for x in named if x != name.term.effect.name]
     return found, equivalent
-
-
-def fits_closer(e: Evidence, own: Evidence, policy: Policy) -> bool:
-    """Whether a term leaves materially less than a simpler one, for each block that it was not fitted to."""
-    left = [(1.0 - one.fitted) / max(one.blocks - one.complexity, 1.0) for one in (e, own)]
-    return left[0] < (1.0 - policy.material_share) * left[1]
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:
