@@ -93,3 +93,22 @@ def test_a_leg_that_walks_is_refused(tmp_path):
         return torque((1.0, 1.0, 1.0))(q, v, a, rng, t) - along * down[:, None]
 
     assert "as where the base moves or something is touched" in bench.record(walk).refuse()
+
+
+SLIDE = """<robot name="slide"><link name="base"/><link name="l1"><inertial><mass value="{mass}"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="prismatic"><parent link="base"/><child link="l1"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" effort="900" velocity="9"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(("mass", "factor"), [(60.0, -1000.0), (3.0, -12.0)])
+def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_path, mass, factor):
+    """A level slide: the drive's inertia and the carriage's need the same force."""
+    bench = Bench(tmp_path, 1, seconds=9.0)
+    bench.frequencies = (0.5, 1.1, 1.9)
+    (tmp_path / "arm.urdf").write_text(SLIDE.format(mass=mass))
+    bench.record(
+        lambda q, v, a, rng, t: factor * mass * (a + rub(v, 2.0, 1.0) + rng.normal(0, 0.05, q.shape))
+    )
+    said = re.search(r"'tau_j1' is (\S+) times what the rigid body needs", bench.refuse())
+    assert said is not None and float(said[1]) == pytest.approx(factor, rel=0.03)

@@ -292,6 +292,9 @@ class Products:
     def fit_sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Each joint by itself with a torque of any size, also turned round.
 
+        A drive's inertia takes part only in what the body leaves of the torque: where both move alike, no
+        fit tells how much each has, and the factor is that of the declared body alone.
+
         Returns
         -------
         factor, left, without : ndarray (n,)
@@ -303,13 +306,13 @@ class Products:
         for j in self.heard:
             gram = self.grams[j][p:, p:]
             without[j] = _left(gram, np.arange(d), 1.0)[0]
-            best = None
+            left[j] = np.inf
             for way in (1.0, -1.0):
                 one, found = _left(gram, np.arange(d + 1), way)
-                if best is None or one < best[0]:
-                    best = one, way * found[d]
-            assert best is not None
-            left[j], factor[j] = best
+                plain, held = _left(gram, np.arange(1, d + 1), way)
+                size = held[-1] if plain < one + _ALIKE else found[-1]
+                if one < left[j]:
+                    left[j], factor[j] = one, way * size
         return factor, left, without
 
 
