@@ -21,6 +21,8 @@ INSTALL = $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pyt
 	--quiet --disable-pip-version-check --no-compile) --require-hashes --no-build-isolation --requirement
 
 export OMP_NUM_THREADS ?= 1
+# Byte-code is kept whatever the shell says: without it each process compiles all that it imports, for seconds.
+unexport PYTHONDONTWRITEBYTECODE
 export NO_MKDOCS_2_WARNING := true
 
 .PHONY: run test test-fast test-slow test-all seconds test-page test-how-to test-kills test-cluster cluster mutants setup developed docs lint format lock clean
@@ -83,6 +85,7 @@ $(VENV)/installed: $(VENV)/locked pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@echo "Compiling what studies run (up to a minute) ..."
 	@$(BIN)/python -m wearscope.compiled
+	@$(BIN)/snakemake --version >/dev/null
 	@touch $@
 
 $(VENV)/locked: envs/build.lock envs/requirements.lock

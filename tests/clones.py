@@ -12,7 +12,7 @@ TINY = "tests/workflow/tiny"
 
 
 def copy_tree(target: Path, compiled: bool = True) -> Path:
-    """Copy what a clone of the working tree would hold, and compiled functions, which would cost a minute."""
+    """Copy what a clone of the working tree would hold, and what was compiled, which would cost a minute."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -20,7 +20,7 @@ def copy_tree(target: Path, compiled: bool = True) -> Path:
         text=True,
         check=True,
     )
-    caches = ROOT.glob("src/**/__pycache__/*.nb?") if compiled else ()
+    caches = ROOT.glob("src/**/__pycache__/*") if compiled else ()
     for name in [*listed.stdout.splitlines(), *(path.relative_to(ROOT).as_posix() for path in caches)]:
         if (ROOT / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)

@@ -2,10 +2,15 @@
 
 Numba compiles a function when it is first called and keeps what it made next to the source, until that
 changes. Here all that a study compiles is called once, on as little as will do, so that none waits for it.
+Python keeps the byte-code of what is imported in the same way, so that all that a study imports is imported.
 """
+
+import pkgutil
+from importlib import import_module
 
 import numpy as np
 
+import wearscope
 from wearscope.checking.own_code import make_batch
 from wearscope.cycles.base import load_cycle
 from wearscope.detectors.base import load_detector
@@ -17,6 +22,13 @@ from wearscope.simulation.study import Conditions, simulate_point
 
 #: Robot and test-cycle that are as good as any other, integration step [s].
 ROBOT, CYCLE, STEP = "medium", "point_to_point", 0.004
+
+
+def import_all() -> None:
+    """Import what studies and verdicts import, but exports, whose packages may be missing."""
+    for found in pkgutil.walk_packages(wearscope.__path__, "wearscope."):
+        if not found.name.startswith("wearscope.export.") and not found.name.endswith("__main__"):
+            import_module(found.name)
 
 
 def compile_ahead() -> None:
@@ -35,4 +47,5 @@ def compile_ahead() -> None:
 
 
 if __name__ == "__main__":
+    import_all()
     compile_ahead()
