@@ -7,8 +7,7 @@ from wearscope.detection.judgement import judge_recordings
 from wearscope.detection.run import Setting, ask_recordings
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
-from wearscope.reporting.charts.detection import axis_tables
-from wearscope.reporting.detection_page import write_detection_page
+from wearscope.reporting.detection_page import axis_tables, write_detection_page
 
 C = DetectorSpec("C", "friction_fit")
 D = DetectorSpec("D", "wear_temperature_fit")

@@ -13,8 +13,7 @@ from reporting.test_closed_loop_page import VERDICT, write
 from wearscope import tables
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.reporting.charts.base import CELL_KEYS
-from wearscope.reporting.charts.scope import detection_cases
-from wearscope.reporting.charts.study import study_tables
+from wearscope.reporting.charts.study import detection_cases, study_tables
 from wearscope.reporting.closed_loop import STAGES
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.findings import compare_with_paper

@@ -9,8 +9,14 @@ import pandas as pd
 import pytest
 
 from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits
-from wearscope.reporting.charts.scope import chart_roc, chart_scope, detection_cases
-from wearscope.reporting.charts.study import ALL_ROBOTS, study_filters, study_labels, study_tables
+from wearscope.reporting.charts.questions import chart_roc, chart_scope
+from wearscope.reporting.charts.study import (
+    ALL_ROBOTS,
+    detection_cases,
+    study_filters,
+    study_labels,
+    study_tables,
+)
 from wearscope.reporting.labels import quantity_text, term_name
 from wearscope.reporting.page import Section, embed_chart, embed_json, render_page
 from wearscope.reporting.study_page import render_study
@@ -51,10 +57,10 @@ def test_json_within_a_script_cannot_end_it():
 
 
 def test_a_page_without_charts_carries_no_library(asked):
-    plain = render_page("t", [Section("a", "<p>b</p>")])
+    plain = render_page("t", [Section("a", "<p>b</p>", "a")])
     assert len(plain) < 40_000 and "vegaEmbed=" not in plain
-    chart = embed_chart(chart_scope(asked))
-    page = render_page("t", [Section("a", chart)], tables={"scope": study_tables(asked)["scope"]})
+    chart = embed_chart(chart_scope(asked, {}))
+    page = render_page("t", [Section("a", chart, "a")], tables={"scope": study_tables(asked)["scope"]})
     assert chart_library() in page
 
 

@@ -18,9 +18,9 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
+from wearscope.reporting.loop_outcome import describe_joint, draw_curves
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.reporting.page_strip import unbreak
-from wearscope.reporting.sections.loop_outcome import Outcome, draw_curves
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
@@ -234,7 +234,7 @@ def test_what_is_left_is_said_and_an_empty_verdict_next_to_it_is_no_none(tmp_pat
     assert f'<div class="alarm">{unbreak(said)}</div>' in html
     assert "structure left, 3 % of the torque 0.8 N m RMS of it depends on position of a and time" in text
     loop = read_closed_loop(tmp_path)
-    assert loop.shown() == ["b"] and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
+    assert loop.foremost() == "b" and dominant_signals(loop, "b")[:2] == ["q_a", "t"]
     verdict["joints"]["b"]["depends_on"] = []
     write(tmp_path, verdict)
     assert "0.8 N m RMS of it: a line at 3 Hz in time" in text_of(page(tmp_path))
@@ -372,8 +372,8 @@ def test_a_joint_s_card_says_what_became_of_the_error(error, after, told, tmp_pa
     joint = next(iter(verdict["joints"]))
     verdict["joints"][joint] |= {"rms_before": 2.0, "rms_after": after, "error": error}
     write(tmp_path, verdict)
-    cards = Outcome(read_closed_loop(tmp_path)).context()["joints"]
-    assert [one["change"] for one in cards if one["joint"] == joint] == [told]
+    card = describe_joint(read_closed_loop(tmp_path), joint)
+    assert card["change"] == told
 
 
 def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):

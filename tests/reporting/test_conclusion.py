@@ -13,12 +13,12 @@ from wearscope.reporting.conclusion import (
     conclude,
     friction_rise,
     qualify,
+    study_strip,
     tell_friction,
     tell_sure,
     thresholds_of,
 )  # fmt: skip
 from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.strips import study_strip
 from wearscope.reporting.study_page import render_study
 from wearscope.reporting.trust import ask_moved
 

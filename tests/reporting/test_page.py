@@ -64,8 +64,8 @@ def make_figure():
 
 def test_page_is_self_contained_and_has_every_section():
     sections = [
-        Section("First & best", embed_figure(make_figure(), 'a "line"', "x < y")),
-        Section("Second", embed_figure(make_figure(), "the same", kind="png")),
+        Section("First & best", embed_figure(make_figure(), 'a "line"', "x < y"), "first-best"),
+        Section("Second", embed_figure(make_figure(), "the same", kind="png"), "second"),
         Section("Third", "<p>text</p>", anchor="own"),
     ]
     page = render_page("A <title>", sections, "about", "end")

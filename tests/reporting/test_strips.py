@@ -17,12 +17,13 @@ from reporting.test_tracking_page import write as write_tracking
 from benchmarks.strips import check_top
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
-from wearscope.reporting.detection import Detections
+from wearscope.reporting.conclusion import study_strip
+from wearscope.reporting.detection import Detections, detection_strip
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import find_answers, render_history, trend_table
+from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
-from wearscope.reporting.strips import detection_strip, loop_strip, study_strip
 from wearscope.reporting.study_page import render_study
 
 
@@ -86,7 +87,7 @@ def numbers_of(text):
 def shown(strip, folder):
     """A strip as a reader of its page sees it."""
     page = folder / "report.html"
-    page.write_text(render_page("t", [Section("s", "b")], strip=strip), encoding="utf-8")
+    page.write_text(render_page("t", [Section("s", "b", "s")], strip=strip), encoding="utf-8")
     return read_strip(page)
 
 
@@ -183,9 +184,9 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
 def test_what_is_read_is_what_was_written(tmp_path):
     strip = Strip("Use <A> & B.", "unsure", "Sure at 95 %.", "", "Do it.")
     page = tmp_path / "report.html"
-    page.write_text(render_page("t", [Section("s", "b")], strip=strip), encoding="utf-8")
+    page.write_text(render_page("t", [Section("s", "b", "s")], strip=strip), encoding="utf-8")
     assert read_strip(page) == strip
-    page.write_text(render_page("t", [Section("s", "b")]), encoding="utf-8")
+    page.write_text(render_page("t", [Section("s", "b", "s")]), encoding="utf-8")
     assert read_strip(page) is None
 
 
@@ -195,7 +196,7 @@ def write_verdict(folder, when, error, answer):
     (folder / "verdict.json").write_text(json.dumps({"joints": {"j1": {"rms_after": error}}, "verdict": []}))
     page = folder / "report.html"
     strip = Strip(answer, "good", "Sure.", "", "Next.")
-    page.write_text(render_page("t", [Section("s", "b")], strip=strip), encoding="utf-8")
+    page.write_text(render_page("t", [Section("s", "b", "s")], strip=strip), encoding="utf-8")
     os.utime(page, (when, when))
 
 

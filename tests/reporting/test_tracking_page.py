@@ -9,9 +9,7 @@ import pytest
 
 from wearscope import tables
 from wearscope.errors import InputError
-from wearscope.reporting.charts.tracking import trend_names, trend_table
-from wearscope.reporting.tracking import read_tracking
-from wearscope.reporting.tracking_page import write_tracking_page
+from wearscope.reporting.tracking_page import read_tracking, trend_names, trend_table, write_tracking_page
 
 ENTRY = {
     "joint": "a", "effect": "coulomb", "parameter": "level", "change": 0.6, "ci95": [0.4, 0.8],

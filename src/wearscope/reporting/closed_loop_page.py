@@ -2,26 +2,36 @@
 
 from pathlib import Path
 
-from wearscope import tables
-from wearscope.reporting.charts.loop_data import loop_filters, loop_labels, loop_tables
-from wearscope.reporting.closed_loop import ClosedLoop, read_closed_loop
-from wearscope.reporting.labels import count_text
-from wearscope.reporting.page import render_page
-from wearscope.reporting.sections.base import LoopSection
-from wearscope.reporting.sections.loop import (
-    Candidates,
-    Errors,
-    Forward,
-    Notes,
-    Residual,
-    Undetermined,
-)
-from wearscope.reporting.sections.loop_outcome import Events, NextMeasurement, Outcome
-from wearscope.reporting.strips import loop_strip
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
 
-SECTIONS: tuple[type[LoopSection], ...] = (
-    Outcome, NextMeasurement, Errors, Events, Residual, Candidates, Forward, Undetermined, Notes,
-)  # fmt: skip
+from wearscope import tables
+from wearscope.reporting.charts.loop import (
+    chart_against,
+    chart_candidates,
+    chart_errors,
+    chart_forward,
+    charts_over_time,
+    loop_filters,
+    loop_labels,
+    loop_tables,
+)
+from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded, number, read_closed_loop
+from wearscope.reporting.labels import count_text, join_words, words
+from wearscope.reporting.loop_outcome import loop_strip, render_events, render_measurement, render_outcome
+from wearscope.reporting.page import (
+    JOINT,
+    Section,
+    badge,
+    embed_chart,
+    render_page,
+    render_part,
+    render_table,
+)
+
+#: Longest list that is shown unfolded.
+MOST_SHOWN = 12
 
 
 def write_closed_loop_page(folder: str | Path) -> None:
@@ -37,16 +47,148 @@ def write_closed_loop_page(folder: str | Path) -> None:
 
 def render_closed_loop(loop: ClosedLoop) -> str:
     """Page of a closed loop, with nothing from elsewhere."""
+    drawn = loop_tables(loop)
+    sections = [
+        Section("Outcome", render_outcome(loop), "outcome"),
+        Section("The next measurement", render_measurement(loop), "next-measurement"),
+        Section("Errors on the test runs", _errors(loop, drawn["errors"]), "errors"),
+        Section("Events", render_events(loop), "events"),
+        Section("Residual", _residual(loop), "residual"),
+        Section("Candidates", _candidates(drawn.get("candidates")), "candidates"),
+        Section("Simulated forward", _forward(loop, "forward" in drawn), "forward"),
+        Section("What these runs cannot tell", _undetermined(loop), "undetermined"),
+        Section("Notes", _notes(loop), "notes"),
+    ]
     runs = loop.residual.groupby("use")["run"].nunique()
     return render_page(
         f"Diagnosis of {loop.verdict['dataset']}",
-        [section(loop).render() for section in SECTIONS],
+        sections,
         f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
         f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
         "runs, errors from the test runs.",
         f"Made from the tables of a loop closed by wearscope {loop.verdict['version']}.",
         loop_filters(loop),
-        loop_tables(loop),
+        drawn,
         loop_labels(loop),
         loop_strip(loop),
     )
+
+
+def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
+    """Errors on the test runs."""
+    records, relative = [], []
+    for joint, one in loop.verdict["joints"].items():
+        record = {"joint": joint, "unit": one["unit"], "as declared": number(one.get("rms_as_declared"))}
+        for stage in STAGES:
+            value = number(one.get(f"rms_{stage}"))
+            record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"))
+        records.append(record | {"noise floor": number(one.get("noise_floor"))})
+        for run, values in one.get("relative_error_percent", {}).items():
+            before, after = map(number, values)
+            same = not np.isfinite([before, after]).all() or abs(after - before) < 1e-9 * max(before, 1.0)
+            word, kind = ("smaller", "good") if after < before else ("larger", "bad")
+            told = badge("same") if same else badge(word, kind)
+            row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after, "error": told}
+            relative.append(row)
+    note = "100 |residual| / |torque| over the rows that count."
+    rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
+    return render_part(
+        parts=[embed_chart(chart_errors(loop, drawn)), render_table(records, filter_by=JOINT)],
+        folded=[("Relative error of every test run", len(relative) <= MOST_SHOWN, rest)],
+    )
+
+
+def _residual(loop: ClosedLoop) -> Markup:
+    """Torque and residual over time and signals."""
+    joint = loop.foremost()
+    runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
+    charts = charts_over_time(loop, joint, str(runs.iloc[0]) if len(runs) else "")
+    return embed_chart(*charts, chart_against(loop, joint))
+
+
+def _candidates(drawn: pd.DataFrame | None) -> Markup:
+    """Ranking of the candidates at every step, and what was made of each."""
+    if drawn is None:
+        return render_part(notes=["There was no candidate to try."])
+    text = (
+        "Every candidate is fitted with all parameters of the model, and scored on training runs that "
+        "its fit did not see. One is taken if it gains enough, is significant with all candidates "
+        "counted, and the runs agree. A later step may drop or rename it. candidates.parquet has all."
+    )
+    return render_part(notes=[text], parts=[embed_chart(chart_candidates(drawn))])
+
+
+def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
+    """Both models simulated forward, and the measurement."""
+    table = loop.forward
+    if table is None:
+        return Markup("")
+    failed = table[(table["run"] != "all") & (table["outcome"] != "ok")]
+    told = failed[["run", "stage", "outcome"]].drop_duplicates().itertuples(index=False)
+    rows = table[table["run"] == "all"].set_index(["joint", "stage"])
+    records = []
+    for joint in loop.joints:
+        unit = loop.verdict["joints"][joint]["unit"]
+        record = {"joint": joint, "unit": unit}
+        for kind, scale in (("torque", 1.0), ("motion", 1e3)):
+            for stage in STAGES:
+                own = scale * rows.loc[(joint, stage), [f"{kind}_rms{end}" for end in ("", "_low", "_high")]]
+                value, *ends = own.astype(float)
+                record[f"{kind} {stage}"] = bounded(value, ends)
+        records.append(record | {"motion in": "mm" if unit == "N" else "mrad"})
+    text = (
+        "Both models follow the measured motion of the test runs in PyBullet under the same controller. "
+        "Torque: the controller feeds forward what the model before needs, so the measured torque has no "
+        "part in it. Motion: it feeds forward the torque that was measured, and a model that is right "
+        "stays on the measured motion."
+    )
+    note = "RMS error against the measurement on the test runs (95 %)."
+    chart = embed_chart(chart_forward(loop.foremost())) if drawn else ""
+    return render_part(
+        told=[("alarm", f"{run}, model {stage}: {outcome}") for run, stage, outcome in told],
+        notes=[text],
+        parts=[render_table(records, note, filter_by=JOINT), chart],
+    )
+
+
+def _undetermined(loop: ClosedLoop) -> Markup:
+    """What the runs could not tell, and motions that would."""
+    grouped: dict[tuple[str, str, str], list[str]] = {}
+    for one in loop.verdict.get("undetermined") or []:
+        grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
+    rows = [
+        {"joints": _where(loop, joints), "effect": words(effect), "why not": reason, "would help": motion}
+        for (effect, reason, motion), joints in grouped.items()
+    ]
+    motions = []
+    for one in loop.verdict.get("advice") or []:
+        pairs: dict[str, list[str]] = {}
+        for pair in one["separates"]:
+            joint, _, names = pair.partition(": ")
+            pairs.setdefault(words(names).replace(" / ", " from "), []).append(joint)
+        said = [f"{names} ({_where(loop, joints)})" for names, joints in pairs.items()]
+        more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
+        motions.append({"motion": one["motion"], "separates": "; ".join([*said[:MOST_SHOWN], *more])})
+    told = ((rows, "What could not be tested."), (motions, "Motions that would separate effects."))
+    return render_part(parts=[render_table(table, text) for table, text in told if table])
+
+
+def _where(loop: ClosedLoop, joints: list[str]) -> str:
+    every = len(joints) > 1 and set(joints) >= set(loop.joints)
+    return "all joints" if every else join_words(joints)
+
+
+def _notes(loop: ClosedLoop) -> Markup:
+    """Notes of the verdict, rows that do not count."""
+    counted = loop.residual.groupby(["run", "joint"], sort=False)["counts"].mean()
+    left_out = [
+        f"{run}: {100 * (1 - share):.0f} % of the rows of {joint} do not count (at rest, at the torque "
+        "limit, or no measurement)."
+        for (run, joint), share in counted.items()
+        if share < 0.8
+    ]
+    notes = loop.verdict.get("notes", [])
+    how_many = count_text(len(left_out), "run and joint", "runs and joints")
+    summary = f"Rows that do not count: {how_many} with more than a fifth"
+    folded = [(summary, False, render_part(listed=left_out))] if left_out else []
+    return render_part(listed=notes, notes=[] if notes else ["None."], folded=folded)

@@ -2,14 +2,56 @@
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Bound, Conclusion
 from wearscope.reporting import trust
 from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text
+from wearscope.reporting.page_strip import Strip
 from wearscope.reporting.study import Study
 
 #: Share of a joint's top speed at which a wear level is told as friction.
 SPEED = 0.1
+#: Where nothing else limits a study's answer more.
+SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
+
+
+def study_strip(study: Study, pages: bool = False) -> Strip | None:
+    """Which detector to use; None where the study did not come so far.
+
+    Parameters
+    ----------
+    study : Study
+    pages : bool
+        Whether each robot has a page of its own, with its thresholds and with what limits the answer.
+    """
+    if not study.conclusions:
+        return None
+    one = study.conclusions[0]
+    action = Markup(
+        'Take the <a href="#thresholds">alarm threshold of each cell</a>, then judge recordings: '
+        "<code>wearscope detect DATA</code>."
+    )
+    if not one.detector or np.isnan(one.wear):
+        action = Markup('See <a href="#q2">which detector comes closest</a>, or let the factors vary less.')
+    if pages:
+        action = Markup('See <a href="#robots">each robot\'s own page</a>.')
+    caveat = "" if pages else _caveat(study, one.detector)
+    answer = " ".join(filter(None, [conclude(study, one), trust.tell_basis(study)]))
+    return Strip(answer, certainty(one), tell_sure(study, one), caveat, action)
+
+
+def _caveat(study: Study, detector: str) -> str:
+    """What would change the answer most, the first that applies."""
+    doubts = [text for text in trust.doubts(study) if f" of {detector}:" in text and detector]
+    if first := [*doubts, *filter(None, [trust.contradicted(study, detector)])]:
+        return first[0]
+    if assumed := trust.assumed_robots(study):
+        moved = trust.tell_moved(study, detector)
+        if len(assumed) == len(study.sources):
+            return f"The answer is about a robot like {join_words(assumed)}, not about yours. {moved}"
+        return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
+    return SIMULATED
 
 
 def conclude(study: Study, one: Conclusion) -> str:

@@ -1,6 +1,5 @@
 """What detectors on recordings left in their folder, and what that says in words."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,18 +7,22 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.errors import InputError
 from wearscope.reporting.labels import count_text, join_words, unit_text
-from wearscope.reporting.page import format_number
+from wearscope.reporting.page import format_number, read_outcome
+from wearscope.reporting.page_strip import Strip
 
 #: Words of factors by kind.
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
-
-
 #: Difference of temperatures that an alarm is said with [K].
 WARMER = 1.0
+#: Verdicts that are no answer, and why.
+_OPEN = {
+    "withheld": "Withheld, as the simulator's scatter is not the machine's or there is no threshold",
+    "unchecked": "Above the threshold, but too few nominal recordings check it",
+}
 
 
 @dataclass(frozen=True)
@@ -45,18 +48,35 @@ def read_detections(folder: str | Path) -> Detections:
     InputError
         Where they are not there.
     """
-    path = Path(folder) / "detection.json"
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read; run the target detect first.") from error
+    summary = read_outcome(Path(folder) / "detection.json", "run the target detect first")
     names = ("detection", "thresholds", "simulated")
     return Detections(summary, *(tables.read_table(Path(folder) / f"{name}.parquet") for name in names))
 
 
-def write_quantity(value: float, unit: str) -> str:
-    """Test quantity with its unit."""
-    return f"{format_number(float(value))} {unit_text(unit)}".strip()
+def detection_strip(found: Detections) -> Strip:
+    """Whether any detector alarms on the recordings."""
+    judged = found.judged
+    runs = judged.groupby("verdict")["run"].nunique()
+    alarms, withheld = int(runs.get("alarm", 0)), int(runs.get("withheld", 0))
+    many = count_text(int(judged["run"].nunique()), "recording")
+    answer = f"No alarm in {many}."
+    if alarms:
+        where = sorted(judged.loc[judged["verdict"] == "alarm", "joint"].astype(str).unique())
+        answer = f"Alarm in {alarms} of {many}, at {join_words(where)}."
+    rate = found.summary["setting"]["p_f"]
+    sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
+    caveat, kind = "A threshold holds along its own motion only.", "good"
+    if withheld or runs.get("unchecked"):
+        caveat, kind = "Too few nominal recordings check the threshold; record three or more.", "unsure"
+    if withheld:
+        caveat = f"Withheld in {count_text(withheld, 'recording')}: the simulator scatters differently."
+    action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
+    return Strip(answer, "bad" if alarms else kind, sure, caveat, action)
+
+
+def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
+    """Test quantity, or its threshold, with its unit."""
+    return f"{format_number(float(row[name]))} {unit_text(row['unit'])}".strip()
 
 
 def conclude(found: Detections) -> list[tuple[str, str]]:
@@ -66,56 +86,43 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
         session = rows["session"].iloc[0]
         name = f"{run} ({session})" if session else str(run)
         alarms = rows[rows["verdict"] == "alarm"]
+        kind, outcome = "notice", "not decided."
         if len(alarms):
             told = "; ".join(_tell_alarm(row) for row in alarms.to_dict("records"))
-            said.append(("alarm", f"{name}: alarm. {told}.{_tell_warmth(alarms)}{_tell_rest(rows)}"))
+            kind, outcome = "alarm", f"alarm. {told}.{_tell_warmth(alarms)}"
         elif (rows["verdict"] == "no alarm").any():
-            said.append(("plain", f"{name}: no alarm.{_tell_rest(rows)}"))
-        else:
-            said.append(("notice", f"{name}: not decided.{_tell_rest(rows)}"))
+            kind, outcome = "plain", "no alarm."
+        said.append((kind, f"{name}: {outcome}{_tell_rest(rows)}"))
     return sorted(said, key=lambda one: ("alarm", "notice", "plain").index(one[0]))
 
 
-def _tell_alarm(row: Mapping[str, Any]) -> str:
+def _tell_alarm(row: Mapping[Any, Any]) -> str:
     text = (
-        f"{row['fda']} at {row['joint']}: {write_quantity(row['y'], row['unit'])}, threshold "
-        f"{write_quantity(row['threshold'], row['unit'])}"
+        f"{row['fda']} at {row['joint']}: {write_quantity(row)}, threshold {write_quantity(row, 'threshold')}"
     )
-    return text + tell_wear(row)
+    if not np.isfinite(row["wear"]):
+        return text
+    low, middle, high = (format_number(float(row[name]), 2) for name in ("wear_low", "wear", "wear_high"))
+    return f"{text}, as simulated at wear {middle} (95 %: {low} to {high})"
 
 
 def _tell_warmth(alarms: pd.DataFrame) -> str:
     """How much warmer or colder the joints with an alarm were, where it is more than a kelvin."""
     away = alarms.drop_duplicates("joint")
-    away = away[away["warmer"].abs() > WARMER]
     parts = [
-        f"{row['joint']} {format_number(abs(row['warmer']), 2)} K "
-        f"{'warmer' if row['warmer'] > 0 else 'colder'}"
-        for row in away.to_dict("records")
+        f"{joint} {format_number(abs(warmer), 2)} K {'warmer' if warmer > 0 else 'colder'}"
+        for joint, warmer in zip(away["joint"], away["warmer"], strict=True)
+        if abs(warmer) > WARMER
     ]
     return f" Than in the nominal recordings {join_words(parts)}: it may be that." if parts else ""
 
 
-def tell_wear(row: Mapping[str, Any]) -> str:
-    """``, as simulated at wear 12 (95 %: 8 to 17)``; empty where no wear is known."""
-    if not np.isfinite(row["wear"]):
-        return ""
-    low, middle, high = (format_number(float(row[name]), 2) for name in ("wear_low", "wear", "wear_high"))
-    return f", as simulated at wear {middle} (95 %: {low} to {high})"
-
-
 def _tell_rest(rows: pd.DataFrame) -> str:
     parts = []
-    for verdict, text in (
-        ("withheld", "Withheld, as the simulator's scatter is not the machine's or there is no threshold"),
-        ("unchecked", "Above the threshold, but too few nominal recordings check it"),
-    ):
-        own = rows[rows["verdict"] == verdict]
-        if len(own):
-            where = [
-                f"{fda} at {join_words(sorted(part['joint']))}" for fda, part in own.groupby("fda", sort=True)
-            ]
-            parts.append(f" {text}: {'; '.join(where)}.")
+    for verdict, text in _OPEN.items():
+        own = rows[rows["verdict"] == verdict].groupby("fda", sort=True)
+        where = [f"{fda} at {join_words(sorted(part['joint']))}" for fda, part in own]
+        parts += [f" {text}: {'; '.join(where)}."] if where else []
     return "".join(parts)
 
 
@@ -123,40 +130,38 @@ def tell_scatter(found: Detections) -> list[str]:
     """Whether the simulator's scatter is the machine's, in words."""
     table = found.thresholds[found.thresholds["reason"] == ""]
     unlike = table[table["scatter"] == "not the machine's"]
-    alike, unknown = (table["scatter"] == "the machine's").sum(), (table["scatter"] == "not known").sum()
+    alike, unknown = (int((table["scatter"] == one).sum()) for one in ("the machine's", "not known"))
+    cells = [count_text(n, "cell") for n in (len(table) - unknown, alike, unknown)]
     sentences = []
     if len(unlike):
         worst = unlike.sort_values("scatter_ratio").iloc[-1]
-        cells = len(table) - int(unknown)
         sentences.append(
-            f"In {len(unlike)} of {count_text(cells, 'cell')} (motion, joint and detector) the nominal "
+            f"In {len(unlike)} of {cells[0]} (motion, joint and detector) the nominal "
             f"recordings do not lie where the simulated runs do, most at {worst['joint']} with "
             f"{worst['fda']}: {format_number(worst['scatter_ratio'], 2)} times as far from the simulated "
             "median. There the threshold's false-alarm rate is not the machine's, and no alarm is given."
         )
     if alike:
         sentences.append(
-            f"In {count_text(int(alike), 'cell')} (motion, joint and detector) the nominal recordings lie "
-            "where the simulated runs do."
+            f"In {cells[1]} (motion, joint and detector) the nominal recordings lie where the simulated runs "
+            "do."
         )
     if unknown:
         sentences.append(
-            f"In {count_text(int(unknown), 'cell')} there are fewer than 3 nominal recordings: whether the "
+            f"In {cells[2]} there are fewer than 3 nominal recordings: whether the "
             "threshold holds on the machine is not known. Record the motion again, healthy."
         )
     return sentences
 
 
 def tell_factors(found: Detections) -> list[str]:
-    """What scatters in the simulated runs, and which factors move nothing."""
-    sentences = []
+    """Which factors move nothing in the simulated runs."""
+    sentences, model = [], found.summary["model"]
     for motion, one in found.summary["motions"].items():
         idle = [FACTOR_NAMES[kind] for kind in one["factors_that_move_nothing"]]
         if idle:
-            sentences.append(
-                f"In the model {found.summary['model']}, {join_words(idle)} move{'s' * (len(idle) == 1)} no "
-                f"torque of {motion}."
-            )
-        if "wear" in one["factors_that_move_nothing"]:
+            verb = "moves" if len(idle) == 1 else "move"
+            sentences.append(f"In the model {model}, {join_words(idle)} {verb} no torque of {motion}.")
+        if "wear" in idle:
             sentences.append("So no wear is given with a test quantity: the model has no effect wear.")
     return sentences

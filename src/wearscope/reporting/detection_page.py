@@ -4,14 +4,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import altair as alt
+import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.reporting.charts.base import Choice
-from wearscope.reporting.charts.detection import axis_tables, chart_axis
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import named, offset, rows, symlog, tint, tips
 from wearscope.reporting.detection import (
     Detections,
     conclude,
+    detection_strip,
     read_detections,
     tell_factors,
     tell_scatter,
@@ -28,7 +32,6 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
-from wearscope.reporting.strips import detection_strip
 
 _BADGES = {
     "alarm": "bad",
@@ -37,8 +40,14 @@ _BADGES = {
     "withheld": "unsure",
     "failed": "neutral",
 }
-#: Columns of the tables, by the page's filters that they follow.
-_FILTERS = {"motion": "motion", "joint": "joint", "detector": "fda"}
+#: What the chart draws, by the tables' kinds: names and colours.
+KINDS = {
+    "simulated": ("simulated, no wear", "var(--soft)"),
+    "simulated_worn": ("simulated, worn", "var(--c4)"),
+    "nominal": ("recorded, nominal", "var(--after)"),
+    "judged": ("recorded, judged", "var(--before)"),
+}
+_CELL = ["motion", "joint", "fda"]
 #: Rows of a table that is shown unfolded.
 _MOST_SHOWN = 40
 
@@ -56,86 +65,134 @@ def write_detection_page(folder: str | Path) -> None:
 
 def render_detection(found: Detections) -> str:
     """Page of the detectors on the recordings of a data set, with nothing from elsewhere."""
-    setting = found.summary["setting"]
+    cells = found.thresholds
+    told = [sentence if kind == "plain" else (kind, sentence) for kind, sentence in conclude(found)]
+    outcome = render_part(told=[*told, *tell_scatter(found), *tell_factors(found)])
     sections = [
-        Section("Outcome", _outcome(found), "outcome"),
+        Section("Outcome", outcome, "outcome"),
         Section("Machine and simulator", embed_chart(chart_axis()), "axis"),
         Section("Every test quantity", _values(found), "values"),
         Section("Thresholds, and what they detect", _thresholds(found), "thresholds"),
         Section("Not judged, and why", _refused(found), "refused"),
         Section("How it was done", _setting(found), "setting"),
     ]
-    judged = found.judged["run"].nunique()
-    subtitle = (
-        f"{count_text(judged, 'recording')} judged by "
-        f"{count_text(found.thresholds['fda'].nunique(), 'detector')} at a false-alarm rate of "
-        f"{100 * setting['p_f']:g} %"
-    )
-    title = f"Detectors on recordings: {found.summary['dataset']}"
-    cells = found.thresholds
+    judged, detectors = found.judged["run"].nunique(), cells["fda"].nunique()
     filters = [
         Choice(key, name, [(one, one) for one in dict.fromkeys(cells[key])])
         for key, name in {"motion": "Motion", "joint": "Joint", "fda": "Detector"}.items()
     ]
-    labels = {"column": {"fda": "detector", "place": "place on the axis", "y": "test quantity"}}
-    strip = detection_strip(found)
     return render_page(
-        title, sections, subtitle, filters=filters, tables=axis_tables(found), labels=labels, strip=strip
+        f"Detectors on recordings: {found.summary['dataset']}",
+        sections,
+        f"{count_text(judged, 'recording')} judged by {count_text(detectors, 'detector')} at a false-alarm "
+        f"rate of {100 * found.summary['setting']['p_f']:g} %",
+        filters=filters,
+        tables=axis_tables(found),
+        labels={"column": {"fda": "detector", "place": "place on the axis", "y": "test quantity"}},
+        strip=detection_strip(found),
     )
 
 
-def _outcome(found: Detections) -> Markup:
-    told = [("" if kind == "plain" else kind, sentence) for kind, sentence in conclude(found)]
-    return render_part(told=told + [("", one) for one in [*tell_scatter(found), *tell_factors(found)]])
+def axis_tables(found: Detections) -> dict[str, pd.DataFrame]:
+    """Simulated spans and recorded points: 0 is the median without wear, 1 the alarm threshold.
+
+    ``spans``: 95 % of the runs and their quartiles; ``points``: one recording each. Cells without a threshold
+    have none.
+    """
+    cells = found.thresholds[[*_CELL, "threshold", "unit"]].set_index(_CELL)
+    unworn = found.simulated[found.simulated["kind"] == "simulated"]
+    cells["middle"] = unworn.groupby(_CELL)["y"].median()
+    cells = cells[np.isfinite(cells[["threshold", "middle"]].astype(float)).all(axis=1)].reset_index()
+
+    def scale(runs: pd.DataFrame) -> pd.DataFrame:
+        own = runs.drop(columns=["threshold", "unit"], errors="ignore").merge(cells, on=_CELL)
+        own = own[own["kind"].isin(KINDS)]
+        place = (own["y"] - own["middle"]) / (own["threshold"] - own["middle"])
+        names = own["kind"].map({key: text for key, (text, _) in KINDS.items()})
+        return own.assign(place=place, cell=own["joint"] + ", " + own["fda"], kind=names)
+
+    levels = {"low": 0.025, "first": 0.25, "third": 0.75, "high": 0.975}
+    by = scale(found.simulated).groupby([*_CELL, "cell", "kind"], sort=False)["place"]
+    spans = pd.DataFrame({name: by.quantile(level) for name, level in levels.items()}).reset_index()
+    points = scale(found.detection)[[*_CELL, "cell", "kind", "run", "place", "y", "unit", "verdict"]]
+    return {"points": points, "spans": spans}
 
 
-def _fold(rows: Sequence[Mapping[Any, Any]], caption: str, summary: str) -> Markup:
-    by = {name: key for name, key in _FILTERS.items() if rows and name in rows[0]}
-    table = render_table(rows, caption, filter_by=by)
-    if len(rows) <= _MOST_SHOWN:
-        return table
-    return render_part(folded=[(summary, False, table)])
+def chart_axis() -> Chart:
+    """Test quantities by cell and kind."""
+    kinds = dict(KINDS.values())
+    look: dict[str, Any] = {
+        "y": rows("cell:N"),
+        "yOffset": offset("kind:N", kinds),
+        "color": tint("kind:N", kinds),
+    }
+    told = tips("cell:N; kind:N; low:Q|95 % from|.3; first:Q|half from|.3; third:Q|to|.3; high:Q|95 % to|.3")
+    spans = named("spans").encode(**look, tooltip=told)
+    rule = alt.Chart(alt.InlineData([{"place": 1}])).mark_rule(strokeDash=[5, 4], color="var(--bad)")
+    layers = (
+        spans.mark_rule(strokeWidth=2).encode(x="low:Q", x2="high:Q"),
+        spans.mark_rule(strokeWidth=6, opacity=0.6).encode(x="first:Q", x2="third:Q"),
+        named("points")
+        .mark_circle(size=45, opacity=0.8)
+        .encode(
+            x=symlog("place:Q", "0: healthy in simulation, 1: alarm threshold"),
+            tooltip=tips("run:N|recording; cell:N; verdict:N; y:Q||.4; unit:N"),
+            **look,
+        ),
+        rule.encode(x="place:Q"),
+    )
+    by = {key: key for key in _CELL}
+    return Chart(
+        "axis-chart",
+        "Machine and simulator on one axis",
+        alt.layer(*layers).properties(width="container", height={"step": 8}),
+        {"points": Source("points", by), "spans": Source("spans", by)},
+        "Each joint and detector, scaled so that 1 is its alarm threshold (dashed). Bars: 95 % of the "
+        "simulated runs, and half of them. Points: recordings; a nominal one is judged by detectors that are "
+        "fitted to the others.",
+        single=["motion"],
+    )
+
+
+def _fold(records: Sequence[Mapping[Any, Any]], caption: str, summary: str, columns: str) -> Markup:
+    by = {"motion": "motion", "joint": "joint", "detector": "fda"}
+    by = {name: key for name, key in by.items() if name in columns}
+    table = render_table(records, caption, filter_by=by if records else None, columns=columns)
+    return table if len(records) <= _MOST_SHOWN else render_part(folded=[(summary, False, table)])
 
 
 def _values(found: Detections) -> Markup:
     order = {verdict: k for k, verdict in enumerate(_BADGES)}
-    rows = found.judged.assign(order=found.judged["verdict"].map(order))
-    rows = rows[rows["status"] == "ok"].sort_values(["order", "run"], kind="stable")
+    own = found.judged.assign(order=found.judged["verdict"].map(order))
+    own = own[own["status"] == "ok"].sort_values(["order", "run"], kind="stable")
     records = [
-        {
-            "recording": row["run"],
-            "session": row["session"],
-            "joint": row["joint"],
-            "detector": row["fda"],
+        row
+        | {
             "verdict": badge(row["verdict"], _BADGES[row["verdict"]]),
-            "test quantity": write_quantity(row["y"], row["unit"]),
-            "threshold": write_quantity(row["threshold"], row["unit"]),
-            "warmer by [K]": row["warmer"],
-            "wear like it (95 %)": interval_text(row["wear"], row["wear_low"], row["wear_high"], 2),
+            "y": write_quantity(row),
+            "threshold": write_quantity(row, "threshold"),
+            "wear": interval_text(row["wear"], row["wear_low"], row["wear_high"], 2),
         }
-        for row in rows.to_dict("records")
+        for row in own.to_dict("records")
     ]
     caption = (
         "Wear like it: the simulated wear that gives such a test quantity. detection.parquet has the nominal "
         "recordings too."
     )
-    return _fold(records, caption, f"All {len(records)} values")
+    columns = "run|recording; session; joint; fda|detector; verdict; y|test quantity; threshold; "
+    columns += "warmer|warmer by [K]; wear|wear like it (95 %)"
+    return _fold(records, caption, f"All {len(records)} values", columns)
 
 
 def _thresholds(found: Detections) -> Markup:
+    own = found.thresholds[found.thresholds["reason"] == ""]
     records = [
-        {
-            "motion": row["motion"],
-            "joint": row["joint"],
-            "detector": row["fda"],
-            "threshold": write_quantity(row["threshold"], row["unit"]),
-            "false-alarm rate (95 %)": interval_text(row["p_f"], row["p_f_low"], row["p_f_high"], 2),
-            "wear detected from": row["wear_detected"],
-            "nominal recordings": row["nominal_runs"],
-            "of them above": row["nominal_above"],
-            "the simulated scatter is": row["scatter"],
+        row
+        | {
+            "threshold": write_quantity(row, "threshold"),
+            "p_f": interval_text(row["p_f"], row["p_f_low"], row["p_f_high"], 2),
         }
-        for row in found.thresholds[found.thresholds["reason"] == ""].to_dict("records")
+        for row in own.to_dict("records")
     ]
     p_d = 100 * found.summary["setting"]["p_d"]
     caption = (
@@ -143,25 +200,25 @@ def _thresholds(found: Detections) -> Markup:
         f"from: smallest wear of which {p_d:g} % of simulated runs exceed it; n/a where there is none. "
         "Scatter: whether nominal recordings lie where simulated runs lie."
     )
-    return _fold(records, caption, "All thresholds")
+    columns = "motion; joint; fda|detector; threshold; p_f|false-alarm rate (95 %); "
+    columns += "wear_detected|wear detected from; nominal_runs|nominal recordings; "
+    columns += "nominal_above|of them above; scatter|the simulated scatter is"
+    return _fold(records, caption, "All thresholds", columns)
 
 
 def _refused(found: Detections) -> Markup:
-    rows = found.thresholds[found.thresholds["reason"] != ""]
+    own = found.thresholds[found.thresholds["reason"] != ""]
     without = [
-        f"{fda} at {join_words(sorted(own['joint'].unique()))}: {str(reason).rstrip('.')}."
-        for (fda, reason), own in rows.groupby(["fda", "reason"], sort=True)
+        f"{fda} at {join_words(sorted(part['joint'].unique()))}: {str(reason).rstrip('.')}."
+        for (fda, reason), part in own.groupby(["fda", "reason"], sort=True)
     ]
     return render_part(listed=[one["reason"] for one in found.summary["refused"]] + without)
 
 
 def _setting(found: Detections) -> Markup:
     setting, summary = found.summary["setting"], found.summary
-    fitted = (
-        "the nominal recordings"
-        if setting["nominal"] == "measured"
-        else "simulated runs of the corrected model"
-    )
+    measured = setting["nominal"] == "measured"
+    fitted = "the nominal recordings" if measured else "simulated runs of the corrected model"
     sentences = [
         f"For the recordings the detectors were fitted to {fitted}; for simulated runs, to simulated nominal "
         "runs.",
@@ -171,6 +228,6 @@ def _setting(found: Detections) -> Markup:
         f"that of {summary['torque_noise_from']}. Recorded and simulated runs were filtered alike.",
     ]
     for motion, one in summary["motions"].items():
-        named = f"{motion[0].upper()}{motion[1:]}, {format_number(one['seconds'])} s"
-        sentences.append(f"{named}: nominal {', '.join(one['nominal'])}.")
-    return render_part(told=[("", one) for one in sentences])
+        name = f"{motion[0].upper()}{motion[1:]}"
+        sentences.append(f"{name}, {format_number(one['seconds'])} s: nominal {', '.join(one['nominal'])}.")
+    return render_part(told=sentences)

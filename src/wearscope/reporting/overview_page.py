@@ -12,9 +12,10 @@ from markupsafe import Markup
 
 from wearscope.reporting import trust
 from wearscope.reporting.charts.base import Choice
-from wearscope.reporting.charts.study import FILTER_LABELS, words
-from wearscope.reporting.conclusion import qualify
+from wearscope.reporting.charts.study import FILTER_LABELS
+from wearscope.reporting.conclusion import SIMULATED, qualify, study_strip
 from wearscope.reporting.labels import (
+    CELL,
     COLUMNS,
     count_text,
     factor_name,
@@ -22,6 +23,8 @@ from wearscope.reporting.labels import (
     join_words,
     term_name,
     unit_text,
+    with_unit,
+    words,
 )
 from wearscope.reporting.page import (
     Section,
@@ -32,10 +35,8 @@ from wearscope.reporting.page import (
     render_table,
     render_template,
 )
-from wearscope.reporting.sections.background import Provenance
-from wearscope.reporting.sections.base import say
-from wearscope.reporting.strips import SIMULATED, study_strip
 from wearscope.reporting.study import Study
+from wearscope.reporting.study_background import render_provenance
 
 #: Terms that are shown unfolded.
 _MOST = 15
@@ -61,7 +62,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
         Section("Which detector is best?", _rank(study), "q2"),
         Section("Which factors matter?", _weigh(study), "q1"),
         Section("Where does it work?", _draw_scopes(study), "q3"),
-        Provenance(study).render(),
+        Section("Costs and provenance", render_provenance(study), "provenance"),
     ]
     filters = [
         Choice(key, FILTER_LABELS[key], [(str(value), words(value)) for value in sorted(values)])
@@ -82,14 +83,13 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
 
 
 def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
-    first = study.conclusions[0]
     failed = [] if study.failures.empty else [trust.failed_points(study)]
     return render_template(
         "study/summary.html",
-        qualifiers=say([*qualify(study, first), *failed]),
-        alarms=say(trust.failed_simulations(study)),
+        qualifiers=[*qualify(study, study.conclusions[0]), *failed],
+        alarms=trust.failed_simulations(study),
         robots="",
-        cards=[("Robots", say(_compare(study, overview)), "robots", "Every robot and test-cycle")],
+        cards=[("Robots", _compare(study, overview), "robots", "Every robot and test-cycle")],
     )
 
 
@@ -100,8 +100,11 @@ def _caveat(overview: pd.DataFrame) -> str:
         return SIMULATED
     names = list(dict.fromkeys(lost["robot"]))
     shown = join_words([*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])])
-    many = count_text(len(lost), "robot and test-cycle", "robots and test-cycles")
-    return f"In {many} no change of wear that was asked is found: on {shown}."
+    return f"In {_count(len(lost))} no change of wear that was asked is found: on {shown}."
+
+
+def _count(n: int) -> str:
+    return count_text(n, "robot and test-cycle", "robots and test-cycles")
 
 
 def _compare(study: Study, overview: pd.DataFrame) -> list[str]:
@@ -111,69 +114,63 @@ def _compare(study: Study, overview: pd.DataFrame) -> list[str]:
     said = [f"Detector to use by robot: {join_words(used)}."]
     found = finite(overview["wear"])
     if found.size:
-        unit = unit_text(study.factor("f").unit)
+        fault = study.factor("f")
         low, middle, high = np.quantile(found, [0.0, 0.5, 1.0])
+        span = f"{low:.3g} to {high:.3g} {unit_text(fault.unit)}".rstrip()
         said.append(
-            f"Smallest change of {factor_name(study.factor('f'))} that is found: "
-            f"{low:.3g} to {high:.3g}{' ' + unit if unit else ''}, {middle:.3g} in the median of "
-            f"{count_text(found.size, 'robot and test-cycle', 'robots and test-cycles')}."
+            f"Smallest change of {factor_name(fault)} that is found: {span}, {middle:.3g} in the median of "
+            f"{_count(found.size)}."
         )
     return said
 
 
 def _tabulate(study: Study, overview: pd.DataFrame, pages: Mapping[str, str]) -> Markup:
-    unit = unit_text(study.factor("f").unit)
-    links = [Markup('<a href="{}">{}</a>').format(pages[robot], robot) for robot in overview["robot"]]
-    shown = pd.DataFrame(
-        {
-            # As objects: a column of strings would forget that these are HTML.
-            "robot": pd.Series(links, dtype=object),
-            "test-cycle": overview["cycle"].map(words),
-            "detector to use": overview["detector"].replace("", "none"),
-            f"finds wear from{f' [{unit}]' if unit else ''}": overview["wear"],
-            "median SNR": overview["snr"],
-            "lowest fit [%]": overview["fit"],
-            "cells": overview["cells"],
-            "of them sure": overview["cells_sure"],
-            "failed simulations": overview["failed_simulations"],
+    rows = overview.assign(fda=overview["detector"])[["robot", "cycle", "fda"]].to_dict("records")
+    records = [
+        row
+        | {
+            "robot": Markup('<a href="{}">{}</a>').format(pages[row["robot"]], row["robot"]),
+            "cycle": words(row["cycle"]),
+            "detector": row["detector"] or "none",
         }
-    )
+        for row in overview.to_dict("records")
+    ]
     note = (
         "Worst first: where no wear is found (n/a), then by the smallest change that is found, then by SNR. "
         "All of the detector recommended for the robot. A robot's name leads to its page."
     )
-    keys = overview.rename(columns={"detector": "fda"})[["robot", "cycle", "fda"]]
-    return render_table(shown, note, cells=keys.to_dict("records"))
+    columns = (
+        "robot; cycle|test-cycle; detector|detector to use; "
+        f"wear|{with_unit('finds wear from', study.factor('f').unit)}; snr|median SNR; fit|lowest fit [%]; "
+        "cells; cells_sure|of them sure; failed_simulations|failed simulations"
+    )
+    return render_table(records, note, cells=rows, columns=columns)
 
 
 def _rank(study: Study) -> Markup:
     shown = study.ranking.drop(columns="interval_from", errors="ignore").rename(columns=COLUMNS)
-    note = "Over the cells of all robots."
-    return render_table(shown, note, filter_by={"detector": "fda"} if "detector" in shown else None)
+    by = {"detector": "fda"} if "detector" in shown else None
+    return render_table(shown, "Over the cells of all robots.", filter_by=by)
 
 
 def _weigh(study: Study) -> Markup:
     """Terms by the share of cells in which they outweigh wear."""
     table = study.sensitivity[study.sensitivity["term"] != "f"]
     table = table.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
-    keys = [name for name in ("robot", "cycle", "axis", "fda") if name in table]
-    shown = table[keys].assign(
-        term=[term_name(term, study.factors) for term in table["term"]],
-        cells=table["n"],
-        share=100 * table["share_relevant"],
-        low=100 * table["share_low"],
-        high=100 * table["share_high"],
-        median=table["median_absolute"],
+    shares = table[["share_relevant", "share_low", "share_high"]].mul(100)
+    shown = table.assign(term=[term_name(term, study.factors) for term in table["term"]], **shares)
+    keys = [f"{name}|{COLUMNS.get(name, name)}" for name in CELL if name in table]
+    columns = "; ".join(keys) + (
+        "; term; n|cells; share_relevant|outweighs wear in [%]; share_low|95 % from; share_high|to; "
+        "median_absolute|median size over that of wear"
     )
-    names = {"share": "outweighs wear in [%]", "low": "95 % from", "high": "to"}
-    shown = shown.rename(columns=COLUMNS | names | {"median": "median size over that of wear"})
     note = "Coefficients of the surrogates over that of wear, in the cells of all robots."
-    by = {"detector": "fda"} if "detector" in shown else None
+    by = {"detector": "fda"} if "fda" in table else None
+    first = render_table(shown[:_MOST], note, filter_by=by, columns=columns)
     if len(shown) <= _MOST:
-        return render_table(shown, note, filter_by=by)
-    rest = render_table(shown[_MOST:], "The others.", filter_by=by)
-    folded = [(f"{len(shown) - _MOST} more terms", False, rest)]
-    return render_table(shown[:_MOST], note, filter_by=by) + render_part(folded=folded)
+        return first
+    rest = render_table(shown[_MOST:], "The others.", filter_by=by, columns=columns)
+    return first + render_part(folded=[(f"{len(shown) - _MOST} more terms", False, rest)])
 
 
 def _draw_scopes(study: Study) -> Markup:

@@ -2,9 +2,8 @@
 
 import base64
 import json
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
@@ -15,6 +14,8 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from wearscope.errors import InputError
+from wearscope.files import load_json
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page_strip import Strip, unbreak
@@ -24,24 +25,34 @@ if TYPE_CHECKING:
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
+#: Column of the joint, and the filter that it follows.
+JOINT = {"joint": "joint"}
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page.
+    """A part of a page, with its name for links; left out where its body is empty.
 
-    Text from elsewhere must have been escaped in its body (``Markup.format`` and templates do). The name for
-    links to it is made from the title where left out.
+    Text from elsewhere must have been escaped in its body (``Markup.format`` and templates do).
     """
 
     title: str
     body: str
-    anchor: str = field(default="")
+    anchor: str
 
-    @property
-    def id(self) -> str:
-        """Name for links to it."""
-        return self.anchor or re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
+
+def read_outcome(path: Path, first: str) -> Any:
+    """Content of a JSON file that a page is made from.
+
+    Raises
+    ------
+    InputError
+        Where it is missing or damaged, with what is to be done first.
+    """
+    try:
+        return load_json(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); {first}.") from error
 
 
 @cache
@@ -69,8 +80,8 @@ def render_part(**given: Any) -> Markup:
 
     Parameters
     ----------
-    told : sequence of (str, str)
-        Sentences, with ``alarm``, ``notice`` or nothing.
+    told : sequence of str, or of (str, str)
+        Sentences, or with ``alarm`` or ``notice`` before them.
     notes, listed : sequence of str
         Small print, and bullets.
     parts : sequence of Markup
@@ -100,7 +111,7 @@ def render_page(
     ----------
     title : str
     sections : sequence of Section
-        The first one is what a reader in a hurry reads. One without a body is left out.
+        The first one is what a reader in a hurry reads.
     subtitle : str
         One line of text under the title.
     footer : str
@@ -129,7 +140,7 @@ def render_page(
             subtitle=subtitle,
             strip=strip,
             strip_data=embed_json(strip.plain()) if strip else "",
-            sections=[(one.id, one.title, Markup(one.body)) for one in sections if one.body],
+            sections=[(one.anchor, one.title, Markup(one.body)) for one in sections if one.body],
             css=_read("page.css"),
             footer=footer,
             filters=shown,
@@ -162,9 +173,10 @@ def embed_json(value: Any) -> Markup:
     return Markup(json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c"))
 
 
-def embed_chart(chart: Chart) -> Markup:
-    """Figure element of a chart that a reader can ask; `render_page` must get the tables that it draws."""
-    return render_template("chart.html", chart=chart, definition=embed_json(chart.definition()))
+def embed_chart(*charts: Chart) -> Markup:
+    """Figure elements of charts that a reader can ask; `render_page` must get the tables that they draw."""
+    drawn = [(chart, embed_json(chart.definition())) for chart in charts]
+    return Markup("").join(render_template("chart.html", chart=one, definition=text) for one, text in drawn)
 
 
 def embed_figure(figure: "Figure | str | Path", alt: str, caption: str = "", kind: str = "svg") -> Markup:
@@ -214,9 +226,7 @@ def format_number(value: Any, digits: int = 3) -> str:
         return "n/a"
     if abs(number) == float("inf"):
         return "∞" if number > 0 else "−∞"
-    if isinstance(value, Integral):
-        text = f"{number:,.0f}"
-    elif abs(number) >= 10 ** (digits - 1):
+    if isinstance(value, Integral) or abs(number) >= 10 ** (digits - 1):
         text = f"{number:,.0f}"
     elif number == 0 or abs(number) >= 1e-4:
         text = f"{number:.{digits}g}"
@@ -243,6 +253,7 @@ def render_table(
     digits: int = 3,
     filter_by: Mapping[str, str] | None = None,
     cells: Sequence[Mapping[str, object]] = (),
+    columns: str = "",
 ) -> Markup:
     """Table of a data frame that sorts and exports: missing numbers as n/a, text escaped.
 
@@ -257,9 +268,15 @@ def render_table(
         Column and the page's filter that hides the rows of its other values.
     cells : sequence of mapping
         By row, its values for the page's filters, where no column holds them.
+    columns : str
+        Those that are shown, and what they are called where it is not their name: ``fda|detector; joint``.
     """
     if not isinstance(table, pd.DataFrame):
         table = pd.DataFrame(list(table), dtype=object)
+    if columns:
+        parts = (one.strip().partition("|") for one in columns.split(";"))
+        titles = {name: title or name for name, _, title in parts}
+        table = table.reindex(columns=list(titles)).rename(columns=titles)
     names = [str(name) for name in table.columns]
     lines = list(table.itertuples(index=False))
     texts = (value for values in lines for value in values if isinstance(value, str))

@@ -12,7 +12,7 @@ from wearscope.files import load_json
 def unbreak(text: str) -> str:
     """Text whose numbers stay on the line of their unit, and signs on that of their number."""
     pattern = r"(?<=[\d>]) (?=%|°C|N m\b)|(?<=\bN) (?=m\b)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])"
-    return re.sub(pattern, "\N{NO-BREAK SPACE}", text)
+    return type(text)(re.sub(pattern, "\N{NO-BREAK SPACE}", text))
 
 
 #: Headings of a strip.
@@ -37,7 +37,7 @@ class Strip:
     def rows(self) -> list[tuple[str, str]]:
         """What follows the answer, with its heading."""
         told = zip(HEADINGS, (self.sure, self.caveat, self.action), strict=True)
-        return [(name, text if isinstance(text, Markup) else unbreak(text)) for name, text in told if text]
+        return [(name, unbreak(text)) for name, text in told if text]
 
     def plain(self) -> dict[str, str]:
         """Its texts without markup, by field."""

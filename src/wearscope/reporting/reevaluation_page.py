@@ -15,8 +15,14 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
-from wearscope.reporting.reevaluation import tell_best, tell_withheld, truth_sentences
-from wearscope.reporting.strips import reevaluation_strip
+from wearscope.reporting.page_strip import Strip
+from wearscope.reporting.reevaluation import (
+    count_truth,
+    tell_best,
+    tell_headline,
+    tell_withheld,
+    truth_sentences,
+)
 
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not certain": "neutral"}
 
@@ -45,8 +51,19 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
         "The study's questions for the model before and after its correction",
         "Made by wearscope from reevaluation.parquet.",
         tables={"sides": snr_sides(one)},
-        strip=reevaluation_strip(one),
+        strip=_strip(one),
     )
+
+
+def _strip(one: Reevaluation) -> Strip:
+    withheld = tell_withheld(one)
+    effects = dict.fromkeys(words(name.partition(" at ")[0]) for name in one.assumed)
+    own = f"Assumed on every side, as no recording shows it: {join_words(list(effects))}."
+    if not one.assumed:
+        own = "It holds for the test-cycles and axes of this study."
+    action = Markup('See <a href="#detectors">detector by detector</a>, then study the corrected model.')
+    kind = "unsure" if withheld or not one.has_truth else "good"
+    return Strip(tell_headline(one), kind, count_truth(one), [*withheld, own][0], action)
 
 
 def snr_sides(one: Reevaluation) -> pd.DataFrame:
@@ -68,14 +85,9 @@ def list_sides(one: Reevaluation) -> list[str]:
 
 def draw_change(one: Reevaluation) -> Markup:
     """Chart of every detector's SNR on each side; the page must have `snr_sides`."""
+    title, caption = "Signal-to-noise ratio", "With 95 % intervals, over the models that the data allow."
     return embed_chart(
-        chart_sides(
-            list_sides(one),
-            "Signal-to-noise ratio before and after",
-            "signal-to-noise ratio",
-            "cell",
-            "With 95 % intervals, over the models that the data allow.",
-        )
+        chart_sides(list_sides(one), f"{title} before and after", "signal-to-noise ratio", "cell", caption)
     )
 
 
@@ -89,40 +101,36 @@ def _summarise(one: Reevaluation) -> Markup:
     return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[draw_change(one)])
 
 
-def _value(row: object, side: str) -> str:
-    return interval_text(*(getattr(row, name) for name in (side, f"{side}_low", f"{side}_high")))
+def _values(row: object, sides: list[str], name: str = "{}") -> dict[str, str]:
+    """Columns of what a row has on each side, with its interval."""
+    return {
+        name.format(side): interval_text(*(getattr(row, f"{side}{end}") for end in ("", "_low", "_high")))
+        for side in sides
+    }
 
 
 def _detectors(one: Reevaluation) -> Markup:
-    sides = list_sides(one)
     records = []
     for (cycle, axis, fda), rows in one.table.groupby(["cycle", "axis", "fda"], sort=True):
         snr = next(rows[rows["question"] == "snr"].itertuples())
         what, verdict = judge_detector(rows)
-        record: dict[str, object] = {"axis": axis, "test-cycle": words(cycle)}
-        record["detector"] = one.names.get(fda, fda)
+        record = {"axis": axis, "test-cycle": words(cycle), "detector": one.names.get(fda, fda)}
         if one.has_truth:
             text = f"{verdict}: {join_words(what)}" if what else verdict
             record["after the correction"] = badge(text, _KINDS[verdict])
-        record |= {f"SNR {side}": _value(snr, side) for side in sides}
-        records.append(record)
-    note = "SNR with its 95 % interval."
+        records.append(record | _values(snr, list_sides(one), "SNR {}"))
+    told = "The truth of a real machine cannot be simulated, so no side is called nearer to it."
     if one.has_truth:
-        note += " After is nearer to the truth, or farther from it, in what stands after the colon."
-    else:
-        note += " The truth of a real machine cannot be simulated, so no side is called nearer to it."
-    return render_table(records, note)
+        told = "After is nearer to the truth, or farther from it, in what stands after the colon."
+    return render_table(records, f"SNR with its 95 % interval. {told}")
 
 
 def _question(one: Reevaluation, question: str) -> Markup:
     """What surely changed; a sentence where nothing did."""
-    sides = list_sides(one)
     own = one.table[one.table["question"] == question]
     rows = own[own["p_changed"] >= SURE]
     if rows.empty:
-        return render_part(
-            told=[("", f"None of {len(own)} answers changed with {100 * SURE:g} % certainty.")]
-        )
+        return render_part(told=[f"None of {len(own)} answers changed with {100 * SURE:g} % certainty."])
     records = []
     for row in rows.sort_values("p_changed", ascending=False, kind="stable").itertuples():
         record: dict[str, object] = {"axis": row.axis, "test-cycle": words(row.cycle), "detector": row.fda}
@@ -131,7 +139,7 @@ def _question(one: Reevaluation, question: str) -> Markup:
             record["change of wear"] = row.delta
         else:
             record["term"] = name_term(str(row.about), one.names)
-        records.append(record | {side: _value(row, side) for side in sides})
+        records.append(record | _values(row, list_sides(one)))
     note = {
         "scope": "Largest standard deviation of the factor at which the change of wear is still detected, in "
         "natural units; the grid's end where it is reached.",
@@ -141,25 +149,22 @@ def _question(one: Reevaluation, question: str) -> Markup:
 
 
 def _ranks(one: Reevaluation) -> Markup:
-    shown = one.ranking.rename(columns={"fda": "detector", "over": "outranks", "cycle": "test-cycle"})
-    shown = shown[shown["detector"] < shown["outranks"]].drop(columns="robot")
-    shown["test-cycle"] = shown["test-cycle"].map(words)
-    if not one.has_truth:
-        shown = shown.drop(columns="truth")
+    shown = one.ranking[one.ranking["fda"] < one.ranking["over"]].drop(columns="robot")
+    shown = shown.assign(cycle=shown["cycle"].map(words))
+    shown = shown.rename(columns={"fda": "detector", "over": "outranks", "cycle": "test-cycle"})
+    shown = shown if one.has_truth else shown.drop(columns="truth")
     return render_table(shown, "Probability that the first detector has the higher SNR, by side.")
 
 
 def _basis(one: Reevaluation, chosen: pd.DataFrame) -> Markup:
     sentences = []
     for row in one.models.itertuples():
+        text = "the model alone; nothing is known of its uncertainty"
         if row.drawn or row.left_out:
-            text = f"{row.side}: {count_text(int(row.drawn), 'model')} drawn from what the data leave open"
-            if row.left_out:
-                text += f", {row.left_out} more left out (first: {row.first_reason.rstrip('.')})"
-            sentences.append(text + ".")
-        else:
-            sentences.append(f"{row.side}: the model alone; nothing is known of its uncertainty.")
-    columns = ["robot", "axis", "fda", "kind", "fit", "state", "n_points"]
-    shown = chosen[columns].rename(columns={"robot": "side", "fda": "detector", "n_points": "points"})
-    table = render_table(shown, "Surrogates, with their fit [%] on checking points.")
+            text = f"{count_text(int(row.drawn), 'model')} drawn from what the data leave open"
+        if row.left_out:
+            text += f", {row.left_out} more left out (first: {row.first_reason.rstrip('.')})"
+        sentences.append(f"{row.side}: {text}.")
+    columns = "robot|side; axis; fda|detector; kind; fit; state; n_points|points"
+    table = render_table(chosen, "Surrogates, with their fit [%] on checking points.", columns=columns)
     return render_part(listed=sentences) + table

@@ -1,24 +1,60 @@
 """The report of a study: one page that concludes, answers the three questions and lets itself be asked."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from wearscope.reporting.charts.scope import detection_cases
-from wearscope.reporting.charts.study import study_filters, study_labels, study_tables
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from wearscope.evaluation.conclusion import Conclusion
+from wearscope.evaluation.snr_sources import snr_sources
+from wearscope.reporting import answers, trust
+from wearscope.reporting.charts.questions import (
+    chart_response,
+    chart_roc,
+    chart_scope,
+    chart_snr,
+    chart_snr_cells,
+    chart_weights,
+)
+from wearscope.reporting.charts.study import detection_cases, study_filters, study_labels, study_tables
+from wearscope.reporting.conclusion import friction_rise, qualify, study_strip, thresholds_of
 from wearscope.reporting.findings import Finding
-from wearscope.reporting.labels import count_text
-from wearscope.reporting.page import describe_study, render_page
-from wearscope.reporting.reevaluation_page import snr_sides
-from wearscope.reporting.sections.background import Paper, Provenance, Simulated, Trust
-from wearscope.reporting.sections.base import StudySection
-from wearscope.reporting.sections.loops import Correction, Loops
-from wearscope.reporting.sections.questions import Detectors, Factors, Scope
-from wearscope.reporting.sections.summary import Summary
-from wearscope.reporting.strips import study_strip
+from wearscope.reporting.labels import (
+    COLUMNS,
+    MODEL_NAMES,
+    count_text,
+    factor_name,
+    quantity_text,
+    unit_text,
+    with_unit,
+    words,
+)
+from wearscope.reporting.loop_words import conclude_loop, tell_planted
+from wearscope.reporting.page import (
+    Section,
+    describe_study,
+    embed_chart,
+    format_number,
+    interval_text,
+    render_page,
+    render_table,
+    render_template,
+)
+from wearscope.reporting.reevaluation import count_truth, tell_headline
+from wearscope.reporting.reevaluation_page import draw_change, snr_sides
 from wearscope.reporting.study import Study
+from wearscope.reporting.study_background import (
+    render_findings,
+    render_provenance,
+    render_simulated,
+    render_trust,
+)
 
-SECTIONS: tuple[type[StudySection], ...] = (
-    Summary, Factors, Detectors, Scope, Trust, Loops, Correction, Paper, Simulated, Provenance,
-)  # fmt: skip
+DEMONSTRATION = "twin"
+#: Sentences of a card; the sections have all of them.
+MOST = 2
 
 
 def render_study(study: Study, findings: Sequence[Finding]) -> str:
@@ -30,20 +66,198 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     findings : sequence of Finding
         From `wearscope.reporting.findings.compare_with_paper`.
     """
-    tables = study_tables(study)
-    if study.detection is not None:
-        tables["detection"] = detection_cases(study)[0]
+    tables, config = study_tables(study), study.config
     if study.reevaluation is not None:
         tables["sides"] = snr_sides(study.reevaluation)
-    config = study.config
-    cells = count_text(len(study.snr), "cell")
+    sections = [
+        Section("Conclusion", _summarise(study), "summary"),
+        Section("Which factors matter?", _factors(study), "q1"),
+        Section("Which detector is best?", _detectors(study), "q2"),
+        Section("Where does it work?", _scope(study), "q3"),
+        Section("Can it be trusted?", render_trust(study), "trust"),
+        Section("The closed loop", _loops(study), "loops"),
+        Section("What the correction changes", _correction(study), "correction"),
+        Section("Compared with the paper", render_findings(findings), "paper"),
+        Section("What was simulated", render_simulated(study), "simulated"),
+        Section("Costs and provenance", render_provenance(study), "provenance"),
+    ]
     return render_page(
         f"Study {config['study']}",
-        [section(study, findings).render() for section in SECTIONS],
-        f"{describe_study(config, len(config['robots']))}; {cells}",
+        sections,
+        f"{describe_study(config, len(config['robots']))}; {count_text(len(study.snr), 'cell')}",
         "Made by wearscope from its tables.",
         study_filters(study),
         tables,
         study_labels(study),
         study_strip(study),
     )
+
+
+def _first(study: Study) -> dict[str, str]:
+    """The detector shown first where a chart shows only one."""
+    best = study.conclusions[0].detector if study.conclusions else ""
+    return {"fda": best} if best else {}
+
+
+def _summarise(study: Study) -> Markup:
+    """What the conclusion leaves open, then the answers to the three questions."""
+    audited = trust.audit_outcome(study) if study.audit is not None else []
+    trusted = [trust.surrogate_quality(study), *audited, *trust.direct_outcome(study)]
+    cards = [
+        ("Which factors matter?", answers.relevant_factors(study), "q1", "Every factor and cell"),
+        ("Which detector is best?", answers.best_detector(study), "q2", "Every cell"),
+        ("Where does it work?", answers.effective_scope(study), "q3", "Scope, ROC, thresholds"),
+        ("Can it be trusted?", trusted, "trust", "Fits, audit, assumptions"),
+    ]
+    open_points = qualify(study, study.conclusions[0]) if study.conclusions else []
+    failed = [] if study.failures.empty else [trust.failed_points(study)]
+    note = (
+        "Each robot by itself. Ranges hold 95 % of a factor that varies alone; ≥: the end of what was "
+        "simulated. As friction: at a tenth of the joints' top speeds. Median SNR of the detector to "
+        "use, with its 95 % interval."
+    )
+    robots = [_compare(study, one) for one in study.conclusions if one.robot]
+    return render_template(
+        "study/summary.html",
+        qualifiers=[*open_points, *trust.ask_moved(study), *failed],
+        alarms=[*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)],
+        cards=[(title, said[:MOST], link, more) for title, said, link, more in cards],
+        robots=render_table(robots, note, filter_by={"robot": "robot"}) if robots else "",
+    )
+
+
+def _compare(study: Study, one: Conclusion) -> dict[str, Any]:
+    """A robot's row in the table of robots side by side."""
+    found = not np.isnan(one.wear)
+    row: dict[str, Any] = {
+        "robot": one.robot,
+        "detector to use": study.detector_name(one.detector) if one.detector else "none",
+        "finds wear from": quantity_text(one.wear, study.factor("f").unit) if found else "not found",
+    }
+    rise = friction_rise(study, one.wear, one.robot) if found else None
+    row["as friction"] = f"+{100 * rise[0]:.2g} to {100 * rise[1]:.2g} %" if rise else "n/a"
+    bounds = {bound.factor: bound for bound in one.bounds}
+    for name in study.config["scope"]["factors"]:
+        factor, bound = study.factor(name), bounds.get(name)
+        size = f"±{quantity_text(1.96 * bound.sigma, factor.unit)}" if bound else "n/a"
+        row[f"tolerates {factor_name(factor)}"] = f"≥ {size}" if bound and bound.largest else size
+    values = thresholds_of(study, one)["threshold"].dropna()
+    ends = f"{format_number(values.min())} to {format_number(values.max())}"
+    ends = f"{ends} {unit_text(study.units.get(one.detector, ''))}".strip()
+    row["alarm threshold"] = ends if len(values) else "n/a"
+    row["median SNR"] = "n/a"
+    if study.rankings is not None:
+        table = study.rankings.set_index(["robot", "fda"])[["median", "median_low", "median_high"]]
+        if (one.robot, one.detector) in table.index:
+            row["median SNR"] = interval_text(*table.loc[(one.robot, one.detector)])
+    return row | {"cells": f"{one.cells_sure} of {one.cells}"}
+
+
+def _factors(study: Study) -> Markup:
+    """Q-1: sentences, coefficients, responses."""
+    responses = [chart_response(study, _first(study))] if study.responses is not None else []
+    return render_template(
+        "study/factors.html",
+        sentences=answers.relevant_factors(study),
+        model=MODEL_NAMES[study.config["sensitivity"]["model"]],
+        charts=embed_chart(chart_weights(study), *responses),
+    )
+
+
+def _detectors(study: Study) -> Markup:
+    """Q-2: sentences, setting, charts, ranking, and the SNR by source where there are several."""
+    setting, fault = study.config["snr"], study.factor("f")
+    ends = (setting["f0"], setting["f0"] + setting["delta"])
+    low, high = (float(fault.to_natural(one)) for one in ends)
+    shown = study.ranking.drop(columns="interval_from", errors="ignore").rename(columns=COLUMNS)
+    return render_template(
+        "study/detectors.html",
+        sentences=answers.best_detector(study),
+        setting=f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
+        "coded units",
+        charts=embed_chart(chart_snr(study), chart_snr_cells(study)),
+        ranking=render_table(shown, filter_by={"detector": "fda"} if "detector" in shown else None),
+        sources=_sources(study),
+    )
+
+
+def _sources(study: Study) -> Markup:
+    """The SNR by source; nothing where there is only one."""
+    table = snr_sources(study.snr, study.paper_snr, study.direct, study.mismatch)
+    if len(table.columns) < 3:
+        return Markup("")
+    names = {
+        "fda": "detector",
+        "median": "median, chosen surrogate",
+        "median_paper": "median, the paper's model (3)",
+        "surrogate": "surrogate there",
+        "direct": "simulated directly",
+        "answer": "answer there",
+        "mismatch": "robot differs from model",
+    }
+    note = "Signal-to-noise ratio by its source."
+    if study.direct is not None and len(study.direct):
+        cell = study.direct.iloc[0]
+        where = f"{cell['robot']}, {words(cell['cycle'])}, axis {cell['axis']}"
+        note += f" There: {where}. Where surrogate and direct simulation disagree, the direct value answers."
+        if "mismatch" in table:
+            note += f" The robot that differs from the detectors' model has {trust.tell_mismatch(study)}."
+    shown = table.assign(fda=table["fda"].map(study.detector_name)).rename(columns=names)
+    return render_table(shown, note, cells=table[["fda"]].to_dict("records"))
+
+
+def _scope(study: Study) -> Markup:
+    """Q-3: sentences, scope, ROC, thresholds."""
+    charts = [chart_scope(study, _first(study))]
+    if study.detection is not None:
+        charts.append(chart_roc(study, detection_cases(study)[1]))
+    one = study.conclusions[0] if study.conclusions else None
+    table = thresholds_of(study, one) if one and one.detector else None
+    return render_template(
+        "study/scope.html",
+        sentences=answers.effective_scope(study),
+        tolerances=render_table(
+            answers.tolerance_table(study),
+            "Exact, not by kernel density. σ in natural units; ≥: the end of the grid.",
+        ),
+        charts=embed_chart(*charts),
+        thresholds=_thresholds(study, table) if table is not None and len(table) else "",
+        count=0 if table is None else len(table),
+    )
+
+
+def _thresholds(study: Study, table: pd.DataFrame) -> Markup:
+    unit = study.units.get(study.conclusions[0].detector, "")
+    note = (
+        "Alarm above it: at most the false-alarm rate asked, for variations up to those of the "
+        "conclusion, with the largest threshold that any of the factors needs."
+    )
+    return render_table(
+        table.assign(cycle=table["cycle"].map(words)),
+        note,
+        digits=4,
+        filter_by={"robot": "robot", "test-cycle": "cycle", "axis": "axis", "detector": "fda"},
+        columns=f"robot; cycle|test-cycle; axis; fda|detector; threshold|{with_unit('threshold', unit)}",
+    )
+
+
+def _loops(study: Study) -> Markup:
+    """The conclusion of each closed loop of the study; its page has the rest."""
+    loops = []
+    for name, verdict in study.loops.items():
+        known = study.planted if name == DEMONSTRATION else None
+        one = {"title": f"Closed on {name}", "sentences": [conclude_loop(verdict)[1]], "folder": "../"}
+        if known is not None:
+            one["title"] = "Demonstration on a simulated twin with an effect that its description hides"
+            one |= {"sentences": [*one["sentences"], tell_planted(verdict, known)], "folder": ""}
+        loops.append(one | {"page": f"{one['folder']}closed_loop/{name}/report.html"})
+    return render_template("study/loops.html", loops=loops)
+
+
+def _correction(study: Study) -> Markup:
+    """What the correction of a model changes in the study's answers; the page of its own has the rest."""
+    one = study.reevaluation
+    if one is None:
+        return Markup("")
+    told = [tell_headline(one), count_truth(one)]
+    return render_template("study/correction.html", told=told, chart=draw_change(one))

@@ -1,28 +1,82 @@
 """The page of a tracked machine: what changed since it was healthy, and the trend of each joint."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import altair as alt
+import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.reporting.charts.base import Choice
-from wearscope.reporting.charts.tracking import chart_trend, trend_names, trend_table
-from wearscope.reporting.labels import count_text, join_words, unit_text, words
+from wearscope.reporting.charts.base import Chart, Choice, Source
+from wearscope.reporting.charts.encoding import named, tint, tips
+from wearscope.reporting.labels import count_text, join_words, unit_text, with_unit, words
 from wearscope.reporting.page import (
+    JOINT,
     Section,
     badge,
     embed_chart,
     format_number,
     interval_text,
+    read_outcome,
     render_page,
     render_part,
     render_table,
 )
-from wearscope.reporting.sections.base import JOINT
-from wearscope.reporting.strips import tracking_strip
-from wearscope.reporting.tracking import Tracking, read_tracking
+from wearscope.reporting.page_strip import Strip
+
+_STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}
+_TINTS = ("var(--soft)", "var(--after)", "var(--before)")
+_SHARE = "friction"
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Outcome of tracking one machine: ``tracking.json`` and ``changes.parquet``."""
+
+    outcome: Mapping[str, Any]
+    changes: pd.DataFrame
+
+    @property
+    def joints(self) -> list[str]:
+        """Joint names, in the data set's order."""
+        return list(self.outcome["healthy"]["temperatures"])
+
+    def entries(self) -> list[tuple[str, Mapping[str, Any]]]:
+        """Session and entry of every change."""
+        return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
+
+    def parameters(self) -> dict[str, pd.DataFrame]:
+        """Friction of each joint and every other parameter that changed, by name: a row a session, in order.
+
+        Healthy sessions, held out, come first.
+        """
+        table = self.changes
+        sessions = [*dict.fromkeys(table.loc[table["healthy"], "session"])]
+        sessions += [one["session"] for one in self.outcome["sessions"]]
+        asked = [(joint, _SHARE, "torque") for joint in self.joints]
+        changed = [(one["joint"], one["effect"], one["parameter"]) for _, one in self.entries()]
+        found = {}
+        for joint, effect, parameter in dict.fromkeys(asked + [one for one in changed if one[1] != _SHARE]):
+            own = table[(table["joint"] == joint) & (table["effect"] == effect)]
+            own = own[own["parameter"] == parameter].drop_duplicates("session").set_index("session")
+            name = f"{joint} {_SHARE}" if effect == _SHARE else f"{effect} of {joint}, {parameter}"
+            found[name] = own.reindex(sessions).assign(joint=joint, effect=effect)
+        return found
+
+
+def read_tracking(folder: str | Path) -> Tracking:
+    """Read what tracking wrote.
+
+    Raises
+    ------
+    InputError
+        Where ``tracking.json`` or ``changes.parquet`` is missing or damaged.
+    """
+    outcome = read_outcome(Path(folder) / "tracking.json", "track the machine first")
+    return Tracking(outcome, tables.read_table(Path(folder) / "changes.parquet"))
 
 
 def write_tracking_page(folder: str | Path) -> None:
@@ -38,38 +92,68 @@ def write_tracking_page(folder: str | Path) -> None:
 
 def render_tracking(tracking: Tracking) -> str:
     """Page of a tracked machine, with nothing from elsewhere."""
-    outcome = tracking.outcome
+    outcome, names = tracking.outcome, trend_names(tracking)
+    trends = [
+        {"slope": 100 * one["slope"], "ends": _ends(100 * end for end in one["ci95"])}
+        | {"joint": one["joint"], "p": one["p"]}
+        for one in outcome["trends"]
+    ]
+    columns = "joint; slope|slope [% a session]; ends|95 %; p"
+    slopes = render_table(
+        trends, "Straight line through the later sessions.", filter_by=JOINT, columns=columns
+    )
+    friction = embed_chart(chart_trend(names)) + (slopes if trends else "")
     sections = [
         Section("What changed", _outcome(tracking), "changed"),
-        Section("Friction and what changed", _friction(tracking), "friction"),
-        Section("Wear", _wear(tracking), "wear"),
-        Section("Session by session", _sessions(tracking), "sessions"),
+        Section("Friction and what changed", friction, "friction"),
+        Section("Wear", _wear(outcome["wear"]), "wear"),
+        Section("Session by session", _sessions(outcome["sessions"]), "sessions"),
         Section("The healthy machine", _healthy(outcome), "healthy"),
         Section("Notes", render_part(listed=outcome["notes"]), "notes"),
     ]
-    later = len(outcome["sessions"])
-    subtitle = (
-        f"{count_text(later, 'session')} after {count_text(len(outcome['reference']), 'healthy one')}; "
-        f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions"
-    )
-    title = f"Tracked: {outcome['dataset']}"
-    footer = f"Made by wearscope {outcome['version']}."
-    filters = [Choice("joint", "Joint", [(joint, joint) for joint in tracking.joints])]
-    found, labels = {"trend": trend_table(tracking)}, {"what": trend_names(tracking)}
     return render_page(
-        title, sections, subtitle, footer, filters, found, labels, strip=tracking_strip(tracking)
+        f"Tracked: {outcome['dataset']}",
+        sections,
+        f"{count_text(len(outcome['sessions']), 'session')} after "
+        f"{count_text(len(outcome['reference']), 'healthy one')}; "
+        f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions",
+        f"Made by wearscope {outcome['version']}.",
+        [Choice("joint", "Joint", [(joint, joint) for joint in tracking.joints])],
+        {"trend": trend_table(tracking)},
+        {"what": names},
+        tracking_strip(outcome),
     )
+
+
+def tracking_strip(outcome: Mapping[str, Any]) -> Strip:
+    """What changed on a machine, in its last session."""
+    last = outcome["sessions"][-1]
+    changes = [f"{words(one['effect'])} at {one['joint']} since {one['since']}" for one in last["changes"]]
+    answer = "Nothing changed since the machine was healthy."
+    kind = "unsure" if last["cannot_tell"] else "good"
+    action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
+    if changes:
+        kind, answer = "bad", f"Changed: {join_words(changes)}."
+        action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
+    if files := [one["table"] for one in last["next_measurement"] if "table" in one]:
+        action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
+    caveat = [*last["cannot_tell"], "Only what the recorded motions excite is seen."][0]
+    if events := len(last.get("events", [])):
+        they = "it is" if events == 1 else "they are"
+        caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
+    sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
+    return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
+
+
+def _ends(ends: Any) -> str:
+    return " to ".join(format_number(end) for end in ends)
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    low, high = (format_number(x) for x in entry["ci95"])
-    unit = unit_text(entry["unit"])
-    said = (
-        f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} "
-        f"{'+' if entry['change'] > 0 else ''}{format_number(entry['change'])} {unit}".rstrip()
-        + f" (95 %: {low} to {high}), since {entry['since']}"
-    )
+    size = f"{'+' if entry['change'] > 0 else ''}{format_number(entry['change'])} {unit_text(entry['unit'])}"
+    said = f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} {size.rstrip()}"
+    said += f" (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
     if entry["equivalent"]:
         said += f"; {words(join_words(entry['equivalent'], 'or'))} would explain it as well"
     return said + "."
@@ -78,94 +162,126 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 def _outcome(tracking: Tracking) -> Markup:
     last = tracking.outcome["sessions"][-1]
     changes = [tell_entry(entry) for entry in last["changes"]]
-    parts = [render_part(told=[("", f"In the last session, {last['session']}:")], listed=changes)]
-    if not changes:
-        parts.append(badge("no change", "good"))
+    parts = [render_part(told=[f"In the last session, {last['session']}:"], listed=changes)]
+    parts += [] if changes else [badge("no change", "good")]
     if last["cannot_tell"]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=last["cannot_tell"])]
     files = [one["cycle_file"] for one in last["next_measurement"] if "cycle_file" in one]
     passed = list(dict.fromkeys(one for one, _ in tracking.entries() if one != last["session"]))
     told = [f"Test-cycles to record: {join_words(files)}."] if files else []
     told += [f"Earlier sessions with a change: {join_words(passed)}."] if passed else []
-    return render_part(parts=[*parts, render_part(told=[("", one) for one in told])])
+    return render_part(parts=[*parts, render_part(told=told)])
 
 
-def _friction(tracking: Tracking) -> Markup:
-    chart = embed_chart(chart_trend(tracking))
-    trends = [
-        {
-            "joint": one["joint"],
-            "slope [% a session]": 100 * one["slope"],
-            "95 %": f"{format_number(100 * one['ci95'][0])} to {format_number(100 * one['ci95'][1])}",
-            "p": one["p"],
-        }
-        for one in tracking.outcome["trends"]
-    ]
-    if not trends:
-        return chart
-    return chart + render_table(trends, "Straight line through the later sessions.", filter_by=JOINT)
-
-
-def _wear(tracking: Tracking) -> Markup:
+def _wear(found: list[dict[str, Any]]) -> Markup:
     """Wear of each joint by session, in the form that the simulator has."""
     records = []
-    for one in tracking.outcome["wear"]:
+    for one in found:
         told = [
             f"{name} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
             for name, x in one["parameters"].items()
         ]
-        records.append(
-            {
-                "session": one["session"],
-                "joint": one["joint"],
-                "level [% of friction]": one["level"],
-                "parameters (95 %)": "; ".join(told),
-            }
-        )
-    if not records:
-        return Markup("")
+        records.append(one | {"told": "; ".join(told)})
     caption = (
         "What wear adds to friction at a level f, each parameter with its 95 % interval. "
         "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
         "study or one side of the target reevaluate."
     )
-    return render_table(records, caption, filter_by=JOINT)
+    columns = "session; joint; level|level [% of friction]; told|parameters (95 %)"
+    table = render_table(records, caption, filter_by=JOINT, columns=columns)
+    return table if records else Markup("")
 
 
-def _sessions(tracking: Tracking) -> Markup:
+def _sessions(found: list[dict[str, Any]]) -> Markup:
     records = [
         {
             "session": one["session"],
-            "changes": " ".join(tell_entry(entry) for entry in one["changes"]) or "none",
+            "changes": " ".join(map(tell_entry, one["changes"])) or "none",
             "cannot tell": " ".join(one["cannot_tell"]) or "nothing",
         }
-        for one in tracking.outcome["sessions"]
+        for one in found
     ]
     return render_table(records)
 
 
 def _healthy(outcome: Mapping[str, Any]) -> Markup:
-    healthy = outcome["healthy"]
-    by_joint: dict[str, list[str]] = {joint: [] for joint in healthy["temperatures"]}
-    for term in healthy["terms"]:
-        by_joint[term["joint"]].append(term["effect"])
-    records = [
-        {
-            "joint": joint,
-            "terms": words(", ".join(terms)) or "none",
-            "temperatures [°C]": "not recorded"
-            if healthy["temperatures"][joint] is None
-            else "{:.0f} to {:.0f}".format(*healthy["temperatures"][joint]),
-        }
-        for joint, terms in by_joint.items()
-    ]
-    scatter = healthy["scatter"]
+    healthy, scatter = outcome["healthy"], outcome["healthy"]["scatter"]
+    records = []
+    for joint, ends in healthy["temperatures"].items():
+        terms = ", ".join(one["effect"] for one in healthy["terms"] if one["joint"] == joint)
+        known = "not recorded" if ends is None else "{:.0f} to {:.0f}".format(*ends)
+        records.append({"joint": joint, "terms": words(terms) or "none", "temperatures [°C]": known})
     text = (
         f"Reference: {join_words(outcome['reference'])}. Healthy sessions differ by "
         f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
         f"torque (standard deviation, {scatter['sessions']} held out)."
     )
-    return render_part(
-        told=[("", text)],
-        parts=[render_table(records, "Terms of the healthy model.", filter_by=JOINT)],
+    table = render_table(records, "Terms of the healthy model.", filter_by=JOINT)
+    return render_part(told=[text], parts=[table])
+
+
+def trend_table(tracking: Tracking) -> pd.DataFrame:
+    """Friction in per cent of the healthy one's, and every other parameter that changed, by session.
+
+    Columns: `session`, `value`, `low`, `high`, `state`, `joint`, `what` (a key of `trend_names`).
+    """
+    changes = {(session, one["joint"], one["effect"]) for session, one in tracking.entries()}
+    at_joint = {(session, joint) for session, joint, _ in changes}
+    parts = []
+    for name, rows in tracking.parameters().items():
+        joint, effect = rows["joint"].iloc[0], rows["effect"].iloc[0]
+        friction = effect == _SHARE
+        share = 100.0 / float((rows["value"] - rows["change"]).median()) if friction else 1.0
+        ends = {"value": "value", "value_low": "low", "value_high": "high"}
+        table = share * rows[[*ends]].rename(columns=ends).astype(float)
+        known = at_joint if friction else {(s, j) for s, j, e in changes if e == effect}
+        states = ["change named" if (one, joint) in known else "no change named" for one in rows.index]
+        table["state"] = pd.Series(states, rows.index).mask(rows["healthy"].eq(True), "healthy, held out")
+        parts.append(table.reset_index().assign(joint=joint, what=_SHARE if friction else name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def trend_names(tracking: Tracking) -> dict[str, str]:
+    """What can be drawn over the sessions, with its unit."""
+    names = {_SHARE: "friction [% of healthy]"}
+    for name, rows in tracking.parameters().items():
+        if rows["effect"].iloc[0] != _SHARE:
+            names[name] = with_unit(words(name), str(rows["unit"].dropna().iloc[0]))
+    return names
+
+
+def chart_trend(names: Mapping[str, str]) -> Chart:
+    """Values over the sessions; an interval that says nothing may leave the frame."""
+    frame = "max(1.5 * (datum.top - datum.bottom), 0.2 * max(abs(datum.top), abs(datum.bottom)))"
+    base = (
+        named("trend")
+        .transform_joinaggregate(top="max(value)", bottom="min(value)")
+        .transform_calculate(reach=frame, middle="(datum.top + datum.bottom) / 2")
+        .transform_calculate(
+            start="max(datum.low, datum.middle - datum.reach)",
+            end="min(datum.high, datum.middle + datum.reach)",
+        )
+        .encode(
+            x=alt.X("session:N", title=None, sort=None, axis=alt.Axis(labelAngle=-50, labelOverlap=True)),
+            xOffset="joint:N",
+            color=tint("state:N", dict(zip(_STATES, _TINTS, strict=True))),
+            tooltip=tips("joint:N; session:N; value:Q|⟦what⟧|.4; low:Q|95 % from|.4; high:Q|to|.4; state:N"),
+        )
+    )
+    shapes = alt.Scale(domain=[*_STATES], range=[*_STATES.values()])
+    spans = base.mark_rule(strokeWidth=1.5).encode(
+        y=alt.Y("start:Q", title="⟦what⟧", scale=alt.Scale(zero=False)), y2="end:Q"
+    )
+    points = base.mark_point(size=55, opacity=1).encode(
+        y="value:Q", shape=alt.Shape("state:N", title=None, scale=shapes)
+    )
+    return Chart(
+        "trend-chart",
+        "Over the sessions",
+        alt.layer(spans, points).properties(width="container", height=320),
+        {"trend": Source("trend", {"what": "what", "joint": "joint"})},
+        "Friction: RMS torque against that of the healthy machine, along each session's own motion. The 95 % "
+        "intervals hold the session's noise, the error of the reference and the scatter of healthy sessions. "
+        "Each healthy session is compared with the other ones. Joints side by side; filter to see one.",
+        [Choice("what", "Show", list(names.items()))],
     )

@@ -1,4 +1,4 @@
-"""Altair charts as the pages have them: their data by name, zoom, cells under the pointer, colours."""
+"""Altair charts as the pages have them: their data by name, axes, colours, zoom, cells under the pointer."""
 
 import json
 from collections.abc import Mapping
@@ -10,6 +10,45 @@ import altair as alt
 def named(name: str) -> alt.Chart:
     """Empty chart of one of a chart's sources."""
     return alt.Chart(alt.NamedData(name))
+
+
+def symlog(field: str, title: str, steps: tuple[int, ...] = (1, 3)) -> alt.X:
+    """Horizontal axis, logarithmic beyond ±1: 0 and, on both sides, these multiples of powers of ten."""
+    sizes = [step * 10**power for power in range(7) for step in steps]
+    axis = alt.Axis(values=[*(-size for size in reversed(sizes)), 0, *sizes], labelOverlap="greedy")
+    return alt.X(field, title=title, scale=alt.Scale(type="symlog", constant=1), axis=axis)
+
+
+def rows(field: str, limit: int = 200) -> alt.Y:
+    """Rows in the table's order, with room for their names."""
+    return alt.Y(field, title=None, sort=None, axis=alt.Axis(labelLimit=limit))
+
+
+def detector_rows(names: Mapping[str, str]) -> alt.Y:
+    """A row a detector, with its name."""
+    return alt.Y("fda:N", title=None, axis=alt.Axis(labelExpr=_name_labels(names), labelLimit=220))
+
+
+def offset(field: str, values: Any) -> alt.YOffset:
+    """Values one below the other within a row."""
+    return alt.YOffset(field, scale=alt.Scale(domain=list(values)))
+
+
+def tint(field: str, tints: Mapping[str, str], **options: Any) -> alt.Color:
+    """Colour by value, in this order in the legend."""
+    scale = alt.Scale(domain=list(tints), range=list(tints.values()))
+    return alt.Color(field, **{"title": None} | options, scale=scale)
+
+
+def detector_tint(names: Mapping[str, str], legend: bool = True) -> alt.Color:
+    """Colour by detector, the same on all charts; the legend names them."""
+    told = alt.Legend(labelExpr=_name_labels(names), symbolOpacity=1) if legend else None
+    return alt.Color("fda:N", title="detector", scale=alt.Scale(domain=list(names)), legend=told)
+
+
+def _name_labels(names: Mapping[str, str]) -> str:
+    """Expression that shows values of an axis or legend by their names."""
+    return f"({json.dumps(dict(names))})[datum.label] || datum.label"
 
 
 def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]:
@@ -45,21 +84,6 @@ def tips(text: str) -> list[alt.Tooltip]:
     return found
 
 
-def cell_tips() -> list[alt.Tooltip]:
-    """What the pointer tells of a cell."""
-    return tips("robot:N; cycle:N|test-cycle; axis:N; fda:N|detector")
-
-
-def colour(names: Mapping[str, str], legend: bool = True) -> dict[str, Any]:
-    """Keyword arguments of a colour by detector, the same on all charts; the legend names them."""
-    return {
-        "type": "nominal",
-        "title": "detector",
-        "scale": alt.Scale(domain=list(names)),
-        "legend": alt.Legend(labelExpr=name_labels(names), symbolOpacity=1) if legend else None,
-    }
-
-
-def name_labels(names: Mapping[str, str]) -> str:
-    """Expression that shows values of an axis or legend by their names."""
-    return f"({json.dumps(dict(names))})[datum.label] || datum.label"
+def cell_tips(text: str) -> list[alt.Tooltip]:
+    """What the pointer tells of a cell, and of what is drawn there."""
+    return tips(f"robot:N; cycle:N|test-cycle; axis:N; fda:N|detector; {text}")

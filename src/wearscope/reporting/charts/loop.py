@@ -1,43 +1,160 @@
-"""Charts of a closed loop: errors, torque and residual over time and over signals, candidates, angles."""
+"""Charts of a closed loop: errors, torque and residual over time and over signals, candidates."""
 
 import json
 
 import altair as alt
+import numpy as np
+import pandas as pd
 
 from wearscope.reporting.charts.base import Chart, Choice, Source
-from wearscope.reporting.charts.encoding import add_zoom, named, tips
-from wearscope.reporting.charts.loop_data import error_table, series_table, signal_choices
-from wearscope.reporting.closed_loop import ClosedLoop
+from wearscope.reporting.charts.encoding import add_zoom, named, offset, rows, tint, tips
+from wearscope.reporting.closed_loop import (
+    STAGES,
+    ClosedLoop,
+    against_signal,
+    dominant_signals,
+    label_signal,
+    number,
+)
+from wearscope.reporting.labels import words
 
-_LINES = {"measured": "var(--ink)", "before": "var(--before)", "after": "var(--after)"}
-STAGE_SCALE = alt.Scale(domain=["before", "after"], range=["var(--before)", "var(--after)"])
-_KINDS = {
-    "before": "var(--before)",
-    "after": "var(--after)",
-    "noise floor": "var(--ink)",
-    "as declared": "var(--soft)",
+#: Rows that all joints and runs share in the charts over time, points over a signal, candidates of a step.
+MOST_ROWS, MOST_POINTS, MOST_CANDIDATES = 40_000, 600, 16
+#: What a residual can be drawn over, in addition to what it depends on most.
+OWN = {
+    "qd": "its own speed",
+    "q": "its own position",
+    "qdd": "its own acceleration",
+    "load": "its own rigid-body torque",
+    "temp": "its temperature",
+    "t": "time in the run",
 }
+RANKS = ("what it depends on most", "the second such signal", "the third such signal")
+_TINTS = {"before": "var(--before)", "after": "var(--after)"}
+_KINDS = _TINTS | {"noise floor": "var(--ink)", "as declared": "var(--soft)"}
 
 
-def chart_errors(loop: ClosedLoop) -> Chart:
+def loop_filters(loop: ClosedLoop) -> list[Choice]:
+    """What a reader may filter all charts by: joint and run."""
+    uses = dict(zip(loop.residual["run"], loop.residual["use"], strict=True))
+    return [
+        Choice("joint", "Joint", [(name, name) for name in loop.joints]),
+        Choice("run", "Run", [(name, f"{_short_run(name)} ({use})") for name, use in uses.items()]),
+    ]
+
+
+def _short_run(name: str) -> str:
+    """A run's file without its folder and ending."""
+    return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+
+
+def _choices(loop: ClosedLoop) -> dict[tuple[str, str], str]:
+    """Signal by joint and choice: what the joint's residual depends on most, then its own signals."""
+    found: dict[tuple[str, str], str] = {}
+    for joint in loop.joints:
+        found |= {(joint, str(k)): signal for k, signal in enumerate(dominant_signals(loop, joint))}
+        found |= {(joint, code): "t" if code == "t" else f"{code}_{joint}" for code in OWN}
+    return found
+
+
+def loop_labels(loop: ClosedLoop) -> dict[str, dict[str, str]]:
+    """Text of every choice's value, and of the tables' columns."""
+    return {
+        "joint.unit": {joint: loop.verdict["joints"][joint]["unit"] for joint in loop.joints},
+        "run": {name: _short_run(name) for name in loop.residual["run"].unique()},
+        "joint+choice": {"|".join(key): label_signal(loop, one) for key, one in _choices(loop).items()},
+        "column": {"t": "time [s]", "x": "signal", "cv_gain": "gain [%]"},
+    }
+
+
+def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
+    """What the charts draw, by name; only what the loop has."""
+    found = {"errors": _list_errors(loop), "series": _thin_series(loop), "against": _list_points(loop)}
+    if loop.profiles is not None:
+        asked = pd.DataFrame([(*key, signal) for key, signal in _choices(loop).items()])
+        asked = asked.set_axis(["joint", "choice", "signal"], axis=1)
+        found["profiles"] = asked.merge(loop.profiles, on=["joint", "signal"]).drop(columns="signal")
+    if len(loop.candidates):
+        found["candidates"] = _rank_candidates(loop.candidates)
+    if loop.forward_series is not None and len(loop.forward_series):
+        shown = _thin_runs(loop.forward_series)
+        left = {stage: shown[f"simulated_{stage}"] - shown["measured"] for stage in STAGES}
+        counted = {stage: one.where(shown["counts"].astype(bool)) for stage, one in left.items()}
+        found["forward"] = shown[["joint", "run", "t"]].assign(**counted)
+    return found
+
+
+def _list_errors(loop: ClosedLoop) -> pd.DataFrame:
+    """RMS errors on the test runs: ``joint``, ``unit``, ``kind``, ``value``, ``low``, ``high``."""
+    fields = {stage: f"rms_{stage}" for stage in STAGES}
+    fields |= {"as declared": "rms_as_declared", "noise floor": "noise_floor"}
+    records = []
+    for joint, one in loop.verdict["joints"].items():
+        for kind, field in fields.items():
+            ends = one.get(f"{field}_ci95") or (None, None)
+            numbers = [number(value) for value in (one.get(field), *ends)]
+            records.append((joint, one["unit"], kind, *numbers))
+    table = pd.DataFrame(records, columns=["joint", "unit", "kind", "value", "low", "high"])
+    return table[np.isfinite(table["value"])].reset_index(drop=True)
+
+
+def _thin_runs(table: pd.DataFrame) -> pd.DataFrame:
+    """Every so many rows of each joint and run, evenly, so that all together are at most about the most."""
+    runs = table.groupby(["joint", "run"], sort=False)["t"]
+    each = max(50, MOST_ROWS // max(1, runs.ngroups))
+    return table[(runs.cumcount() % np.maximum(1, -(-runs.transform("size") // each))) == 0]
+
+
+def _thin_series(loop: ClosedLoop) -> pd.DataFrame:
+    """Torque and residual over time; NaN where a residual does not count."""
+    wanted = ["measured", "predicted_before", "predicted_after", "residual_before", "residual_after"]
+    table = _thin_runs(loop.residual)
+    shown = table[["joint", "run", "t", *(name for name in wanted if name in table)]].copy()
+    left = [name for name in shown if name.startswith("residual")]
+    shown[left] = shown[left].where(table["counts"].astype(bool))
+    return shown
+
+
+def _list_points(loop: ClosedLoop) -> pd.DataFrame:
+    """Residuals over the signals that a reader may choose: ``run``, ``x``, both, ``joint``, ``choice``."""
+    parts = []
+    for (joint, choice), signal in _choices(loop).items():
+        if signal == "t" or loop.signals is not None:
+            own = against_signal(loop, joint, signal)
+            own = own.iloc[:: max(1, -(-len(own) // MOST_POINTS))]
+            own = own[["run", "x", "residual_before", "residual_after"]]
+            parts.append(own.assign(joint=joint, choice=choice))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _rank_candidates(table: pd.DataFrame) -> pd.DataFrame:
+    """The best variant of every effect at every joint, by step; what was taken first, then by gain [%]."""
+    order = {"step": True, "taken": False, "cv_gain": False, "joint": True, "effect": True}
+    best = table.sort_values([*order], ascending=[*order.values()])
+    best = best.drop_duplicates(["step", "joint", "effect"]).groupby("step").head(MOST_CANDIDATES)
+    best = best.assign(
+        label=best["joint"] + ": " + best["effect"].map(words),
+        gain=100.0 * best["cv_gain"],
+        taken=np.where(best["taken"], "taken", "left"),
+    )
+    return best[["step", "label", "joint", "gain", "taken", "reason", "p_value"]]
+
+
+def chart_errors(loop: ClosedLoop, table: pd.DataFrame) -> Chart:
     """RMS error of every joint: before, after, noise floor and what else is known."""
-    known = set(error_table(loop)["kind"])
-    kinds = [kind for kind in _KINDS if kind in known]
-    tints = [_KINDS[kind] for kind in kinds]
+    kinds = {kind: colour for kind, colour in _KINDS.items() if kind in set(table["kind"])}
     base = named("errors").encode(
         y=alt.Y("joint:N", title=None, sort=loop.joints),
-        yOffset=alt.YOffset("kind:N", scale=alt.Scale(domain=kinds)),
-        color=alt.Color("kind:N", title=None, scale=alt.Scale(domain=kinds, range=tints)),
+        yOffset=offset("kind:N", kinds),
+        color=tint("kind:N", kinds),
         tooltip=tips("joint:N; kind:N; value:Q|RMS error|.4; low:Q|95 % from|.4; high:Q|to|.4; unit:N"),
     )
-    units = sorted({one["unit"] for one in loop.verdict["joints"].values()})
-    x = alt.X(
-        "value:Q", title=f"RMS error on the test runs [{' or '.join(units)}]", scale=alt.Scale(type="log")
-    )
+    units = " or ".join(sorted({one["unit"] for one in loop.verdict["joints"].values()}))
+    x = alt.X("value:Q", title=f"RMS error on the test runs [{units}]", scale=alt.Scale(type="log"))
     spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
     points = base.transform_filter("datum.kind != 'noise floor'").mark_circle(size=65, opacity=1)
     floors = base.transform_filter("datum.kind == 'noise floor'").mark_tick(thickness=3, size=13)
-    layers = [spans.encode(x=alt.X("low:Q"), x2="high:Q"), points.encode(x=x), floors.encode(x=x)]
+    layers = [spans.encode(x="low:Q", x2="high:Q"), points.encode(x=x), floors.encode(x=x)]
     return Chart(
         "errors-chart",
         "Error of every joint before and after",
@@ -48,39 +165,36 @@ def chart_errors(loop: ClosedLoop) -> Chart:
     )
 
 
-def chart_torque(loop: ClosedLoop, joint: str, run: str) -> Chart | None:
-    """Measured and predicted torque over time; None where only residuals were kept."""
-    if "predicted_after" not in series_table(loop):
-        return None
-    return _chart_over_time(
-        ("series", {"measured": "measured", "predicted_before": "before", "predicted_after": "after"}),
+def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
+    """Measured and predicted torque, where predictions were kept, and the residual."""
+    first = {"joint": joint, "run": run}
+    torque = _over_time(
+        "series",
+        {"measured": "measured", "predicted_before": "before", "predicted_after": "after"},
         "torque",
-        {"joint": joint, "run": run},
+        first,
         "torque",
         "Measured and predicted torque",
         "At the common bandwidth, thinned for the page; residual.parquet has every row. Zoom with Ctrl and "
         "the wheel or the buttons, drag to move.",
     )
-
-
-def chart_residual(loop: ClosedLoop, joint: str, run: str) -> Chart:
-    """Residual over time, before and after."""
-    return _chart_over_time(
-        ("series", {"residual_before": "before", "residual_after": "after"}),
+    residual = _over_time(
+        "series",
+        {"residual_before": "before", "residual_after": "after"},
         "residual",
-        {"joint": joint, "run": run},
+        first,
         "residual-chart",
         "Residual over time",
         "Measured less predicted, where rows count.",
     )
+    return [torque, residual] if "predicted_after" in loop.residual else [residual]
 
 
-def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
-    """Torque error of both models simulated forward; None where they were not."""
-    if loop.forward_series is None or not len(loop.forward_series):
-        return None
-    return _chart_over_time(
-        ("forward", {"before": "before", "after": "after"}),
+def chart_forward(joint: str) -> Chart:
+    """Torque error of both models simulated forward."""
+    return _over_time(
+        "forward",
+        {stage: stage for stage in STAGES},
         "error",
         {"joint": joint},
         "forward-chart",
@@ -89,8 +203,9 @@ def chart_forward(loop: ClosedLoop, joint: str) -> Chart | None:
     )
 
 
-def _chart_over_time(
-    source: tuple[str, dict[str, str]],
+def _over_time(
+    table: str,
+    columns: dict[str, str],
     quantity: str,
     first: dict[str, str],
     name: str,
@@ -98,9 +213,7 @@ def _chart_over_time(
     caption: str,
 ) -> Chart:
     """Columns of a source, by what they are called, of one joint and run over time."""
-    table, columns = source
-    shown = [*columns.values()]
-    scale = alt.Scale(domain=shown, range=[_LINES[one] for one in shown])
+    tints = {one: _TINTS.get(one, "var(--ink)") for one in columns.values()}
     lines = (
         named(table)
         .transform_fold([*columns], as_=["key", "torque"])
@@ -109,27 +222,19 @@ def _chart_over_time(
         .encode(
             x=alt.X("t:Q", title="time [s]", scale=alt.Scale(zero=False, nice=False)),
             y=alt.Y("torque:Q", title=f"{quantity} [⟦joint.unit⟧]"),
-            color=alt.Color("line:N", title=None, scale=scale, sort=shown),
+            color=tint("line:N", tints, sort=[*tints]),
             tooltip=tips("t:Q|time [s]|.3f; line:N|which; torque:Q|[⟦joint.unit⟧]|.4"),
         )
     )
-    spec, fields = add_zoom(lines, "t", "torque")
-    return Chart(
-        name,
-        title,
-        spec.properties(width="container", height=280),
-        {table: Source(table, {"joint": "joint", "run": "run"})},
-        caption,
-        single=["joint", "run"],
-        first=first,
-        zoom=fields,
-    )
+    spec, fields = add_zoom(lines.properties(width="container", height=280), "t", "torque")
+    sources = {table: Source(table, {"joint": "joint", "run": "run"})}
+    return Chart(name, title, spec, sources, caption, single=["joint", "run"], first=first, zoom=fields)
 
 
 def chart_against(loop: ClosedLoop, joint: str) -> Chart:
     """Residual over a signal: points, and medians with quartiles in bins."""
     x = alt.X("x:Q", title="⟦joint+choice⟧", scale=alt.Scale(zero=False))
-    tint = alt.Color("stage:N", title=None, scale=STAGE_SCALE, sort=["before", "after"])
+    stage = tint("stage:N", _TINTS, sort=[*_TINTS])
     points = (
         named("against")
         .transform_fold(["residual_before", "residual_after"], as_=["key", "residual"])
@@ -138,7 +243,7 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
         .encode(
             x=x,
             y=alt.Y("residual:Q", title="residual [⟦joint.unit⟧]"),
-            color=tint,
+            color=stage,
             tooltip=tips("x:Q|⟦joint+choice⟧|.4; residual:Q|residual [⟦joint.unit⟧]|.4; stage:N; run:N"),
         )
     )
@@ -147,53 +252,41 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
     sources = {"against": Source("against", by | {"run": "run"})}
     text = "Points: rows that count, thinned for the page."
     if loop.profiles is not None:
-        lines = named("profiles").encode(x=x, color=tint)
+        lines = named("profiles").encode(x=x, color=stage)
+        told = "x:Q|⟦joint+choice⟧|.4; median:Q||.4; low:Q|quartile|.4; high:Q|quartile|.4; stage:N; n:Q|rows"
         layers += [
-            lines.mark_area(opacity=0.25, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
-            lines.mark_line(strokeWidth=2.5, clip=True, point=True).encode(
-                y="median:Q",
-                tooltip=tips(
-                    "x:Q|⟦joint+choice⟧|.4; median:Q||.4; low:Q|quartile|.4; high:Q|quartile|.4; "
-                    "stage:N; n:Q|rows"
-                ),
-            ),
+            lines.mark_area(opacity=0.25, clip=True).encode(y="low:Q", y2="high:Q"),
+            lines.mark_line(strokeWidth=2.5, clip=True, point=True).encode(y="median:Q", tooltip=tips(told)),
         ]
         sources["profiles"] = Source("profiles", by)
         text += " Lines and bands: medians and quartiles in bins, over all runs."
-    spec, fields = add_zoom(alt.layer(*layers), "x", "residual")
+    spec, fields = add_zoom(alt.layer(*layers).properties(width="container", height=320), "x", "residual")
+    ranks = [(str(k), told) for k, told in enumerate(RANKS)]
+    over = [("t", OWN["t"])] if loop.signals is None else [*ranks, *OWN.items()]
     return Chart(
         "against",
         "Residual over the signal that it depends on",
-        spec.properties(width="container", height=320),
+        spec,
         sources,
         text + " What a residual depends on: the signals that the verdict names first, then those that a "
         "spline finds. Over its own speed the residual shows the friction that the model lacks.",
-        [Choice("choice", "Over", signal_choices(loop))],
+        [Choice("choice", "Over", over)],
         ["joint"],
         {"joint": joint},
         fields,
     )
 
 
-def chart_candidates(loop: ClosedLoop) -> Chart | None:
-    """What each candidate gains, step by step; None where there was none."""
-    if not len(loop.candidates):
-        return None
-    steps = sorted(int(step) for step in loop.candidates["step"].unique())
-    spec = (
-        named("candidates")
-        .mark_bar(cornerRadius=2)
-        .encode(
-            y=alt.Y("label:N", title=None, sort=None, axis=alt.Axis(labelLimit=240)),
-            x=alt.X("gain:Q", title="held-out loss removed [%]"),
-            color=alt.Color(
-                "taken:N",
-                title=None,
-                scale=alt.Scale(domain=["taken", "left"], range=["var(--after)", "var(--soft)"]),
-            ),
-            opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
-            tooltip=tips("label:N|candidate; gain:Q|gain [%]|.3; p_value:Q|p|.2; reason:N"),
-        )
+def chart_candidates(table: pd.DataFrame) -> Chart:
+    """What each candidate gains, step by step."""
+    steps = sorted(int(step) for step in table["step"].unique())
+    bars = named("candidates").mark_bar(cornerRadius=2)
+    spec = bars.encode(
+        y=rows("label:N", 240),
+        x=alt.X("gain:Q", title="held-out loss removed [%]"),
+        color=tint("taken:N", {"taken": "var(--after)", "left": "var(--soft)"}),
+        opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
+        tooltip=tips("label:N|candidate; gain:Q|gain [%]|.3; p_value:Q|p|.2; reason:N"),
     )
     return Chart(
         "candidates-chart",

@@ -6,8 +6,7 @@ import altair as alt
 import pandas as pd
 
 from wearscope.reporting.charts.base import Chart, Source
-from wearscope.reporting.charts.encoding import named, tips
-from wearscope.reporting.charts.factors import SYMLOG, symlog_axis
+from wearscope.reporting.charts.encoding import named, offset, rows, symlog, tint, tips
 
 _TINTS = ("var(--before)", "var(--after)", "var(--ink)")
 
@@ -32,20 +31,15 @@ def side_table(sides: dict[str, pd.DataFrame], thing: str, value: str) -> pd.Dat
 
 def chart_sides(names: Sequence[str], title: str, quantity: str, thing: str, caption: str) -> Chart:
     """Values of the table ``sides`` (see `side_table`), with their intervals where there are some."""
-    scale = alt.Scale(domain=list(names), range=list(_TINTS[: len(names)]))
+    tints = dict(zip(names, _TINTS, strict=False))
     base = named("sides").encode(
-        y=alt.Y("thing:N", title=None, sort=None, axis=alt.Axis(labelLimit=220)),
-        yOffset=alt.YOffset("side:N", scale=alt.Scale(domain=list(names))),
-        color=alt.Color("side:N", title=None, scale=scale, legend=alt.Legend(labelLimit=260, columns=1)),
+        y=rows("thing:N", 220),
+        yOffset=offset("side:N", names),
+        color=tint("side:N", tints, legend=alt.Legend(labelLimit=260, columns=1)),
         tooltip=tips(f"thing:N|{thing}; side:N|in; value:Q|{quantity}|.4; low:Q|95 % from|.4; high:Q|to|.4"),
     )
-    x = alt.X("value:Q", title=quantity, scale=SYMLOG, axis=symlog_axis((1, 3)))
     spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
-    layers = [spans.encode(x=alt.X("low:Q"), x2="high:Q"), base.mark_circle(size=70, opacity=1).encode(x=x)]
-    return Chart(
-        "sides-chart",
-        title,
-        alt.layer(*layers).properties(width="container", height={"step": 14}),
-        {"sides": Source("sides")},
-        caption,
-    )
+    points = base.mark_circle(size=70, opacity=1).encode(x=symlog("value:Q", quantity))
+    spec = alt.layer(spans.encode(x="low:Q", x2="high:Q"), points)
+    spec = spec.properties(width="container", height={"step": 14})
+    return Chart("sides-chart", title, spec, {"sides": Source("sides")}, caption)

@@ -11,6 +11,7 @@ from wearscope.reporting.labels import (
     factor_label,
     factor_name,
     natural_step,
+    quantity_text,
     term_factors,
     term_name,
     unit_text,
@@ -22,14 +23,18 @@ from wearscope.reporting.study import Study
 _KEYS = list(CELL_KEYS)
 FILTER_LABELS = {"robot": "Robot", "cycle": "Test-cycle", "axis": "Axis", "fda": "Detector"}
 ALL_ROBOTS = "all robots"
+_COLUMNS = {
+    "fda": "detector", "cycle": "test-cycle", "p_d": "detected", "p_f": "false alarms",
+    "y_held": "y, others held", "natural": "level", "snr": "SNR", "sigma": "standard deviation",
+    "change": "change of wear", "place": "cell",
+}  # fmt: skip
 
 
 def study_filters(study: Study) -> list[Choice]:
     """What a reader may filter all charts by: robots, test-cycles, axes, detectors of the study."""
-    values = {key: list(dict.fromkeys(study.snr[key])) for key in _KEYS}
     return [
-        Choice(key, FILTER_LABELS[key], [(str(one), _text(study, key, one)) for one in sorted(values[key])])
-        for key in _KEYS
+        Choice(key, label, [(str(one), _text(study, key, one)) for one in sorted(study.snr[key].unique())])
+        for key, label in FILTER_LABELS.items()
     ]
 
 
@@ -39,29 +44,22 @@ def _text(study: Study, key: str, value: object) -> str:
 
 def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
     """Text of every choice's value, and of the tables' columns."""
-    cycles = {name: words(name) for name in study.snr["cycle"].unique()}
-    units = {name: unit_text(study.units.get(name, "")) for name in study.snr["fda"].unique()}
+    names = study.detector_names()
+    units = {fda: unit_text(study.units.get(fda, "")) for fda in names}
     return {
         "factor": {one.name: factor_label(one) for one in study.factors},
         "factor.name": {one.name: factor_name(one) for one in study.factors},
-        "cycle": cycles,
+        "cycle": {name: words(name) for name in study.snr["cycle"].unique()},
         "axis": {str(axis): f"axis {axis}" for axis in study.snr["axis"].unique()},
-        "fda": {name: study.detector_name(name) for name in units},
-        "fda.y": {
-            name: with_unit(f"test quantity of {study.detector_name(name)}", unit)
-            for name, unit in units.items()
-        },
-        "column": {
-            "fda": "detector", "cycle": "test-cycle", "p_d": "detected", "p_f": "false alarms",
-            "y_held": "y, others held",
-            "natural": "level", "snr": "SNR", "sigma": "standard deviation", "change": "change of wear",
-            "place": "cell",
-        },
-    }  # fmt: skip
+        "fda": names,
+        "fda.y": {fda: with_unit(f"test quantity of {name}", units[fda]) for fda, name in names.items()},
+        "column": _COLUMNS,
+    }
 
 
 def study_tables(study: Study) -> dict[str, pd.DataFrame]:
     """What the charts draw, by name; only what the study has."""
+    ends = {"median_low": "low", "median_high": "high"}
     found = {
         "snr": study.snr[[*_KEYS, "snr_exact", "snr_low", "snr_high", "status"]]
         .rename(columns={"snr_exact": "snr", "snr_low": "low", "snr_high": "high"})
@@ -71,14 +69,13 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
         "fits": fit_cells(study),
     }
     if study.rankings is not None:
-        columns = ["robot", "fda", "median", "median_low", "median_high", "rank"]
-        table = study.rankings[columns].replace({"robot": {"": together(study)}})
-        found["rankings"] = table.rename(columns={"median_low": "low", "median_high": "high"})
+        table = study.rankings[["robot", "fda", "median", *ends, "rank"]].rename(columns=ends)
+        found["rankings"] = table.replace({"robot": {"": together(study)}})
     if study.responses is not None and study.simulated is not None:
         found["responses"] = study.responses[[*_KEYS, "factor", "natural", "y", "low", "high"]]
         found["simulated"] = study.simulated[[*_KEYS, "factor", "set", "natural", "y", "y_held"]]
     if study.detection is not None:
-        found["detection"] = detection_cells(study)
+        found["detection"] = detection_cases(study)[0]
     if study.friction is not None:
         found["friction"] = study.friction[["robot", "joint", "speed", "temperature", "wear", "torque"]]
     if study.postures is not None:
@@ -112,14 +109,10 @@ def weight_table(study: Study) -> pd.DataFrame:
         gone = set(zip(idle["robot"], idle["factor"], strict=True))
         pairs = zip(rows["robot"], rows["term"], strict=True)
         rows = rows[[not any((robot, one) in gone for one in term_factors(term)) for robot, term in pairs]]
-    kinds = np.select(
-        [rows["term"].str.contains(":"), rows["term"].str.contains("^", regex=False)],
-        ["interaction", "square"],
-        "direct",
-    )
+    conditions = [rows["term"].str.contains(mark, regex=False) for mark in (":", "^")]
     table = rows[_KEYS].assign(
         term=[term_name(term, study.factors) for term in rows["term"]],
-        kind=kinds,
+        kind=np.select(conditions, ["interaction", "square"], "direct"),
         weight=rows["theta_normalised"].to_numpy(dtype=float),
     )
     return table.replace({"weight": {np.inf: np.nan, -np.inf: np.nan}})
@@ -144,19 +137,51 @@ def scope_cells(study: Study) -> pd.DataFrame:
     )
 
 
-def detection_cells(study: Study) -> pd.DataFrame:
-    """ROC of every cell in natural units: ``change``, ``sigma``, ``p_f``, ``threshold``, ``p_d``."""
-    rows = study.detection
+def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
+    """ROC of every cell in natural units, and what a reader chooses of it.
+
+    Columns: the keys, ``change`` (of wear), ``p_f``, ``p_d``, ``threshold``, ``place``, ``case`` (factor and
+    its variation). The choices begin nearest to the conclusion's, in the middle where there is none.
+    """
+    rows, fault = study.detection, study.factor("f")
     assert rows is not None
     steps = {one.name: natural_step(one) for one in study.factors}
-    return rows[[*_KEYS, "factor"]].assign(
-        change=round_digits((rows["delta"] * steps["f"]).to_numpy()),
-        sigma=round_digits((rows["sigma"] * rows["factor"].map(steps)).to_numpy()),
+    sigma = _shorten(rows["sigma"] * rows["factor"].map(steps))
+    change = _shorten(rows["delta"] * steps["f"])
+    pairs = list(zip(rows["factor"].tolist(), sigma, strict=True))
+    keys = {(name, size): f"{name}:{k}" for k, (name, size) in enumerate(dict.fromkeys(pairs))}
+    table = rows[_KEYS].assign(
+        change=change,
         p_f=rows["p_f"],
         p_d=rows["p_d"],
         threshold=rows["threshold"],
         place=places(rows),
+        case=[keys[pair] for pair in pairs],
     )
+    changes = sorted(set(change))
+    asked, factor, change_first = None, next(iter(keys))[0], changes[len(changes) // 2]
+    if study.conclusions and study.conclusions[0].bounds:
+        asked = study.conclusions[0].bounds[0]
+        factor, change_first = asked.factor, _nearest(changes, study.conclusions[0].wear)
+    own = [size for name, size in keys if name == factor]
+    first = _nearest(own, asked.sigma) if asked else own[len(own) // 2]
+    texts = [
+        (key, f"{factor_name(one)}, σ = {quantity_text(size, one.unit)}")
+        for one, size, key in ((study.factor(name), size, key) for (name, size), key in keys.items())
+    ]
+    sizes = [(one, quantity_text(one, fault.unit, 3)) for one in changes]
+    return table, [
+        Choice("case", "Varying", texts, keys[factor, first]),
+        Choice("change", "Change of wear", sizes, change_first, slides=True),
+    ]
+
+
+def _shorten(values: pd.Series) -> list[float]:
+    return [float(one) for one in round_digits(values.to_numpy()) if one is not None]
+
+
+def _nearest(values: list[float], wanted: float) -> float:
+    return min(values, key=lambda value: abs(value - wanted))
 
 
 def fit_cells(study: Study) -> pd.DataFrame:

@@ -1,0 +1,238 @@
+"""The first parts of a closed loop's page: the strip, what was named, the next measurement, events."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
+from wearscope.reporting.labels import UNKNOWN, count_text, join_words, unit_text, words
+from wearscope.reporting.loop_words import (
+    PROMISED,
+    STATUSES,
+    conclude_loop,
+    is_small,
+    joints_in,
+    list_alarms,
+    list_shared,
+    list_unexplained,
+    say_share,
+    size_left,
+    tell_left,
+    tell_measurement,
+    tell_sizes,
+    tell_unexplained,
+)
+from wearscope.reporting.page import JOINT, format_number, render_part, render_table, render_template
+from wearscope.reporting.page_strip import Strip
+
+_CHANGES = {"smaller": "good", "same": "neutral", "larger": "bad"}
+_LEFT = {
+    "explained": ("good", "noise left"),
+    "corrected": ("good", "noise left"),
+    "unexplained": ("unsure", "structure left"),
+    "not_judged": ("unsure", "not judged"),
+}
+#: Of the small curves: width, height, seconds and points; colour and width of each.
+_WIDTH, _HEIGHT, _SECONDS, _POINTS = 320, 64, 8.0, 240
+_CURVES = {
+    "measured": ("var(--soft)", 3),
+    "predicted_before": ("var(--before)", 1.3),
+    "predicted_after": ("var(--after)", 1.3),
+}
+
+
+def loop_strip(loop: ClosedLoop) -> Strip:
+    """What the model lacks, and whether it got better."""
+    kind, text = conclude_loop(loop.verdict)
+    statuses = [one["status"] for one in loop.verdict["verdict"]]
+    held, refuted = statuses.count("confirmed"), statuses.count("refuted")
+    more = f"; they refute {refuted}" if refuted else ""
+    sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
+    if not statuses:
+        sure = "Every effect of the vocabulary was tried at every joint that moves."
+    action = Markup("Keep the declared model; record another motion if you doubt it.")
+    if len(statuses) > refuted:
+        action = Markup(
+            'Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>: as a robot of a '
+            "study, or by <code>wearscope export</code>."
+        )
+    if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
+        text_of = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
+        action = text_of.format(advised[0]["table"], count_text(advised[0]["runs"], "run"))
+    return Strip(text, kind, sure, _caveat(loop), action)
+
+
+def _caveat(loop: ClosedLoop) -> str:
+    """What limits the verdict most, the first that applies."""
+    joints = loop.verdict["joints"]
+    if unjudged := joints_in(loop.verdict, "not_judged"):
+        reason = joints[unjudged[0]].get("reason", "")
+        return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
+    if left := list_unexplained(loop.verdict, small=False):
+        worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
+        size = size_left(joints[worst])
+        return f"At {worst}, {f'{size} is left; ' if size else ''}{tell_left(joints[worst])}."
+    open_names = [
+        f"{words(join_words([one['effect'], *one['equivalent']], 'or'))} at {one['joint']}"
+        for one in loop.verdict["verdict"]
+        if one["equivalent"]
+    ]
+    if open_names:
+        return f"These runs do not separate {'; '.join(open_names)}."
+    if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
+        return "Part of the correction is a curve without a name."
+    if small := tell_unexplained(loop.verdict, small=True):
+        return f"{small[:1].upper()}{small[1:]}."
+    runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
+    if runs < 3:
+        return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
+    return "Names say which formula fits and carries over, not which part of the machine causes it."
+
+
+def render_outcome(loop: ClosedLoop) -> Markup:
+    """What was named, what the test runs say of it, what is left at each joint, the rule."""
+    records = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
+    text = (
+        "Parameters of what was added; the models hold them all. The interval of one parameter may hold "
+        "zero where those of its effect together do not."
+    )
+    groups = []
+    for status, said in STATUSES.items():
+        own = [one for joint in loop.joints for one in loop.entries_at(joint) if one["status"] == status]
+        own.sort(key=lambda entry: entry["effect"] == UNKNOWN)
+        groups.append({"heading": said.heading, "kind": said.kind, "cards": [_card(one) for one in own]})
+    return render_template(
+        "loop/outcome.html",
+        groups=groups,
+        alarms=list_alarms(loop.verdict),
+        named=bool(loop.verdict["verdict"]),
+        joints=[describe_joint(loop, joint) for joint in loop.joints],
+        count=len(records),
+        parameters=render_table(records, text, filter_by=JOINT) if records else "",
+    )
+
+
+def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
+    """Card of a joint: what was named there, what became of the error, what is left, small curves."""
+    one, shared = loop.verdict["joints"][joint], list_shared()
+    own = [entry["effect"] for entry in loop.entries_at(joint)]
+    others = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in shared - set(own)]
+    named = [*map(words, own), *(f"{words(name)} of the robot" for name in others)]
+    kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
+    change = told = one["error"] or "n/a"
+    if change == "larger":
+        told = f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
+    return {
+        "joint": joint,
+        "named": join_words(named) or "nothing added",
+        "kind": "bad" if change == "larger" else kind,
+        "change": told,
+        "change_kind": _CHANGES.get(change, "neutral"),
+        "sizes": tell_sizes(one),
+        "word": ", ".join(filter(None, [word, size_left(one)])),
+        "left_kind": kind,
+        "left": tell_left(one),
+        "curves": draw_curves(loop, joint),
+    }
+
+
+def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
+    where = "all joints together" if entry["effect"] in list_shared() else entry["joint"]
+    lines = [f"{STATUSES[entry['status']].sentence}: {say_share(entry)} at {where}."]
+    if entry["effect"] == UNKNOWN:
+        lines.append("Structure that no named effect explains.")
+    if entry["depends_on"]:
+        lines.append(f"Depends on {join_words([*map(name_signal, entry['depends_on'])])}.")
+    names = {"joint": entry["joint"], "effect": words(entry["effect"])}
+    return names | {"lines": lines, "equivalent": words(join_words(entry["equivalent"], "or"))}
+
+
+def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Rows of the table: fitted parameters, a spline's heights as one, fixed ones."""
+    rows = []
+    for name, one in entry["parameters"].items():
+        ends = " to ".join(format_number(number(end)) for end in one["ci95"])
+        rows.append((words(name), format_number(number(one["value"])), ends, unit_text(one["unit"])))
+    rows += [(words(name), format_number(number(v)), "fixed", "") for name, v in entry["fixed"].items()]
+    heights = [one["value"] for name, one in entry["parameters"].items() if name.startswith("height")]
+    if entry["effect"] == UNKNOWN and heights:
+        told = f"{format_number(min(heights))} to {format_number(max(heights))}"
+        rows = [(f"{len(heights)} heights of a spline", told, "n/a", rows[0][-1])]
+    where = {"joint": entry["joint"], "effect": words(entry["effect"])}
+    names = ("parameter", "value", "95 % interval", "unit")
+    return [where | dict(zip(names, row, strict=True)) for row in rows]
+
+
+def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
+    """Measured torque and both predictions over the first seconds of a test run; nothing without one."""
+    table = loop.residual
+    own = table[(table["joint"] == joint) & (table["use"] == "test")]
+    if own.empty or not set(_CURVES) <= set(own.columns):
+        return Markup("")
+    rows = own[own["run"] == own["run"].iloc[0]]
+    rows = rows[rows["t"] - rows["t"].iloc[0] <= _SECONDS]
+    rows = rows.iloc[:: max(1, len(rows) // _POINTS)]
+    values = rows[list(_CURVES)].to_numpy(dtype=float)
+    if len(rows) < 2 or not np.isfinite(values).any():
+        return Markup("")
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    x = (rows["t"] - rows["t"].iloc[0]).to_numpy(dtype=float)
+    x = _WIDTH * x / max(float(x[-1]), 1e-9)
+    y = (_HEIGHT - 4) * (high - values) / max(high - low, 1e-12) + 2
+    return render_template(
+        "loop/curves.html",
+        width=_WIDTH,
+        height=_HEIGHT,
+        label=f"Measured and predicted torque of {joint} over {_SECONDS:g} s",
+        paths=[(_path(x, y[:, k]), *look) for k, look in enumerate(_CURVES.values())],
+    )
+
+
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """Path of a curve in the small frame, broken where a value is missing."""
+    known = np.isfinite(y)
+    begins = known & ~np.concatenate([[False], known[:-1]])
+    points = [f"{'M' if begins[k] else 'L'}{x[k]:.1f} {y[k]:.1f}" for k in np.flatnonzero(known).tolist()]
+    return "".join(points)
+
+
+def render_measurement(loop: ClosedLoop) -> Markup:
+    """What to record next: advised runs with their files; nothing where every name is alone."""
+    told = {"table": "for a controller", "cycle_file": "for the simulator"}
+    entries = [
+        {
+            "joint": one["joint"],
+            "kind": "good" if one["power"] >= PROMISED else "unsure",
+            "text": tell_measurement(one),
+            "files": [(one[key], what) for key, what in told.items() if key in one],
+        }
+        for one in loop.verdict.get("next_measurement") or []
+    ]
+    return render_template("loop/measurement.html", entries=entries)
+
+
+def render_events(loop: ClosedLoop) -> Markup:
+    """Short events, and a collision detector's threshold; nothing where the verdict has none."""
+    events, thresholds = (loop.verdict.get(key) for key in ("events", "collision_thresholds"))
+    if not events and not thresholds:
+        return Markup("")
+    units = {joint: one["unit"] for joint, one in loop.verdict["joints"].items()}
+    found = [
+        {"joint": one["joint"], "run": one["run"], "starts at [s]": one["t"], "lasts [s]": one["seconds"]}
+        | {"torque that the model lacks": one["size"], "unit": units.get(one["joint"], "")}
+        for one in events or []
+    ]
+    limits = [
+        {"joint": joint, "threshold": one["threshold"], "unit": units.get(joint, "")}
+        | {"false alarms per hour, at most": one["false_alarms_per_hour_at_most"]}
+        for joint, one in (thresholds or {}).items()
+    ]
+    note = "Pushes or collisions that the corrected model does not predict. Their rows count in no fit."
+    told = "Of a collision detector: the largest torque that the model misses on test runs without events."
+    return render_part(
+        notes=[note if found else "No push and no collision was seen."],
+        parts=[render_table(found, filter_by=JOINT | {"run": "run"})] if found else [],
+        folded=[("Collision thresholds", False, render_table(limits, told, filter_by=JOINT))] * bool(limits),
+    )

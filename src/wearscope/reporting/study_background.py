@@ -1,0 +1,168 @@
+"""What is behind a study's answers: trust, the paper, what was simulated and assumed, provenance."""
+
+from collections.abc import Sequence
+
+import yaml
+from markupsafe import Markup
+
+from wearscope.reporting import trust
+from wearscope.reporting.charts.questions import chart_fits
+from wearscope.reporting.charts.robots import chart_friction, chart_motion
+from wearscope.reporting.findings import PAPER_MODULES, Finding
+from wearscope.reporting.labels import COLUMNS, join_words, unit_text, words
+from wearscope.reporting.page import (
+    badge,
+    embed_chart,
+    embed_figure,
+    format_number,
+    render_table,
+    render_template,
+)
+from wearscope.reporting.study import Study
+
+VERDICT_KINDS = {
+    "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
+}  # fmt: skip
+_STATES = ("reached", "at ceiling", "short", "constant")
+
+
+def render_trust(study: Study) -> Markup:
+    """Fits, audit, direct simulation, failed points, the design."""
+    columns = ["model", "points", "terms", "rank", "condition", "dof", "resolution", "variance_centre"]
+    checks = study.checks[[*columns, "variance_nominal", "nominal_outside"]]
+    told = (
+        (study.failed_simulations, "Every point whose simulation failed."),
+        (study.failures, "Every cell and set at a point of which the detector failed."),
+    )
+    return render_template(
+        "study/trust.html",
+        quality=trust.surrogate_quality(study),
+        fits=embed_chart(chart_fits(study)),
+        chosen=_chosen(study),
+        audited=[*trust.audit_outcome(study), *trust.direct_outcome(study), *trust.mismatch_outcome(study)],
+        failed=[*trust.failed_simulations(study), trust.failed_points(study)],
+        failures=[
+            render_table(table.assign(cycle=table["cycle"].map(words)).rename(columns=COLUMNS), text)
+            for table, text in told
+            if len(table)
+        ],
+        design=render_table(
+            checks, "The design, checked before anything was simulated; variances in σ² of a run."
+        ),
+    )
+
+
+def _chosen(study: Study) -> Markup:
+    """The chosen surrogates by detector: kinds, fits, states."""
+    if study.chosen is None:
+        return Markup("")
+    records = []
+    for fda, rows in study.chosen.groupby("fda", sort=True):
+        states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
+        records.append(
+            {"detector": fda, "cells": len(rows)}
+            | {state: int(states.get(state, 0)) for state in _STATES}
+            | {
+                "median fit [%]": float(rows["fit"].median()),
+                "worst fit [%]": float(rows["fit"].min()),
+                "median ceiling [%]": float(rows["ceiling"].median()),
+                "kinds": ", ".join(f"{words(kind)} {n}" for kind, n in kinds.items()),
+                "answer": "withheld" if fda in study.withheld() else "given",
+            }
+        )
+    note = (
+        "The surrogate chosen for each cell by cross-validation, its fit on runs that no choice saw; "
+        "ceiling: what the noise of a run, known from replicates, leaves."
+    )
+    return render_table(records, note, filter_by={"detector": "fda"})
+
+
+def render_findings(findings: Sequence[Finding]) -> Markup:
+    """What the paper found, compared with this study; nothing where the study asked none of it."""
+    asked = [
+        {"verdict": badge(one.verdict, VERDICT_KINDS[one.verdict]), "the paper": one.paper}
+        | {"this study": one.here}
+        for one in findings
+        if one.verdict != "not asked"
+    ]
+    return render_template("study/paper.html", findings=render_table(asked)) if asked else Markup("")
+
+
+def render_simulated(study: Study) -> Markup:
+    """The robots: motion, friction, two recordings; what was assumed."""
+    recording = Markup("")
+    if "recording" in study.figures:
+        recording = embed_figure(
+            study.figures["recording"],
+            "Position, speed and motor torque of one joint in two runs that differ in wear.",
+            "What a drive records and a detector sees: two runs of one robot and test-cycle.",
+        )
+    return render_template(
+        "study/simulated.html",
+        motion=embed_chart(chart_motion(study.postures)) if study.postures is not None else "",
+        friction=embed_chart(chart_friction(study.friction)) if study.friction is not None else "",
+        recording=recording,
+        assumptions=_assumptions(study),
+    )
+
+
+def _assumptions(study: Study) -> list[tuple[str, str]]:
+    """Assumptions as pairs of what they are about and a sentence or two."""
+    named = ", ".join(f"{name} is {one['use']}" for name, one in study.config["detectors"].items()) + "."
+    followers = [name for module in PAPER_MODULES.values() if (name := study.detector_of(module)) is not None]
+    if followers:
+        named += f" The paper's detectors are confidential; {join_words(followers)} follow its description."
+    robots = []
+    for robot, texts in study.sources.items():  # what several numbers have as their source is said once
+        parts = dict.fromkeys(part.strip() for text in texts for part in text.split(";"))
+        robots.append((f"Robot {robot}", "; ".join(filter(None, parts))))
+    levels = "; ".join(
+        f"{one.description}, {one.low:g} to {one.high:g} {unit_text(one.unit)}".strip()
+        for one in study.factors
+    )
+    snr, scope = study.config["snr"], study.config["scope"]
+    told = {
+        "Factors": f"{levels}. Each is constant within a test-cycle; temperature is the same in every joint. "
+        "The controller believes in the declared payload mass; the robot carries it over (1 + error).",
+        "Distribution of the factors": "Normal about the middle of each range, in coded units. SNR: all "
+        f"factors vary at once, σ = {snr['sigma']:g}, wear from {snr['f0']:g} to "
+        f"{snr['f0'] + snr['delta']:g}. Scope: one factor varies, the others are nominal, wear from "
+        f"{scope['f0']:g}. Tails beyond ±2 were not simulated.",
+        "Extrapolation to nominal": _extrapolation(study),
+        "Intervals": "95 %. Those of medians, ranks and differences are bootstraps over the cells; shares "
+        "have Wilson intervals; those of the surrogates assume independent normal residuals.",
+        "Reality": "All is simulated. Only measured data say how well, see the closed loop.",
+    }
+    signed = [(name, text.replace(" -", " −")) for name, text in told.items()]
+    return [("Detectors", named), *robots, *signed]
+
+
+def _extrapolation(study: Study) -> str:
+    rows = study.checks[study.checks["model"] == study.config["scope"]["model"]]
+    if study.config["scope"]["model"] == "chosen":
+        return "None: the chosen surrogates learn from runs at nominal and along the scope's lines."
+    if rows.empty:
+        return "Not known: the design has no check for the surrogate."
+    row = rows.iloc[0]
+    where = "outside" if row["nominal_outside"] else "within"
+    there, centre = (format_number(float(row[f"variance_{name}"])) for name in ("nominal", "centre"))
+    return (
+        f"The scope starts from nominal, {where} the design region. The prediction variance there is {there} "
+        f"of a run's, and {centre} at the centre."
+    )
+
+
+def render_provenance(study: Study) -> Markup:
+    """Costs by stage, facts, configuration, packages."""
+    columns = "stage; jobs; seconds|seconds, all jobs; memory|largest job [MiB]"
+    costs = study.costs.sort_values("seconds", ascending=False, kind="stable")
+    facts = {name: value for name, value in study.provenance.items() if not isinstance(value, dict)}
+    rows = [{"what": name, "value": "n/a" if one is None else str(one)} for name, one in facts.items()]
+    packages = study.provenance.get("packages") or {}
+    return render_template(
+        "study/provenance.html",
+        costs=render_table(costs, columns=columns) if len(costs) else "",
+        facts=render_table(rows) if rows else "",
+        configuration=yaml.safe_dump(dict(study.config), sort_keys=False, allow_unicode=True),
+        packages=join_words([f"{name} {one}" for name, one in packages.items()]),
+    )
