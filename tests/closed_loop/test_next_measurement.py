@@ -18,14 +18,18 @@ from wearscope.cycles.base import Reference
 from wearscope.reporting.loop_words import tell_measurement
 
 pytestmark = pytest.mark.slow
-#: A single vertical joint whose gain error, mass, payload and counterbalance all look like gravity's share.
-CASE = list_advice_cases("development", 200, 77)[1]
 
 
 @pytest.fixture(scope="module")
-def diagnosis(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("advice") / CASE.name
-    generate_dataset(folder, CASE.machine, CASE.planted, CASE.seed, CASE.recipe)
+def case():
+    """A vertical joint whose gain error, mass, payload and counterbalance all look like gravity's share."""
+    return list_advice_cases("development", 200, 77)[1]
+
+
+@pytest.fixture(scope="module")
+def diagnosis(tmp_path_factory, case):
+    folder = tmp_path_factory.mktemp("advice") / case.name
+    generate_dataset(folder, case.machine, case.planted, case.seed, case.recipe)
     return diagnose(folder)
 
 
@@ -88,8 +92,8 @@ def test_the_advice_widens_the_angle_and_is_written_as_a_cycle(diagnosis, tmp_pa
         assert not list(tmp_path.iterdir()) and "None of the" in page
 
 
-def test_following_the_advice_names_the_planted_effect(tmp_path):
-    row = run_advice_case(CASE, tmp_path)
+def test_following_the_advice_names_the_planted_effect(case, tmp_path):
+    row = run_advice_case(case, tmp_path)
     assert (row["error"], row["outcome"]) == ("", "right")
     summary = summarise_advice([row, row | {"outcome": "still open"}, {"outcome": "one name"}])
     assert summary["cases"] == 3 and summary["followed"]["right"]["hits"] == 1

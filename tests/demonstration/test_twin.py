@@ -55,7 +55,7 @@ def test_the_undeclared_effect_changes_axis_2_alone():
 
 
 def test_folder_declares_less_than_it_holds(tmp_path):
-    truth = record_twin(tmp_path / "twin", 0, duration=4.5, truth_path=tmp_path / "truth.json")
+    truth = record_twin(tmp_path / "twin", 0, duration=2.0, truth_path=tmp_path / "truth.json")
     document = yaml.safe_load((tmp_path / "twin" / "dataset.yaml").read_text())
     assert truth["planted"][0]["effect"] == "gravity_counterbalance"
     assert truth["planted"][0]["effect"] not in (tmp_path / "twin" / "dataset.yaml").read_text()

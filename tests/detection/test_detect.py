@@ -13,6 +13,8 @@ C = DetectorSpec("C", "friction_fit")
 D = DetectorSpec("D", "wear_temperature_fit")
 B = DetectorSpec("B", "distribution_distance")
 SAME = (1, 0.0, 8.0, 0.5)
+#: As few simulated runs as a threshold takes.
+FEW = {"p_f": 0.2, "runs": 4, "worn_runs": 3}
 
 
 def detect(folder, model, detectors=(C, D), **setting):
@@ -28,7 +30,7 @@ def worn(tmp_path_factory, duo, write_to):
         tmp_path_factory.mktemp("worn") / "duo",
         [SAME, (1, 20.0, 8.0, 0.0), (1, 40.0, 8.0, 0.0), (2, 0.0, 8.0, 0.0), (1, 0.0, 6.0, 0.0)],
     )
-    return detect(folder, duo(), p_f=0.01, runs=99, worn_runs=40)
+    return detect(folder, duo())
 
 
 def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
@@ -42,7 +44,7 @@ def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
         assert ((rows["wear_low"] - 1 <= wear) & (wear <= rows["wear_high"] + 1)).all()
     healthy = judged[judged["run"] == "runs/r5.parquet"]
     assert set(healthy["verdict"]) <= {"no alarm", "withheld"}
-    assert (healthy["p_value"] > 0.01).all()
+    assert (healthy["p_value"] > 0.05).all()
 
 
 def test_temperatures_are_told_from_those_of_the_nominal_recordings(worn):
@@ -61,7 +63,7 @@ def test_other_motions_are_refused_in_one_sentence_each(worn):
 def test_threshold_has_its_unit_its_rate_and_what_it_detects(worn):
     cells = worn.thresholds.set_index(["joint", "fda"])
     assert cells.loc[("a", "C"), "unit"] == "N m" and cells.loc[("a", "D"), "unit"] == "1"
-    assert (cells["p_f_low"] < 0.01).all() and (cells["p_f_high"] > 0.01).all()
+    assert (cells["p_f_low"] < 0.05).all() and (cells["p_f_high"] > 0.05).all()
     assert (cells["wear_detected"].between(0.0, 30.0)).all()
     assert (cells["nominal_runs"] == 5).all()
     assert worn.summary["motions"]["motion 1"]["factors_that_move_nothing"] == ["payload_mass_error"]
@@ -92,7 +94,7 @@ def test_on_the_common_axis_the_threshold_is_one_and_the_simulated_median_zero(w
 
 def test_a_machine_that_scatters_more_than_the_model_gets_no_alarm(machine, duo):
     folder = machine([SAME, SAME], nominal=6, disturbance=1.5)
-    found = detect(folder, duo(), [C])
+    found = detect(folder, duo(), [C], worn_runs=3)
     cells = found.thresholds
     assert (cells["scatter"] == "not the machine's").all()
     assert (cells["scatter_ratio"] > 3).all()
@@ -100,7 +102,7 @@ def test_a_machine_that_scatters_more_than_the_model_gets_no_alarm(machine, duo)
 
 
 def test_one_nominal_recording_checks_nothing(machine, duo):
-    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=1), duo(), [C])
+    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=1), duo(), [C], **FEW)
     assert set(found.thresholds["scatter"]) == {"not known"}
     assert set(found.detection["verdict"]) == {"unchecked"}
 
@@ -114,7 +116,7 @@ def test_a_model_without_wear_says_so_and_reads_none(machine, duo):
 
 
 def test_detectors_may_be_fitted_to_simulated_runs(machine, duo):
-    found = detect(machine([(1, 30.0, 8.0, 0.0)], nominal=3), duo(), [D], nominal="simulated")
+    found = detect(machine([(1, 30.0, 8.0, 0.0)], nominal=3), duo(), [D], nominal="simulated", **FEW)
     nominal = found.detection[found.detection["kind"] == "nominal"]
     assert np.abs(nominal["y"]).max() < 6.0
     judged = found.detection[found.detection["kind"] == "judged"]
@@ -123,7 +125,7 @@ def test_detectors_may_be_fitted_to_simulated_runs(machine, duo):
 
 def test_reference_sessions_are_nominal_rather_than_training_runs(machine, duo):
     folder = machine([(1, 0.0, 8.0, 0.0)], nominal=3, fields={"reference": ["day 3"]})
-    found = detect(folder, duo(), [C])
+    found = detect(folder, duo(), [C], **FEW)
     assert found.summary["motions"]["motion 1"]["nominal"] == ["runs/r3.parquet"]
     assert len(found.summary["motions"]["motion 1"]["judged"]) == 3
 
@@ -160,7 +162,7 @@ def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, duo, tmp_pa
         "class S:\n    def fit(self, nominal, axis, model):\n        raise ValueError('no')\n"
         "    def test_quantity(self, batch):\n        return 0.0\nDETECTOR = S\n"
     )
-    found = detect(folder, duo(), [C, DetectorSpec("S", str(broken))])
+    found = detect(folder, duo(), [C, DetectorSpec("S", str(broken))], **FEW)
     rows = found.detection[found.detection["fda"] == "S"]
     assert set(rows["verdict"]) == {"failed"} and rows["status"].str.contains("ValueError: no").all()
     assert set(found.detection.loc[found.detection["fda"] == "C", "verdict"]) <= {"no alarm", "unchecked"}
