@@ -69,8 +69,8 @@ def find_events(
     Returns
     -------
     list of dict
-        `run`, `joint`, `t` where it starts [s], `seconds` that it lasts, and `size`: its largest torque that
-        the model does not have, with its sign.
+        `run`, `joint`, `t` where it starts on the recording's own clock [s], `seconds` that it lasts, and
+        `size`: its largest torque that the model does not have, with its sign.
     """
     events: list[Event] = []
     for j in np.flatnonzero(moving).tolist():
@@ -95,7 +95,7 @@ def find_events(
             for p in some:
                 t, missed = run.t[p], x[p] * run.keep[p, j]
                 peak = float(missed[np.argmax(np.abs(missed))])
-                where = {"run": run.file, "joint": joints[j], "t": float(t[0])}
+                where = {"run": run.file, "joint": joints[j], "t": run.start + float(t[0])}
                 events.append(where | {"seconds": float(t[-1] - t[0]), "size": peak})
     return events
 
@@ -217,8 +217,8 @@ def _leave_places(
 
 
 def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint: str) -> np.ndarray:
-    """Whether the torque at times `t` is of an event, as far as the common filter carries it."""
-    reach = 0.5 / run.band.torque
+    """Whether the torque at times `t` of a run is of an event, as far as the common filter carries it."""
+    reach, t = 0.5 / run.band.torque, t + run.start
     marked = np.zeros(len(t), dtype=bool)
     for e in events:
         if e["joint"] == joint and e["run"] == run.file:
