@@ -86,6 +86,11 @@ class Factor:
         return CODED_LOW if self.kind == "wear" else 0.0
 
     @property
+    def step(self) -> float:
+        """Natural size of one coded unit."""
+        return (self.high - self.low) / (CODED_HIGH - CODED_LOW)
+
+    @property
     def is_costly(self) -> bool:
         """Whether each other level is a motion to be planned, or a detector to be fitted, anew."""
         planned = (

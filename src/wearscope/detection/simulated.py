@@ -214,7 +214,7 @@ class Simulated:
         `idle`.
         """
         n = self.model.n
-        step = {factor.kind: (factor.high - factor.low) / (CODED_HIGH - CODED_LOW) for factor in factors}
+        step = {factor.kind: factor.step for factor in factors}
         changed = {
             "wear": Draw(np.full(n, step.get("wear", 0.0))),
             "temperature": Draw(np.zeros(n), warmth=step.get("temperature", 0.0)),

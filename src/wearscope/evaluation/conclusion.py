@@ -145,7 +145,7 @@ def draw_conclusion(
         own = choose_method(part)
         found = count_sure(own[own["fda"] == chosen], delta, borne, shown_sure)
         cells, sure = cells + found[0], sure + found[1]
-    steps = {factor.name: natural_step(factor) for factor in factors}
+    steps = {factor.name: factor.step for factor in factors}
     ends = counts.groupby("factor")["sigma"].max()
     bounds = [
         Bound(name, float(sigma * steps[name]), bool(sigma >= ends[name])) for name, sigma in borne.items()
@@ -204,11 +204,6 @@ def tolerated(passes: NDArray[np.bool_], sigmas: Array) -> Array:
     return np.where(reached > 0, sigmas[np.maximum(reached, 1) - 1], 0.0)
 
 
-def natural_step(factor: Factor) -> float:
-    """Natural units in one coded unit."""
-    return (factor.high - factor.low) / 4.0
-
-
 def threshold_table(
     cells: Cells,
     conclusion: Conclusion,
@@ -228,12 +223,12 @@ def threshold_table(
     by_name = {factor.name: factor for factor in factors}
     if not conclusion.detector or np.isnan(conclusion.wear):
         return pd.DataFrame(columns=columns)
-    delta = conclusion.wear / natural_step(by_name[FAULT])
+    delta = conclusion.wear / by_name[FAULT].step
     cells = [(key, one) for key, one in cells if key[3] == conclusion.detector]
     parts = [
         detection_table(
             cells, levels, [one.factor], np.array([delta]),
-            np.array([one.sigma / natural_step(by_name[one.factor])]), f0, [conclusion.p_f],
+            np.array([one.sigma / by_name[one.factor].step]), f0, [conclusion.p_f],
         )
         for one in conclusion.bounds
     ]  # fmt: skip

@@ -6,13 +6,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.conclusion import (
-    Conclusion,
-    choose_method,
-    count_sure,
-    natural_step,
-    smallest_change,
-)
+from wearscope.evaluation.conclusion import Conclusion, choose_method, count_sure, smallest_change
 from wearscope.evaluation.scope_counts import count_scope
 
 
@@ -45,7 +39,7 @@ def overview_table(
         that it finds there, natural units, NaN where none; ``cells`` and ``cells_sure`` of it there; ``snr``,
         its median; ``fit`` [%], its lowest; ``failed_simulations``. Sorted by `sort_worst_first`.
     """
-    step = natural_step(next(one for one in factors if one.name == FAULT))
+    step = next(one for one in factors if one.name == FAULT).step
     found = {one.robot: one for one in conclusions}
     failed = failed_simulations.groupby(["robot", "cycle"]).size()
     records = []

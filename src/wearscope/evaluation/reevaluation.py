@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor
+from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.sides import Answers
 from wearscope.surrogates.fitting import CELL
 
@@ -72,7 +72,7 @@ def compare_sides(
     for key in shared:
         cycle, axis, fda, question, about, delta = key
         factor = known.get(about) if question == "scope" else None
-        scale = natural_step(factor) if factor is not None else 1.0
+        scale = factor.step if factor is not None else 1.0
         row: dict[str, Any] = {
             "robot": robot,
             "cycle": cycle,
@@ -81,7 +81,7 @@ def compare_sides(
             "withheld": (cycle, axis, fda) in withheld,
             "question": question,
             "about": about,
-            "delta": delta * natural_step(known[FAULT]) if delta else np.nan,
+            "delta": delta * known[FAULT].step if delta else np.nan,
             "unit": factor.unit if factor is not None else "1",
         }
         for side in SIDES:
@@ -124,11 +124,6 @@ def compare_ranking(answers: Mapping[str, Answers], robot: str) -> pd.DataFrame:
                 row[side] = _probability(*pair)
             records.append(row)
     return pd.DataFrame(records, columns=["robot", "cycle", "axis", "fda", "over", *SIDES])
-
-
-def natural_step(factor: Factor) -> float:
-    """Natural size of one coded unit."""
-    return (factor.high - factor.low) / (CODED_HIGH - CODED_LOW)
 
 
 def _interval(drawn: Array) -> Array:

@@ -52,7 +52,6 @@ def sensitivity_of(
     parts: Iterable[pd.DataFrame],
     model: str = "simplified",
     by: Sequence[str] = ("fda",),
-    level: float = 0.95,
 ) -> pd.DataFrame:
     """Box-plot statistics of every column of every group matrix (Fig. 2), and how often a term outweighs f.
 
@@ -63,15 +62,14 @@ def sensitivity_of(
         through only the normalised coefficients are kept.
     model : str
     by : sequence of str
-    level : float
-        Of the Wilson interval of the share of cells with a normalised coefficient beyond +-1.
 
     Returns
     -------
     DataFrame
         ``model``, the group columns, ``term``, the columns of
         `wearscope.evaluation.grouping.box_statistics`, ``n_relevant``, ``share_relevant``, ``share_low``,
-        ``share_high`` (of the cells with a normalised coefficient), ``median_absolute``.
+        ``share_high`` (of the cells with a normalised coefficient, beyond +-1; 95 % after Wilson),
+        ``median_absolute``.
     """
     terms: dict[str, None] = {}
     columns: dict[tuple, list[dict[str, np.ndarray]]] = {}
@@ -90,7 +88,7 @@ def sensitivity_of(
             )
             good = values[np.isfinite(values)]
             relevant = int(np.sum(np.abs(good) > 1.0))
-            low, high = wilson_interval(relevant, good.size, level)
+            low, high = wilson_interval(relevant, good.size)
             records.append(
                 {
                     "model": model,

@@ -13,7 +13,6 @@ from wearscope.reporting.labels import (
     group_columns,
     group_name,
     join_words,
-    natural_step,
     quantity_text,
     split_groups,
     term_factors,
@@ -203,9 +202,9 @@ def tolerance_table(study: Study) -> pd.DataFrame:
     fault = study.factor("f")
     for factor in study.config["scope"]["factors"]:
         unit, name = study.factor(factor).unit, factor_name(study.factor(factor))
-        step = natural_step(study.factor(factor))
+        step = study.factor(factor).step
         for one in tolerances(study, factor):
-            change = quantity_text(one.delta * natural_step(fault), fault.unit, 3)
+            change = quantity_text(one.delta * fault.step, fault.unit, 3)
             column = f"σ tolerated, wear changed by {change}"
             if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, name):
                 records.append(
@@ -251,8 +250,8 @@ def effective_scope(study: Study) -> list[str]:
 
 def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance]) -> str:
     one = max((one for one in found if one.group == group), key=lambda one: one.delta)
-    fault, step = study.factor("f"), natural_step(study.factor(factor))
-    change = f"{format_number(one.delta * natural_step(fault), 2)} {unit_text(fault.unit)}".strip()
+    fault, step = study.factor("f"), study.factor(factor).step
+    change = f"{format_number(one.delta * fault.step, 2)} {unit_text(fault.unit)}".strip()
     if np.isnan(one.sigma):
         return (
             f"Even {group}, with a change of wear of {change}, does not reach it in half of its cells at "

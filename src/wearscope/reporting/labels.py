@@ -80,11 +80,6 @@ def unit_text(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
-def natural_step(factor: "Factor") -> float:
-    """Natural units in one coded unit."""
-    return (factor.high - factor.low) / 4.0
-
-
 def with_unit(text: str, unit: str) -> str:
     """Text and unit in brackets, where there is one."""
     return f"{text} [{unit_text(unit)}]" if unit_text(unit) else text

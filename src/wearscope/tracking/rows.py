@@ -43,14 +43,12 @@ class RunRows:
     weights: np.ndarray
     columns: np.ndarray
     unrecorded: np.ndarray
-    owners: list[int]
     starts: np.ndarray
 
 
 def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
     """Rows of a run in the reference's structure."""
     signals = structure.operate(run)
-    unrecorded, owners = structure.unrecorded_columns(signals)
     duration = float(run.t[-1] - run.t[0])
     length = max(_SHORTEST, _BLOCK_PERIODS / run.band.torque)
     count = max(2, round(duration / length))
@@ -61,8 +59,7 @@ def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
         run.measured - run.reduce(run.known),
         run.keep / structure.scales.noise,
         reduce_columns(run, structure.columns(signals)),
-        reduce_columns(run, unrecorded),
-        owners,
+        reduce_columns(run, structure.unrecorded_columns(signals)),
         starts,
     )
 

@@ -143,9 +143,9 @@ class Structure:
             return np.zeros((len(signals.t), self.n, 0))
         return np.concatenate(parts, axis=2)
 
-    def unrecorded_columns(self, signals: Signals) -> tuple[np.ndarray, list[int]]:
-        """Regressors (N, n, u) of temperatures not recorded, with standard normal weights; joint of each."""
-        parts, owners = [np.zeros((len(signals.t), self.n, 0))], []
+    def unrecorded_columns(self, signals: Signals) -> np.ndarray:
+        """Regressors (N, n, u) of temperatures not recorded, with standard normal weights."""
+        parts = [np.zeros((len(signals.t), self.n, 0))]
         for j in range(self.n):
             if not self.frame.moving[j]:
                 continue
@@ -155,5 +155,4 @@ class Structure:
                 part = np.zeros((len(signals.t), self.n, 1))
                 part[:, j, 0] = SLOPE * UNRECORDED * self.friction_column(signals, j, viscous)
                 parts.append(part)
-                owners.append(j)
-        return np.concatenate(parts, axis=2), owners
+        return np.concatenate(parts, axis=2)

@@ -122,9 +122,9 @@ def grows(estimate: Estimate) -> float:
 
 
 def draw_wear(
-    known: Sequence[tuple[float, Estimate]], scatter: Scatter, rng: np.random.Generator, draws: int = _DRAWS
+    known: Sequence[tuple[float, Estimate]], scatter: Scatter, rng: np.random.Generator
 ) -> np.ndarray:
-    """Torques and width (draws, m + 1) that the session allows.
+    """Torques and width (`_DRAWS`, m + 1) that the session allows.
 
     Parameters
     ----------
@@ -132,14 +132,13 @@ def draw_wear(
         Width and fit; widths in geometric steps.
     scatter : Scatter
     rng : Generator
-    draws : int
     """
     gains = np.array([fit.gain for _, fit in known])
     likely = np.exp(0.5 * (gains - gains.max()))
-    picks = rng.choice(len(known), draws, p=likely / likely.sum())
+    picks = rng.choice(len(known), _DRAWS, p=likely / likely.sum())
     step = float(np.log(WIDTHS[1] / WIDTHS[0]))
-    tails = np.sqrt(scatter.dof / rng.chisquare(scatter.dof, draws))
-    found = np.empty((draws, len(known[0][1].value) + 1))
+    tails = np.sqrt(scatter.dof / rng.chisquare(scatter.dof, _DRAWS))
+    found = np.empty((_DRAWS, len(known[0][1].value) + 1))
     for k, (width, fit) in enumerate(known):
         own = np.flatnonzero(picks == k)
         noise = rng.multivariate_normal(np.zeros(len(fit.value)), scatter.covariance(fit), len(own))

@@ -10,7 +10,6 @@ from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
 from wearscope.reporting.labels import (
     factor_label,
     factor_name,
-    natural_step,
     quantity_text,
     term_factors,
     term_name,
@@ -126,7 +125,7 @@ def scope_cells(study: Study) -> pd.DataFrame:
     """
     method = "exact" if (study.scope["method"] == "exact").any() else "kde"
     rows = study.scope[study.scope["method"] == method]
-    steps = {one.name: natural_step(one) for one in study.factors}
+    steps = {one.name: one.step for one in study.factors}
     return rows[[*_KEYS, "factor"]].assign(
         change=rows["delta"] * steps["f"],
         sigma=rows["sigma"] * rows["factor"].map(steps),
@@ -145,7 +144,7 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     """
     rows, fault = study.detection, study.factor("f")
     assert rows is not None
-    steps = {one.name: natural_step(one) for one in study.factors}
+    steps = {one.name: one.step for one in study.factors}
     sigma = _shorten(rows["sigma"] * rows["factor"].map(steps))
     change = _shorten(rows["delta"] * steps["f"])
     pairs = list(zip(rows["factor"].tolist(), sigma, strict=True))

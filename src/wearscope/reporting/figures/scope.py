@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from wearscope.evaluation.scope_counts import count_matrix, count_scope
-from wearscope.reporting.labels import count_text, factor_name, natural_step, split_groups, unit_text
+from wearscope.reporting.labels import count_text, factor_name, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
 
 if TYPE_CHECKING:
@@ -132,12 +132,12 @@ def _add_natural(
     """Scales in natural units: at the top for sigma, at the right of the last column for wear."""
     sigma, delta, _ = count_matrix(rows, rows["passes"])
     if factor is not None:
-        top = ax.secondary_xaxis("top", functions=_scaling(sigma, natural_step(factor)))
+        top = ax.secondary_xaxis("top", functions=_scaling(sigma, factor.step))
         top.set_xlabel(f"[{unit_text(factor.unit) or '-'}]", fontsize=8, labelpad=1)
         top.tick_params(labelsize=7)
         top.spines["top"].set_visible(True)
     if fault is not None and last:
-        right = ax.secondary_yaxis("right", functions=_scaling(delta, natural_step(fault)))
+        right = ax.secondary_yaxis("right", functions=_scaling(delta, fault.step))
         right.set_ylabel(f"change of wear [{unit_text(fault.unit) or '-'}]", fontsize=8)
         right.tick_params(labelsize=7)
         right.spines["right"].set_visible(True)
