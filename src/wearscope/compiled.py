@@ -13,6 +13,9 @@ import numpy as np
 import wearscope
 from wearscope.checking.own_code import make_batch
 from wearscope.cycles.base import load_cycle
+from wearscope.demonstration.motions import make_motion
+from wearscope.demonstration.twin import STEP as TWIN_STEP
+from wearscope.demonstration.twin import TWIN, simulate_run
 from wearscope.detectors.base import load_detector
 from wearscope.evaluation.sampled_scope import table_nodes, tabulated_scope
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
@@ -32,7 +35,7 @@ def import_all() -> None:
 
 
 def compile_ahead() -> None:
-    """Compile the simulator's step, the detectors and the scope's densities, where that has not been done."""
+    """Compile simulators, detectors and the scope's densities, where that has not been done."""
     model = load_model(ROBOT)
     simulate_point(model, load_cycle(CYCLE).build(model, 0.05, STEP), Conditions((1.0,)), seed=1)
     nominal = [make_batch(model, CYCLE, 0.0, seed) for seed in (1, 2)]
@@ -44,6 +47,9 @@ def compile_ahead() -> None:
     detection_probabilities(nodes, nodes[None] + 1.0, weights0, weights1, 100)
     levels = table_nodes()
     tabulated_scope(np.stack([levels, levels + 1.0]), levels, np.ones(1))
+    simulate_run(
+        TWIN, make_motion(TWIN, "sweep", 1, 1.0, 1.0 / TWIN_STEP), 40.0, "gravity_counterbalance", 0.0
+    )
 
 
 if __name__ == "__main__":

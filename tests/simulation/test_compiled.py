@@ -10,6 +10,8 @@ USE = """
 import numpy as np
 import wearscope
 from wearscope.checking.own_code import make_batch
+from wearscope.demonstration.motions import make_motion
+from wearscope.demonstration.twin import STEP, TWIN, simulate_run
 from wearscope.detectors.base import load_detector
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
 from wearscope.robots.model import load_model
@@ -21,6 +23,8 @@ detector.fit([make_batch(model, "axis_sweeps", 0.0, seed) for seed in (1, 2)], 2
 detector.test_quantity(make_batch(model, "axis_sweeps", 5.0, 3))
 nodes, *weights = draw_runs(1, 0, 1000)
 detection_probabilities(nodes, np.stack([nodes + 1.0, nodes + 2.0]), *weights, runs=1000)
+motion = make_motion(TWIN, "fourier", 1, 2.0, 1.0 / STEP)
+simulate_run(TWIN, motion, 30.0, "load_dependent_friction", 1.0)
 """
 
 
