@@ -146,3 +146,9 @@ def test_the_generators_share_no_code_with_the_effects():
     for path in [*(SOURCE / "demonstration").glob("*.py"), *(ROOT / "benchmarks" / "board").glob("*.py")]:
         found = {name for name in imports_of(path.read_text()) if name.startswith("wearscope.effects")}
         assert found == set(), path
+
+
+def test_every_package_that_the_platform_is_asked_to_use_is_used():
+    """Snakemake runs the source, which does not import it."""
+    found = {name.split(".")[0] for path in SOURCE.rglob("*.py") for name in imports_of(path.read_text())}
+    assert {"pybullet", "numpy", "scipy", "statsmodels", "pandas", "pyarrow", "seaborn"} <= found
