@@ -150,15 +150,15 @@ class Study:
         InputError
             Where there is no such figure, or the study lacks its table.
         """
-        from wearscope.reporting.figures import scope, sensitivity, snr
+        from wearscope.reporting.figures import boxes, scope
 
         _let_notebook_show_figures()
         if not set(_KEYS).issuperset(by):
             raise InputError(f"by: {', '.join(by)} is no grouping; use some of {', '.join(_KEYS)}.")
         if name == "sensitivity":
-            return sensitivity.draw_sensitivity(self.table("surrogates"), by=by)
+            return boxes.draw_sensitivity(self.table("surrogates"), by=by)
         if name == "snr":
-            return snr.draw_snr(self.snr(), self._rank(by), by)
+            return boxes.draw_snr(self.snr(), self._rank(by), by)
         if name == "scope":
             rows = self.scope()
             known = list(dict.fromkeys(rows["factor"]))

@@ -248,6 +248,14 @@ def test_a_legend_is_whole_after_the_window_changed(browser, loop):
         assert page.evaluate(inside)
 
 
+def test_legends_of_a_study_are_whole_after_the_phone_turned(browser, file):
+    with open_page(browser, file, 844) as page:
+        page.set_viewport_size({"width": 360, "height": 844})
+        page.wait_for_function(f"{CUT_LEGENDS}.length === 0 && document.querySelector('#fits svg')")
+        page.wait_for_timeout(1500)
+        assert page.evaluate(CUT_LEGENDS) == []
+
+
 def test_numbers_of_a_loop_are_those_of_its_tables(browser, loop):
     residual = tables.read_table(loop / "residual.parquet")
     profiles = tables.read_table(loop / "profiles.parquet")

@@ -66,12 +66,12 @@ def test_a_page_without_charts_carries_no_library(asked):
 
 def test_choices_know_their_default():
     choice = Choice("k", "label", [(1, "one"), (2.5, "two")], default=2.5)
-    assert (choice.place, choice.values, choice.texts) == (1, [1, 2.5], ["one", "two"])
+    assert (choice.place, choice.options) == (1, [(1, "one"), (2.5, "two")])
     assert Choice("k", "label", [(1, "one")], default=9).place == 0
 
 
 def test_filters_are_what_the_study_has(asked):
-    filters = {one.key: one.values for one in study_filters(asked)}
+    filters = {one.key: [value for value, _ in one.options] for one in study_filters(asked)}
     assert filters == {
         "robot": ["large", "medium"], "cycle": ["a", "b"], "axis": ["1", "2"], "fda": ["A", "B", "C"]
     }  # fmt: skip
@@ -112,7 +112,7 @@ def test_the_first_choice_of_the_roc_is_the_conclusion_s(asked):
     bound = asked.conclusions[0].bounds[0]
     assert case.default.startswith(f"{bound.factor}:")
     assert abs(change.default - asked.conclusions[0].wear) == min(
-        abs(value - asked.conclusions[0].wear) for value in change.values
+        abs(value - asked.conclusions[0].wear) for value, _ in change.options
     )
     assert json.dumps(chart_roc(asked, choices).definition())
 

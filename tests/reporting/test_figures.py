@@ -4,11 +4,9 @@ import pytest
 from benchmarks.planted import PAPER_OPTIONS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.scope_counts import count_matrix
-from wearscope.reporting.figures.boxes import use_symlog
+from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr, use_symlog
 from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.figures.scope import draw_scope
-from wearscope.reporting.figures.sensitivity import draw_sensitivity
-from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure
 from wearscope.simulation.recording import Recording
 

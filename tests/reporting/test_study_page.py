@@ -7,7 +7,7 @@ import pytest
 
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.reporting.costs import read_costs
-from wearscope.reporting.figures.snr import draw_snr
+from wearscope.reporting.figures.boxes import draw_snr
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
 from wearscope.reporting.style import save_figure

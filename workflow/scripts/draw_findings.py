@@ -5,9 +5,8 @@ from screening import read_screening
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.snr import answer_rows
+from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr
 from wearscope.reporting.figures.scope import draw_scope
-from wearscope.reporting.figures.sensitivity import draw_sensitivity
-from wearscope.reporting.figures.snr import draw_snr
 from wearscope.reporting.style import save_figure
 from wearscope.simulation.idle import drop_idle
 

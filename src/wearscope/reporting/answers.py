@@ -23,6 +23,12 @@ from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 HALF = 0.5
+#: What an SNR's status means, said of the cells that have it.
+_STATUSES = {
+    "decreasing": "y falls with wear; their sign is not reversed.",
+    "noise-free": "the robot's model has no noise, so there is no SNR; give its sensors some.",
+    "constant": "y is always the same; they have no SNR.",
+}
 
 
 @dataclass(frozen=True)
@@ -53,24 +59,22 @@ def relevant_factors(study: Study) -> list[str]:
     ]
     main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
     quiet = [
-        str(term)
+        term_name(str(term), study.factors)
         for term, rows in main.groupby("term", sort=True)
         if (rows["median_absolute"] < SMALL).all()
         and not any(term in term_factors(one) for terms in confirmed.values() for one in terms)
     ]
-    if quiet:
-        sentences.append(
-            f"{_capital(join_words([term_name(one, study.factors) for one in quiet]))} hardly "
-            f"matter{'s' if len(quiet) == 1 else ''} to any of them: the median "
-            f"coefficient is below {SMALL:g} of that of wear."
-        )
-    else:
-        sentences.append(f"No factor has a median coefficient below {SMALL:g} of that of wear everywhere.")
-    return sentences
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    if not quiet:
+        return [
+            *sentences,
+            f"No factor has a median coefficient below {SMALL:g} of that of wear everywhere.",
+        ]
+    names, verb = join_words(quiet), "matters" if len(quiet) == 1 else "matter"
+    return [
+        *sentences,
+        f"{names[:1].upper()}{names[1:]} hardly {verb} to any of them: the median coefficient is below "
+        f"{SMALL:g} of that of wear.",
+    ]
 
 
 def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
@@ -135,17 +139,14 @@ def best_detector(study: Study) -> list[str]:
     few = "interval_from" in table and (table["interval_from"] == "each cell").any()
     best, row = known[0]
     best = study.detector_name(best) if by == ["fda"] else best
-    medians = ", ".join(
-        f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}"
-        for name, one in known[:6]
-    )
-    left = f", and {len(known) - 6} more" if len(known) > 6 else ""
+    medians = [
+        f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}" for name, one in known
+    ]
     source = "95 %, from each cell's own interval" if few else "95 % over cells"
-    sentences = [*said, f"{best} has the highest median SNR ({source}): {medians}{left}."]
+    sentences = [*said, f"{best} has the highest median SNR ({source}): {_shorten(medians)}."]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
-    tied = str(row["tied_with"])
-    if tied:
+    if tied := str(row["tied_with"]):
         what = "The cells' own intervals leave" if few else "The choice of cells leaves"
         sentences.append(f"{what} open whether it beats {tied}.")
     elif len(known) > 1 and few:
@@ -160,19 +161,15 @@ def best_detector(study: Study) -> list[str]:
         "it is told the simulator's own law."
         for _, one in upper.iterrows()
     ]
-    falling = int((study.snr["status"] == "decreasing").sum())
-    constant = int((study.snr["status"] == "constant").sum())
-    if falling:
-        sentences.append(f"In {count_text(falling, 'cell')} y falls with wear; their sign is not reversed.")
-    quiet = int((study.snr["status"] == "noise-free").sum())
-    if quiet:
-        sentences.append(
-            f"In {count_text(quiet, 'cell')} the robot's model has no noise, so there is no SNR; give its "
-            "sensors some."
-        )
-    if constant:
-        sentences.append(f"In {count_text(constant, 'cell')} y is always the same; they have no SNR.")
-    return sentences
+    counts = study.snr["status"].value_counts()
+    cells = {status: f"In {count_text(int(n), 'cell')}" for status, n in counts.items()}
+    return sentences + [f"{cells[status]} {text}" for status, text in _STATUSES.items() if status in cells]
+
+
+def _shorten(parts: list[str], most: int = 6) -> str:
+    """The first parts, and how many more there are."""
+    more = [f"and {len(parts) - most} more"] if len(parts) > most else []
+    return ", ".join([*parts[:most], *more])
 
 
 def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0, 4.0)) -> list[Tolerance]:
@@ -231,18 +228,17 @@ def effective_scope(study: Study) -> list[str]:
             continue
         groups = {one.group: one.share for one in found}
         ranked = sorted(groups, key=lambda name: -groups[name])
-        description = factor_name(study.factor(factor))
+        said = f"With varying {factor_name(study.factor(factor))}:"
         if all(share == 0 for share in groups.values()):
             sentences.append(
-                f"With varying {description}: none; nowhere on the grid does any cell detect "
+                f"{said} none; nowhere on the grid does any cell detect "
                 f"{100 * p_d:g} % of faults at {100 * p_f:g} % false alarms."
             )
             continue
-        listed = ", ".join(f"{name} {100 * groups[name]:.0f} %" for name in ranked[:6])
-        left = f", and {len(ranked) - 6} more" if len(ranked) > 6 else ""
+        listed = _shorten([f"{name} {100 * groups[name]:.0f} %" for name in ranked])
         sentences.append(
-            f"With varying {description}: {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
-            f"alarms on these shares of the grid, {listed}{left}."
+            f"{said} {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
+            f"alarms on these shares of the grid, {listed}."
         )
         sentences.append(_largest_change(study, factor, ranked[0], found))
     return sentences

@@ -35,13 +35,7 @@ MOST_SHOWN = 12
 
 
 def write_closed_loop_page(folder: str | Path) -> None:
-    """Write ``report.html`` next to the files of a closed loop.
-
-    Raises
-    ------
-    InputError
-        Where the loop was not closed in that folder.
-    """
+    """Write ``report.html`` next to the files of a closed loop."""
     tables.write_text(Path(folder) / "report.html", render_closed_loop(read_closed_loop(folder)))
 
 

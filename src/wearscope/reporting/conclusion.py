@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.evaluation.conclusion import Bound, Conclusion
+from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import trust
 from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text
 from wearscope.reporting.page_strip import Strip
@@ -58,7 +58,12 @@ def conclude(study: Study, one: Conclusion) -> str:
     """What to use, and what it finds."""
     where = f"On {one.robot}: " if one.robot else ""
     if not one.detector:
-        return f"{where}No detector can be recommended: {_why_none(one)}."
+        why = "none sees wear"
+        if one.upper:
+            why = f"apart from {join_words(one.upper)}, which {_told(one)} the simulator's law, {why}"
+        if one.withheld:
+            why = f"the answers of {join_words(one.withheld)} are withheld"
+        return f"{where}No detector can be recommended: {why}."
     name = study.detector_name(one.detector)
     if np.isnan(one.wear):
         return (
@@ -70,16 +75,9 @@ def conclude(study: Study, one: Conclusion) -> str:
     fault = study.factor("f")
     found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more"
     many = "" if one.cells_sure == one.cells else f", in {one.cells_sure} of {one.cells} cells"
-    friction = tell_friction(study, one.wear, one.robot)
-    return f"{where}Use {name}{_tie(study, one)}. {found}{friction}{many}."
-
-
-def _why_none(one: Conclusion) -> str:
-    if one.withheld:
-        return f"the answers of {join_words(one.withheld)} are withheld"
-    if one.upper:
-        return f"apart from {join_words(one.upper)}, which {_told(one)} the simulator's law, none sees wear"
-    return "none sees wear"
+    others = join_words([study.detector_name(name) for name in one.tied_with], "or")
+    tie = f", not told apart from {others}" if others else ""
+    return f"{where}Use {name}{tie}. {found}{tell_friction(study, one.wear, one.robot)}{many}."
 
 
 def _told(one: Conclusion) -> str:
@@ -91,8 +89,7 @@ def tell_friction(study: Study, wear: float, robot: str = "") -> str:
     rise = friction_rise(study, wear, robot)
     if rise is None:
         return ""
-    low, high = (f"{100 * one:.2g}" for one in rise)
-    span = low if low == high else f"{low} to {high}"
+    span = " to ".join(dict.fromkeys(f"{100 * end:.2g}" for end in rise))
     return f", which is {span} % more friction at a tenth of the top speed"
 
 
@@ -129,7 +126,11 @@ def tell_sure(study: Study, one: Conclusion) -> str:
         text += f" in {cells}, with 95 % confidence in the surrogates."
     else:
         text += " by the estimates; the surrogates' uncertainty was not counted."
-    bounds = [_bound(study, bound) for bound in one.bounds]
+    bounds = []
+    for bound in one.bounds:
+        factor, most = study.factor(bound.factor), "at least " if bound.largest else ""
+        size = quantity_text(1.96 * bound.sigma, factor.unit)
+        bounds.append(f"{factor_name(factor)} stays within {most}±{size}")
     return f"{text} This holds while {join_words(bounds, 'or')}." if bounds else text
 
 
@@ -164,19 +165,6 @@ def certainty(one: Conclusion) -> str:
         return "bad"
     sure = one.shown_sure and one.cells_sure == one.cells and not one.tied_with
     return "good" if sure else "unsure"
-
-
-def _tie(study: Study, one: Conclusion) -> str:
-    """The detectors that it is not told apart from."""
-    others = join_words([study.detector_name(name) for name in one.tied_with], "or")
-    return f", not told apart from {others}" if others else ""
-
-
-def _bound(study: Study, bound: Bound) -> str:
-    factor = study.factor(bound.factor)
-    most = "at least " if bound.largest else ""
-    size = quantity_text(1.96 * bound.sigma, factor.unit)
-    return f"{factor_name(factor)} stays within {most}±{size}"
 
 
 def thresholds_of(study: Study, one: Conclusion) -> pd.DataFrame:

@@ -110,11 +110,12 @@ def _tell_warmth(alarms: pd.DataFrame) -> str:
     """How much warmer or colder the joints with an alarm were, where it is more than a kelvin."""
     away = alarms.drop_duplicates("joint")
     parts = [
-        f"{joint} {format_number(abs(warmer), 2)} K {'warmer' if warmer > 0 else 'colder'}"
+        f"{joint} was {format_number(abs(warmer), 2)} K {'warmer' if warmer > 0 else 'colder'}"
         for joint, warmer in zip(away["joint"], away["warmer"], strict=True)
         if abs(warmer) > WARMER
     ]
-    return f" Than in the nominal recordings {join_words(parts)}: it may be that." if parts else ""
+    told = f" {join_words(parts)} than in the nominal recordings, which may be the reason."
+    return told if parts else ""
 
 
 def _tell_rest(rows: pd.DataFrame) -> str:

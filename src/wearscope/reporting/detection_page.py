@@ -53,13 +53,7 @@ _MOST_SHOWN = 40
 
 
 def write_detection_page(folder: str | Path) -> None:
-    """Write ``report.html`` next to the files of target ``detect``.
-
-    Raises
-    ------
-    InputError
-        Where they are not there.
-    """
+    """Write ``report.html`` next to the files of target ``detect``."""
     tables.write_text(Path(folder) / "report.html", render_detection(read_detections(folder)))
 
 

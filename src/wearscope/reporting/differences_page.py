@@ -15,13 +15,13 @@ Names = tuple[str, str]
 #: Rows above which a table is folded, and conclusions that are told in sentences.
 _LONG, _TOLD = 25, 5
 #: What differs, by what the comparison calls it.
-_KINDS = (
-    ("conclusion", "Conclusions"),
-    ("setting", "Settings"),
-    ("version", "Versions"),
-    ("table", "Tables"),
-    ("file", "Files"),
-)
+_KINDS = {
+    "conclusion": "Conclusions",
+    "setting": "Settings",
+    "version": "Versions",
+    "table": "Tables",
+    "file": "Files",
+}
 
 
 def render_study_differences(
@@ -39,41 +39,30 @@ def render_study_differences(
         As `wearscope.archives.comparison.compare_archives` returns it.
     """
     differences = differences[~differences["outcome"].isin(["same bytes", "same values"])]
-    sides = {
-        name: frame.assign(side=name)[["side", "fda", "median", "median_low", "median_high", "rank"]]
-        for name, frame in zip(names, rankings, strict=True)
-        if len(frame)
-    }
     told = tell_studies(names, rankings, differences)
-    sections = [Section("What differs", render_part(listed=told), "summary")]
-    kinds = set(differences["what"])
     settings = int((differences["what"] == "setting").sum())
-    caveat = "No setting that both record differs."
-    if settings:
-        caveat = (
-            f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
-        )
-    action = next(((kind, title) for kind, title in _KINDS if kind in kinds), ("summary", "What differs"))
-    sure = "Every table was compared by its values; settings and versions where both record them."
-    strip = Strip(" ".join(told[:2]), "unsure" if kinds else "good", sure, caveat, _link(*action))
-    found = {}
+    caveat = f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
+    kinds = [kind for kind in _KINDS if kind in set(differences["what"])]
+    strip = Strip(
+        " ".join(told[:2]),
+        "unsure" if len(differences) else "good",
+        "Every table was compared by its values; settings and versions where both record them.",
+        caveat if settings else "No setting that both record differs.",
+        _link(*([(kind, _KINDS[kind]) for kind in kinds] + [("summary", "What differs")])[0]),
+    )
+    sections, sides = [], {name: one for name, one in zip(names, rankings, strict=True) if len(one)}
     if sides:
-        table = pd.concat(sides.values(), ignore_index=True)
-        found["sides"] = side_table(sides, "fda", "median")
-        chart = chart_sides(
-            names,
-            "Median SNR of each detector",
-            "median signal-to-noise ratio",
-            "detector",
-            "Bars: 95 % intervals.",
-        )
-        shown = table.set_axis(["in", "detector", "median SNR", "95 % from", "to", "rank"], axis=1)
-        sections.append(Section("Detectors", embed_chart(chart) + render_table(shown), "detectors"))
-    for kind, title in _KINDS:
+        quantity, caption = "median signal-to-noise ratio", "Bars: 95 % intervals."
+        chart = chart_sides(names, "Median SNR of each detector", quantity, "detector", caption)
+        table = pd.concat([frame.assign(side=name) for name, frame in sides.items()])
+        columns = "side|in; fda|detector; median|median SNR; median_low|95 % from; median_high|to; rank"
+        shown = embed_chart(chart) + render_table(table, columns=columns)
+        sections.append(Section("Detectors", shown, "detectors"))
+    for kind in kinds:
         rows = differences[differences["what"] == kind].drop(columns="what")
-        if len(rows):
-            sections.append(Section(title, _fold(rows), kind))
-    return _render(names, sections, found, strip)
+        sections.append(Section(_KINDS[kind], _fold(rows), kind))
+    drawn = {"sides": side_table(sides, "fda", "median")} if sides else {}
+    return _render(names, told, sections, drawn, strip)
 
 
 def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Mapping[str, Any]]) -> str:
@@ -85,25 +74,10 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
             effects.setdefault(entry["joint"], []).append(entry["effect"])
         named_by.append(effects)
         for joint, errors in verdict["joints"].items():
-            rows.append(
-                {
-                    "side": side,
-                    "joint": joint,
-                    "before": errors.get("rms_before"),
-                    "after": errors.get("rms_after"),
-                    "unit": errors.get("unit", ""),
-                    "named": words(join_words(sorted(effects[joint]))) or "nothing",
-                }
-            )
+            named = words(join_words(sorted(effects[joint]))) or "nothing"
+            rows.append(dict(errors) | {"side": side, "joint": joint, "named": named})
     table = pd.DataFrame(rows)
-    sides = side_table({name: table[table["side"] == name] for name in names}, "joint", "after")
-    chart = chart_sides(
-        names,
-        "Error of each joint after the correction",
-        "RMS error on the test runs",
-        "joint",
-        "In the joint's unit of torque.",
-    )
+    sides = {name: table[table["side"] == name] for name in names}
     told = tell_loops(names, *named_by)
     strip = Strip(
         " ".join(told[:2]),
@@ -112,34 +86,41 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
         "Each error is on that diagnosis's own test runs.",
         _link("joints", "Joints"),
     )
-    sections = [
-        Section("What differs", render_part(listed=told), "summary"),
-        Section("Joints", embed_chart(chart) + render_table(table.rename(columns={"side": "in"})), "joints"),
-    ]
-    return _render(names, sections, {"sides": sides}, strip)
+    chart = chart_sides(
+        names,
+        "Error of each joint after the correction",
+        "RMS error on the test runs",
+        "joint",
+        "In the joint's unit of torque.",
+    )
+    columns = "side|in; joint; rms_before|before; rms_after|after; unit; named"
+    joints = Section("Joints", embed_chart(chart) + render_table(table, columns=columns), "joints")
+    return _render(names, told, [joints], {"sides": side_table(sides, "joint", "rms_after")}, strip)
 
 
 def _link(anchor: str, title: str) -> Markup:
     return Markup('See <a href="#{}">{}</a>.').format(anchor, title)
 
 
-def _render(names: Names, sections: list[Section], found: Mapping[str, pd.DataFrame], strip: Strip) -> str:
-    title, labels = (
-        f"{names[0]} and {names[1]}",
-        {"column": {"thing": "name", "low": "95 % from", "high": "to"}},
-    )
-    return render_page(title, sections, "", "Made by wearscope.", tables=found, labels=labels, strip=strip)
+def _render(
+    names: Names, told: list[str], sections: list[Section], drawn: Mapping[str, pd.DataFrame], strip: Strip
+) -> str:
+    first = Section("What differs", render_part(listed=told), "summary")
+    labels = {"column": {"thing": "name", "low": "95 % from", "high": "to"}}
+    title = f"{names[0]} and {names[1]}"
+    parts = [first, *sections]
+    return render_page(title, parts, "", "Made by wearscope.", tables=drawn, labels=labels, strip=strip)
 
 
 def _fold(rows: pd.DataFrame) -> Markup:
     """Table of what differs, recordings only counted, folded where it is long."""
-    recordings = rows["item"].str.startswith("traces/") | rows["item"].str.contains("/traces/")
+    recordings = rows["item"].str.contains(r"(?:^|/)traces/")
     left, count = rows[~recordings], int(recordings.sum())
     notes = [f"And {count_text(count, 'recording')}."] if count else []
-    table = [render_table(left)] if len(left) else []
-    if len(left) <= _LONG:
-        return render_part(parts=table) + render_part(notes=notes)
-    return render_part(notes=notes, folded=[(f"{len(left)} rows", False, table[0])])
+    table = render_table(left)
+    if len(left) > _LONG:
+        return render_part(notes=notes, folded=[(f"{len(left)} rows", False, table)])
+    return render_part(parts=[table] if len(left) else []) + render_part(notes=notes)
 
 
 def tell_studies(
@@ -147,15 +128,10 @@ def tell_studies(
 ) -> list[str]:
     """What differs between two studies, in sentences, conclusions first."""
     best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
-    told = []
-    if best[0] is not None and best[0] == best[1]:
-        told.append(f"{best[0]} has the highest median SNR in both.")
-    else:
-        told += [
-            f"{one} has the highest median SNR in {name}."
-            for one, name in zip(best, names, strict=True)
-            if one
-        ]
+    pairs = [(one, name) for one, name in zip(best, names, strict=True) if one]
+    if len(pairs) == 2 and best[0] == best[1]:
+        pairs = [(str(best[0]), "both")]
+    told = [f"{one} has the highest median SNR in {name}." for one, name in pairs]
     concluded = differences[differences["what"] == "conclusion"]
     changed = concluded[concluded["outcome"] == "differs"]
     told += [f"{words(row.item).rstrip('.')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
@@ -164,10 +140,9 @@ def tell_studies(
     for name, outcome in zip(names, ("only in a", "only in b"), strict=True):
         if count := int((concluded["outcome"] == outcome).sum()):
             told.append(f"{count_text(count, 'conclusion')} in {name} only.")
-    counts = [count_text(n, kind) for kind, _ in _KINDS if (n := int((differences["what"] == kind).sum()))]
-    total = len(differences)
-    told.append(f"{join_words(counts)} differ{'s' if total == 1 else ''}." if counts else "Nothing differs.")
-    return told
+    counts = [count_text(n, kind) for kind in _KINDS if (n := int((differences["what"] == kind).sum()))]
+    verb = "differs" if len(differences) == 1 else "differ"
+    return [*told, f"{join_words(counts)} {verb}." if counts else "Nothing differs."]
 
 
 def tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:

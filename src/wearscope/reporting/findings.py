@@ -84,12 +84,12 @@ def read_findings(table: pd.DataFrame) -> list[Finding]:
 
 def estimate_text(one: Estimate, unit: str = "") -> str:
     """``2.1 (1.8 to 2.5)`` with unit; n/a where unknown; says so where there is no interval."""
-    tail = f" {unit}" if unit else ""
     if np.isnan(one.value):
         return "n/a"
+    told = f"{format_number(one.value)}{f' {unit}' if unit else ''}"
     if np.isnan(one.low):
-        return f"{format_number(one.value)}{tail} (no interval, {count_text(one.n, 'cell')})"
-    return f"{format_number(one.value)}{tail} ({format_number(one.low)} to {format_number(one.high)})"
+        return f"{told} (no interval, {count_text(one.n, 'cell')})"
+    return f"{told} ({format_number(one.low)} to {format_number(one.high)})"
 
 
 def _listed(estimates: dict[str, Estimate], names: Sequence[str], unit: str = "") -> str:

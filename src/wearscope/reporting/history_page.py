@@ -1,6 +1,6 @@
 """One page over time: every study and verdict of a folder, newest first, and how errors and SNR went."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from wearscope import tables
 from wearscope.reporting.charts.base import Chart, Source
-from wearscope.reporting.charts.encoding import named
+from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
@@ -25,6 +25,8 @@ _KINDS = {
     "conclusion.json": "study",
     "reevaluation.parquet": "correction",
 }
+#: What is followed over time, by kind of page.
+_QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
 _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
 
 
@@ -74,20 +76,13 @@ def render_history(folder: Path, found: list[Answer]) -> str:
         }
         for one in found
     ]
-    trend = trend_table(folder, found)
+    newest, trend = found[0], trend_table(folder, found)
     sections = [Section("Answers", render_table(rows, "Newest first; a name leads to its page."), "answers")]
-    shown = {}
-    if trend["when"].nunique() > 1:
-        shown["trend"] = trend
-        sections.append(Section("Trend", embed_chart(_chart(trend)), "trend"))
-    newest = found[0]
-    strip = Strip(
-        newest.strip.answer,
-        newest.strip.kind,
-        newest.strip.sure,
-        newest.strip.caveat,
-        Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path.as_posix(), newest.name),
-    )
+    shown = {"trend": trend} if trend["when"].nunique() > 1 else {}
+    if shown:
+        sections.append(Section("Trend", embed_chart(_chart()), "trend"))
+    action = Markup('Open <a href="{}">{}</a>, the newest page.')
+    strip = replace(newest.strip, action=action.format(newest.path.as_posix(), newest.name))
     subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
     return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
 
@@ -100,33 +95,27 @@ def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
     DataFrame
         ``when``, ``name``, ``quantity`` (error after the correction, or SNR), ``of``, ``value``.
     """
-    rows: list[dict[str, object]] = []
+    rows = []
     for one in found:
         place = (folder / one.path).parent
         try:
             if one.kind == "diagnosis":
                 joints = read_verdict(place / "verdict.json")["joints"]
                 own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
-                quantity = "error after the correction"
             elif one.kind == "study":
                 tables.check_unpacked(place / "ranking.parquet")
                 ranking = tables.read_table(place / "ranking.parquet")
-                medians = ranking["median"].astype(float)
-                own = dict(zip(ranking["fda"].astype(str), medians, strict=True))
-                quantity = "median signal-to-noise ratio"
+                own = dict(zip(ranking["fda"].astype(str), ranking["median"].astype(float), strict=True))
             else:
                 continue
         except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
             continue
-        rows += [
-            {"when": one.when, "name": one.name, "quantity": quantity, "of": str(of), "value": float(value)}
-            for of, value in own.items()
-            if value is not None
-        ]
+        known = {str(of): float(value) for of, value in own.items() if value is not None}
+        rows += [(one.when, one.name, _QUANTITIES[one.kind], of, value) for of, value in known.items()]
     return pd.DataFrame(rows, columns=["when", "name", "quantity", "of", "value"])
 
 
-def _chart(trend: pd.DataFrame) -> Chart:
+def _chart() -> Chart:
     spec = (
         named("trend")
         .mark_line(point=True)
@@ -134,7 +123,7 @@ def _chart(trend: pd.DataFrame) -> Chart:
             x=alt.X("when:O", title=None, axis=alt.Axis(labelAngle=-30)),
             y=alt.Y("value:Q", title=None, scale=alt.Scale(type="symlog")),
             color=alt.Color("of:N", title=None, legend=alt.Legend(columns=6)),
-            tooltip=["when:N", "name:N", "of:N", alt.Tooltip("value:Q", format=".4")],
+            tooltip=tips("when:N; name:N; of:N; value:Q||.4"),
         )
         .properties(width=520, height=200)
         .facet(row=alt.Row("quantity:N", title=None))

@@ -71,27 +71,18 @@ def tell_unexplained(verdict: Verdict, small: bool) -> str:
     return f"{size} is left at {who}, {tail}"
 
 
-def is_are(names: Sequence[str], rest: str) -> str:
-    """``a is rest``, ``a and b are rest``."""
-    return f"{join_words(names)} {'is' if len(names) == 1 else 'are'} {rest}"
-
-
 def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     """The outcome in one plain sentence, and its colour: good, unsure or bad."""
-    entries = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN]
-    held = [one for one in entries if one["status"] != "refuted"]
+    held = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN and one["status"] != "refuted"]
     left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
     said = [left] if left else []
-    said += [is_are(unjudged, "not judged")] if unjudged else []
+    said += [f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged"] if unjudged else []
     rest = join_words(said)
-    small = tell_unexplained(verdict, small=True)
+    if not held and said:
+        kind = "bad" if left else "unsure"
+        return kind, f"No effect that the test runs bear out was named, and {rest}."
     if not held:
-        if said:
-            return (
-                "bad" if left else "unsure",
-                f"No effect that the test runs bear out was named, and {rest}.",
-            )
-        if small:
+        if small := tell_unexplained(verdict, small=True):
             return "good", f"The declared model suffices within the noise of a run: {small}."
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     named: dict[tuple[str, bool], list[str]] = {}
@@ -164,19 +155,17 @@ def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
     if verdict["verdict"]:
         return said
     left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
-    small = tell_unexplained(verdict, small=True)
+    text = (
+        "None: the declared model suffices. No candidate beat it outside the noise, and no further "
+        "structure was found; the model after is the model before."
+    )
     if left:
         text = f"Nothing was named, and the declared model does not suffice: {left}."
     elif unjudged:
         which = "which is" if len(unjudged) == 1 else "which are"
         text = f"Nothing was named; that says nothing of {join_words(unjudged)}, {which} not judged."
-    elif small:
+    elif small := tell_unexplained(verdict, small=True):
         text = f"Nothing was named: {small}. The model after is the model before."
-    else:
-        text = (
-            "None: the declared model suffices. No candidate beat it outside the noise, and no further "
-            "structure was found; the model after is the model before."
-        )
     return [*said, ("alarm" if left or unjudged else "notice", text)]
 
 

@@ -154,14 +154,9 @@ def render_page(
 
 def describe_study(config: Mapping[str, Any], robots: int) -> str:
     """Subtitle of a study's page: how many of each it has."""
-    counts = (
-        count_text(len(config["detectors"]), "detector"),
-        count_text(robots, "robot"),
-        count_text(len(config["cycles"]), "test-cycle"),
-        count_text(len(config["axes"]), "axis", "axes"),
-        count_text(len(config["factors"]), "factor"),
-    )
-    return ", ".join(counts)
+    counts = {"detector": len(config["detectors"]), "robot": robots, "test-cycle": len(config["cycles"])}
+    counts |= {"axis": len(config["axes"]), "factor": len(config["factors"])}
+    return ", ".join(count_text(n, what, "axes" * (what == "axis")) for what, n in counts.items())
 
 
 def _read(name: str) -> Markup:

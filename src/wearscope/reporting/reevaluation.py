@@ -26,21 +26,17 @@ def truth_sentences(one: Reevaluation) -> list[str]:
     """Detector by detector, whether after is nearer to the truth than before; or that nobody can say."""
     if not one.has_truth:
         return ["Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."]
-    nearer: list[str] = []
-    farther: list[str] = []
-    open_: list[str] = []
+    places: dict[str, list[str]] = {}
     for (axis, fda), rows in one.told.groupby(["axis", "fda"], sort=True):
         what, verdict = judge_detector(rows)
-        place = {"nearer": nearer, "farther": farther}.get(verdict, open_)
-        place.append(f"{fda} on axis {axis}" + (f" ({join_words(what)})" if what else ""))
-    sentences = []
-    if nearer:
-        sentences.append(f"After is nearer to the truth than before, for {join_words(nearer)}.")
-    if farther:
-        sentences.append(f"After is farther from the truth than before, for {join_words(farther)}.")
-    if open_:
-        sentences.append(f"Neither is nearer with {100 * SURE:g} % certainty for {join_words(open_)}.")
-    return sentences
+        place = f"{fda} on axis {axis}" + (f" ({join_words(what)})" if what else "")
+        places.setdefault(verdict if verdict in ("nearer", "farther") else "open", []).append(place)
+    told = {
+        "nearer": "After is nearer to the truth than before, for",
+        "farther": "After is farther from the truth than before, for",
+        "open": f"Neither is nearer with {100 * SURE:g} % certainty for",
+    }
+    return [f"{text} {join_words(places[key])}." for key, text in told.items() if key in places]
 
 
 def count_truth(one: Reevaluation) -> str:

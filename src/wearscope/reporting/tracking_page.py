@@ -80,13 +80,7 @@ def read_tracking(folder: str | Path) -> Tracking:
 
 
 def write_tracking_page(folder: str | Path) -> None:
-    """Write ``report.html`` next to the files of a tracked machine.
-
-    Raises
-    ------
-    InputError
-        Where nothing was tracked in that folder.
-    """
+    """Write ``report.html`` next to the files of a tracked machine."""
     tables.write_text(Path(folder) / "report.html", render_tracking(read_tracking(folder)))
 
 

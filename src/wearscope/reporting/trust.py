@@ -1,12 +1,13 @@
 """How far the answers can be trusted: fits, audit, failed points."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.labels import count_text, factor_name, join_words, words
+from wearscope.reporting.labels import count_text, factor_name, finite, join_words, words
 from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
@@ -26,40 +27,33 @@ POOR_FIT = 50.0
 def doubts(study: Study) -> list[str]:
     """Detectors whose answers to Q-2 and Q-3 rest on surrogates that do not hold, each with the reason."""
     sentences = []
-    model, rows = _asked_fits(study)
-    answers = study.audit_answers
-    for fda, part in rows.groupby("fda", sort=True):
-        reasons = []
-        fit = part["fit"].to_numpy(dtype=float)
-        fit = fit[np.isfinite(fit)]
-        if fit.size and np.median(fit) < POOR_FIT:
-            middle = f"{format_number(float(np.median(fit)), 2)} % in the median"
-            reasons.append(f"its {model} fits the {_runs_name(study)} runs to {middle}")
+    model, runs, rows = _asked_fits(study)
+    for fda, fits in rows.groupby("fda", sort=True)["fit"]:
+        reasons, withheld = [], fda in study.withheld()
+        middle = float(np.median(finite(fits))) if finite(fits).size else np.inf
+        if middle < POOR_FIT:
+            reasons.append(f"its {model} fits the {runs} runs to {format_number(middle, 2)} % in the median")
         if study.audit is not None:
-            good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]
-            poor = len(good) and good["inside"].mean() < 0.5
-            if poor or fda in study.withheld():
-                reasons.append(f"the audit held {_share(good['inside'], 'value')}")
-        if reasons and fda in study.withheld():
-            sentences.append(f"Withheld is what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
-        elif reasons:
-            sentences.append(f"Do not trust what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
+            good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]["inside"]
+            if withheld or (len(good) and good.mean() < 0.5):
+                reasons.append(f"the audit held {_share(good, 'value')}")
+        what = "Withheld is" if withheld else "Do not trust"
+        if reasons:
+            sentences.append(f"{what} what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
+    answers = study.audit_answers
     if answers is not None and (answers["answer"] == "not audited").any():
         left = ", ".join(answers.loc[answers["answer"] == "not audited", "fda"])
         sentences.append(f"Not audited, as every value failed: {left}.")
     return sentences
 
 
-def _asked_fits(study: Study) -> tuple[str, pd.DataFrame]:
-    """What the surrogate that the scope asks is called, and its fits by cell."""
+def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
+    """The surrogate that the scope asks, the runs that it was held against, and its fits by cell."""
     model = study.config["scope"]["model"]
+    runs = "checking" if model == CHOSEN else "validation"
     if model == CHOSEN and study.chosen is not None:
-        return "chosen surrogate", study.chosen
-    return f"{model} model", study.validation[study.validation["model"] == model]
-
-
-def _runs_name(study: Study) -> str:
-    return "checking" if study.config["scope"]["model"] == CHOSEN else "validation"
+        return "chosen surrogate", runs, study.chosen
+    return f"{model} model", runs, study.validation[study.validation["model"] == model]
 
 
 def audit_outcome(study: Study) -> list[str]:
@@ -67,32 +61,26 @@ def audit_outcome(study: Study) -> list[str]:
     if study.audit is None or study.audit.empty:
         return ["Not audited: the study has no direct simulation to hold the surrogates against."]
     audit = study.audit
-    good = audit[~audit["failed"]]
-    points = count_text(audit["point"].nunique(), "point")
-    text = (
-        f"Simulated directly at {points}, {_share(good['inside'], 'value')} lie within the surrogate's 95 % "
-        "prediction interval"
-    )
+    good, failed = audit[~audit["failed"]], audit[audit["failed"]]
     far = good[good["extrapolated"]]
+    where = f"; where it extrapolates, {_share(far['inside'], 'value')}" if len(far) else ""
     if len(far) == len(good):
-        text += "; it extrapolates at all of them"
-    elif len(far):
-        text += f"; where it extrapolates, {_share(far['inside'], 'value')}"
-    sentences = [text + "."]
-    by_detector = [f"{fda} {_share(rows['inside'])}" for fda, rows in good.groupby("fda", sort=True)]
+        where = "; it extrapolates at all of them"
+    sentences = [
+        f"Simulated directly at {count_text(audit['point'].nunique(), 'point')}, "
+        f"{_share(good['inside'], 'value')} lie within the surrogate's 95 % prediction interval{where}."
+    ]
+    by_detector = [f"{fda} {_share(rows)}" for fda, rows in good.groupby("fda", sort=True)["inside"]]
     if len(by_detector) > 1:
         sentences.append(f"By detector: {', '.join(by_detector)}.")
-    failed = len(audit) - len(good)
-    if failed:
-        reason = audit.loc[audit["failed"], "status"].iloc[0] if "status" in audit else ""
+    if len(failed):
+        reason = failed["status"].iloc[0] if "status" in failed else ""
         why = f" (first: {reason})" if reason else ""
-        sentences.append(f"Failed and left out: {count_text(failed, 'audited value')}{why}.")
-    if study.audit_verdicts is not None and len(study.audit_verdicts):
-        agrees = study.audit_verdicts["agrees"]
-        sentences.append(f"{_share(agrees, 'scope verdict')} checked in that way agree.")
-    else:
-        sentences.append("No scope verdict could be checked directly.")
-    return sentences
+        sentences.append(f"Failed and left out: {count_text(len(failed), 'audited value')}{why}.")
+    verdicts = study.audit_verdicts
+    if verdicts is None or verdicts.empty:
+        return [*sentences, "No scope verdict could be checked directly."]
+    return [*sentences, f"{_share(verdicts['agrees'], 'scope verdict')} checked in that way agree."]
 
 
 def _share(flags: pd.Series, noun: str = "") -> str:
@@ -102,24 +90,31 @@ def _share(flags: pd.Series, noun: str = "") -> str:
     return f"{int(flags.sum())} of {count_text(n, noun) if noun else n}{percent}"
 
 
+def _tell_snr(row: Any, kind: str) -> str:
+    """An SNR of a row with its interval, by what its columns are called."""
+    return interval_text(*(getattr(row, name) for name in (f"snr_{kind}", f"{kind}_low", f"{kind}_high")))
+
+
 def direct_outcome(study: Study) -> list[str]:
     """What direct Monte Carlo and the chosen surrogates say; [] where it was not asked."""
-    if study.direct is None or study.direct.empty:
-        return []
     table = study.direct
-    first = table.iloc[0]
-    known = table[table["agrees"].notna()]
+    if table is None or table.empty:
+        return []
+    known = table["agrees"].dropna().astype(bool)
     parts = [
-        f"{row.fda} {interval_text(row.snr_direct, row.direct_low, row.direct_high)}, by the surrogate "
-        f"{interval_text(row.snr_surrogate, row.surrogate_low, row.surrogate_high)}"
+        f"{row.fda} {_tell_snr(row, 'direct')}, by the surrogate {_tell_snr(row, 'surrogate')}"
         for row in table.itertuples()
     ]
     return [
-        f"SNR without a surrogate, {first['robot']}, {words(first['cycle'])}, axis {first['axis']}, "
-        f"{count_text(int(first['runs']), 'simulation')} under each hypothesis, noise of single runs "
-        f"included: {'; '.join(parts)}. The intervals overlap in {int(known['agrees'].astype(bool).sum())} "
+        f"SNR without a surrogate, {_tell_cell(table.iloc[0])}, "
+        f"{count_text(int(table['runs'].iloc[0]), 'simulation')} under each hypothesis, noise of single runs "
+        f"included: {'; '.join(parts)}. The intervals overlap in {int(known.sum())} "
         f"of {count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
     ]
+
+
+def _tell_cell(row: Mapping[str, Any]) -> str:
+    return f"{row['robot']}, {words(row['cycle'])}, axis {row['axis']}"
 
 
 def tell_mismatch(study: Study) -> str:
@@ -140,15 +135,12 @@ def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
         return []
     rows = table[table["fda"].isin(detectors)] if detectors else table
     parts = [
-        f"{study.detector_name(row.fda)} "
-        f"{interval_text(row.snr_mismatch, row.mismatch_low, row.mismatch_high)} "
-        f"instead of {interval_text(row.snr_ideal, row.ideal_low, row.ideal_high)}"
+        f"{study.detector_name(row.fda)} {_tell_snr(row, 'mismatch')} instead of {_tell_snr(row, 'ideal')}"
         for row in rows.itertuples()
     ]
-    first = table.iloc[0]
     return [
-        f"SNR where the robot's friction differs from the law that the detectors hold, {first['robot']}, "
-        f"{words(first['cycle'])}, axis {first['axis']}: {'; '.join(parts)}."
+        "SNR where the robot's friction differs from the law that the detectors hold, "
+        f"{_tell_cell(table.iloc[0])}: {'; '.join(parts)}."
     ]
 
 
@@ -196,13 +188,13 @@ def contradicted(study: Study, detector: str) -> str:
     """That direct simulation gives a detector another SNR, which is the answer then; else empty."""
     if study.direct is None or study.direct.empty:
         return ""
-    for row in study.direct.itertuples():
-        if row.fda == detector and row.agrees is not None and row.agrees == 0:
-            return (
-                f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
-                f"{interval_text(row.snr_direct, row.direct_low, row.direct_high)}; the surrogate says "
-                f"{format_number(row.snr_surrogate)}. The direct value is the answer there."
-            )
+    table = study.direct[(study.direct["fda"] == detector) & (study.direct["agrees"] == 0)]
+    for row in table.itertuples():
+        return (
+            f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
+            f"{_tell_snr(row, 'direct')}; the surrogate says {format_number(row.snr_surrogate)}. The direct "
+            "value is the answer there."
+        )
     return ""
 
 
@@ -235,28 +227,25 @@ def failed_points(study: Study) -> str:
     if study.failures.empty:
         return "No detector failed at any point."
     worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
-    cycle = words(worst["cycle"])
     total = int(study.failures["failed"].sum())
     return (
         f"{count_text(total, 'test quantity', 'test quantities')} failed in "
         f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {worst['fda']}, "
-        f"{worst['robot']}, {cycle}, axis {worst['axis']}, {worst['set']}: {worst['failed']} of "
-        f"{worst['points']} ({worst['first_reason']}). Failed points are left out, never counted as zero."
+        f"{_tell_cell(worst)}, {worst['set']}: {worst['failed']} of {worst['points']} "
+        f"({worst['first_reason']}). Failed points are left out, never counted as zero."
     )
 
 
 def surrogate_quality(study: Study) -> str:
-    """How well the surrogate that is asked fits the validation runs."""
-    model, rows = _asked_fits(study)
-    runs = _runs_name(study)
-    fit = rows["fit"].to_numpy(dtype=float)
-    good = fit[np.isfinite(fit)]
+    """How well the surrogate that is asked fits the runs that it is held against."""
+    model, runs, rows = _asked_fits(study)
+    good = finite(rows["fit"])
     if not good.size:
         return f"The {model} has no fit on the {runs} runs in any cell."
-    missing = f"; {count_text(fit.size - good.size, 'cell')} n/a" if fit.size > good.size else ""
+    missing = f"; {count_text(len(rows) - good.size, 'cell')} n/a" if len(rows) > good.size else ""
     medians = [
-        f"{fda} {format_number(float(np.nanmedian(part)), 2)} %" if np.isfinite(part).any() else f"{fda} n/a"
-        for fda, part in rows.groupby("fda", sort=True)["fit"]
+        f"{fda} {format_number(float(np.median(finite(fits))), 2)} %" if finite(fits).size else f"{fda} n/a"
+        for fda, fits in rows.groupby("fda", sort=True)["fit"]
     ]
     text = f"The {model} fits the {runs} runs to these medians: {', '.join(medians)}; "
     text += f"{format_number(float(good.min()))} % at worst, "
@@ -264,12 +253,10 @@ def surrogate_quality(study: Study) -> str:
         poor = int((good < POOR_FIT).sum())
         return f"{text}below {POOR_FIT:g} % in {poor} of {count_text(good.size, 'cell')}{missing}."
     goal = study.config["surrogates"]["filling"]["goal"]
-    states = rows["state"].value_counts()
-    reached, ceiling = int(states.get("reached", 0)), int(states.get("at ceiling", 0))
+    reached, ceiling, short = (
+        int((rows["state"] == one).sum()) for one in ("reached", "at ceiling", "short")
+    )
     text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
-    if ceiling:
-        text += f", in {ceiling} more as far as the noise of a run allows"
-    short = int(states.get("short", 0))
-    if short:
-        text += f"; in {count_text(short, 'cell')} the points were spent before"
+    text += f", in {ceiling} more as far as the noise of a run allows" if ceiling else ""
+    text += f"; in {count_text(short, 'cell')} the points were spent before" if short else ""
     return f"{text}{missing}."

@@ -38,19 +38,10 @@ class Choice:
     plays: bool = False
 
     @property
-    def values(self) -> list[Any]:
-        """Values of the options."""
-        return [value for value, _ in self.options]
-
-    @property
-    def texts(self) -> list[str]:
-        """Texts of the options."""
-        return [text for _, text in self.options]
-
-    @property
     def place(self) -> int:
         """Number of the default."""
-        return self.values.index(self.default) if self.default in self.values else 0
+        values = [value for value, _ in self.options]
+        return values.index(self.default) if self.default in values else 0
 
 
 @dataclass(frozen=True)
@@ -139,14 +130,8 @@ def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]
     >>> round_digits(np.array([3.14159265, 123456.0, np.nan]), 3)
     [3.14, 123000.0, None]
     """
-    known = np.isfinite(values)
-    size = np.where(known & (values != 0), np.abs(values), 1.0)
-    # What is smaller than a power of ten can be is none of a page's digits.
-    shift = np.clip(digits - 1 - np.floor(np.log10(size)).astype(int), -300, 300)
-    # A division or product of whole numbers is the double nearest to the decimal, which prints short.
-    up, down = 10.0 ** np.maximum(shift, 0), 10.0 ** np.maximum(-shift, 0)
-    short = np.round(np.where(known, values, 0.0) * up / down) / up * down
-    return [value if there else None for value, there in zip(short.tolist(), known.tolist(), strict=True)]
+    shown = np.where(np.abs(values) < 1e-300, 0.0, values).tolist()
+    return [float(f"{one:.{digits}g}") if np.isfinite(one) else None for one in shown]
 
 
 @cache

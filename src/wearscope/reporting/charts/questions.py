@@ -96,8 +96,8 @@ def chart_response(study: Study, first: Mapping[str, str]) -> Chart:
         layered.properties(width="container", height=330),
         {"responses": Source("responses", by), "simulated": Source("simulated", by)},
         "Line and band: the surrogate that the questions are asked of, with the other factors at nominal, "
-        "and where 95 % of new runs should lie. Points: simulated runs, of which the surrogate takes away "
-        "what their other factors did, or as they were simulated.",
+        "and where 95 % of new runs should lie. Points: simulated runs, moved by the surrogate to nominal "
+        "levels of their other factors, or as they were simulated.",
         [
             Choice("factor", "Over", [(one.name, factor_name(one)) for one in study.factors]),
             Choice("held", "Points", [("y_held", "other factors at nominal"), ("y", "as simulated")]),

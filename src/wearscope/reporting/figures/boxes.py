@@ -1,29 +1,164 @@
-"""Box plots as in the paper's Figs. 2 and 3."""
+"""Figs. 2 and 3: box plots of normalised coefficients, and of signal-to-noise ratios with their ranks."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from wearscope.reporting.labels import finite
+from wearscope.reporting.labels import count_text, finite, group_name, split_groups, term_label
+from wearscope.reporting.style import MARKERS, WARNING, colours, figure_style, new_figure
+
+#: Groups that a figure of the coefficients has at most.
+MOST = 12
 
 
-def draw_boxes(ax: Axes, values: Sequence[object], colours: Sequence[str], width: float = 0.6) -> None:
-    """Boxes from quartile to quartile, whiskers of 1.5 boxes, outliers; of what is finite.
+def draw_sensitivity(
+    surrogates: pd.DataFrame, model: str = "simplified", by: Sequence[str] = ("fda",)
+) -> Figure:
+    """Box plots of the normalised coefficients (8) of every group of cells.
 
     Parameters
     ----------
-    ax : Axes
-    values : sequence of array
-        One box each; say how many are not finite next to the figure.
-    colours : sequence of str
-        Of each box.
-    width : float
+    surrogates : DataFrame
+        ``model``, ``term``, ``theta``, ``theta_normalised`` and the keys.
+    model : str
+    by : sequence of str
+        Keys that form a group; at most `MOST` groups are drawn, the title says so where there are more.
     """
+    rows = surrogates[(surrogates["model"] == model) & (surrogates["term"] != "1")]
+    terms = list(dict.fromkeys(rows["term"]))
+    groups = list(split_groups(rows, by))
+    shown = groups[:MOST]
+    tints = colours([name for name, _ in groups])
+    with figure_style():
+        figure = new_figure(10.0, 0.9 + 1.9 * len(shown))
+        axes = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+        for ax, (name, group) in zip(axes, shown, strict=True):
+            _draw_terms(ax, name, group, terms, tints[name])
+        _label_parts(list(axes), terms)
+        axes[-1].set_xticks(range(len(terms)), [term_label(term) for term in terms])
+        if max(map(len, terms)) > 6:
+            axes[-1].tick_params(axis="x", rotation=60)
+        figure.supylabel("coefficient over that of wear f [-]", fontsize=9)
+        if len(groups) > len(shown):
+            figure.suptitle(f"First {len(shown)} of {len(groups)} groups")
+    return figure
+
+
+def _draw_terms(ax: Axes, name: str, group: pd.DataFrame, terms: Sequence[str], colour: str) -> None:
+    ax.axhspan(-1, 1, color="#f0f0f0", zorder=0, lw=0)
+    for level, look in ((-1, "--"), (0, "-"), (1, "--")):
+        ax.axhline(level, color="#777777", lw=0.7, ls=look, zorder=1)
+    values = [group.loc[group["term"] == term, "theta_normalised"] for term in terms]
+    _draw_boxes(ax, values, [colour] * len(terms))
+    use_symlog(ax, "y", group["theta_normalised"])
+    fault = group[group["term"] == "f"]
+    parts = [count_text(len(fault), "cell")]
+    unknown = int((~np.isfinite(fault["theta_normalised"].to_numpy(dtype=float))).sum())
+    if falling := int((fault["theta"] < 0).sum()):
+        parts.append(f"y falls with wear in {falling}")
+    if unknown:
+        parts.append(f"no direct effect of wear, hence no box, in {unknown}")
+    ax.set_title(f"{name}  ({'; '.join(parts)})", fontsize=9)
+    ax.set_xlim(-0.6, len(terms) - 0.4)
+    if unknown == len(fault):
+        ax.text(0.5, 0.5, "n/a", transform=ax.transAxes, ha="center", va="center", color="#666666")
+
+
+def _label_parts(axes: Sequence[Axes], terms: Sequence[str]) -> None:
+    """Say above the first panel where the interactions and the squares begin."""
+    kinds = ["interactions" if ":" in term else "squares" if "^" in term else "direct" for term in terms]
+    for kind in dict.fromkeys(kinds):
+        places = [k for k, one in enumerate(kinds) if one == kind]
+        look: dict[str, Any] = {"ha": "center", "fontsize": 8, "color": "#444444"}
+        middle = (0.5 * (places[0] + places[-1]), 1.0)
+        frame = ("data", "axes fraction")
+        axes[0].annotate(kind, middle, (0, 15), xycoords=frame, textcoords="offset points", **look)
+        for ax in axes if places[0] else ():
+            ax.axvline(places[0] - 0.5, color="#bbbbbb", lw=0.7, zorder=0)
+
+
+def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda",)) -> Figure:
+    """Box plots of the SNR (11) with every cell, and median and rank with their intervals.
+
+    Parameters
+    ----------
+    snr : DataFrame
+        The keys, ``snr``, ``status``.
+    ranking : DataFrame
+        From `wearscope.evaluation.ranking.rank_by_median` over the same groups.
+    by : sequence of str
+    """
+    groups = dict(split_groups(snr, by))
+    tints = colours(list(groups))
+    with figure_style():
+        figure = new_figure(10.0, 1.0 + 0.32 * len(groups) if len(groups) > 8 else 4.2)
+        boxes, medians, ranks = figure.subplots(1, 3, width_ratios=[2.4, 1.2, 0.8])
+        _draw_cells(boxes, groups, tints)
+        names = [group_name(by, [row[name] for name in by]) for _, row in ranking.iterrows()]
+        for ax, what in ((medians, "median"), (ranks, "rank")):
+            _draw_intervals(ax, names, ranking, what, tints)
+        for place, value in enumerate(ranking["median"].astype(float)):
+            if np.isfinite(value):
+                medians.text(value, place - 0.12, f"{value:.3g}", ha="center", va="bottom", fontsize=8)
+            else:
+                frame = medians.get_yaxis_transform()
+                medians.text(0.5, place, "n/a", transform=frame, ha="center", va="center")
+        medians.set(title="Median SNR, 95 %", xlabel="median SNR [-]")
+        ranks.set(title="Rank, 95 %", xlabel="rank, 1 is best", xlim=(0.5, len(names) + 0.5))
+        ranks.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure
+
+
+def _draw_cells(ax: Axes, groups: Mapping[str, pd.DataFrame], tints: Mapping[str, str]) -> None:
+    table = pd.concat([rows.assign(place=k + 0.28) for k, rows in enumerate(groups.values())])
+    _draw_boxes(ax, [rows["snr"] for rows in groups.values()], list(tints.values()), width=0.5)
+    known = table[np.isfinite(table["snr"].to_numpy(dtype=float))]
+    robots = known.groupby("robot", sort=True)
+    for k, (robot, rows) in enumerate(robots):
+        place = rows["place"] + 0.18 * k / robots.ngroups
+        look: dict[str, Any] = {"color": "#444444", "ms": 3.5, "mew": 0, "label": f"a cell of {robot}"}
+        ax.plot(place, rows["snr"], MARKERS[k % len(MARKERS)], **look)
+    falling = known[known["status"] == "decreasing"]
+    if len(falling):
+        look = {"mfc": "none", "mec": WARNING, "ms": 6, "mew": 1.1, "label": "y falls with wear"}
+        ax.plot(falling["place"], falling["snr"], "o", **look)
+    ax.axhline(0, color="#999999", lw=0.7, zorder=0)
+    use_symlog(ax, "y", table["snr"], 10.0)
+    missing = {name: len(rows) - finite(rows["snr"]).size for name, rows in groups.items()}
+    labels = [
+        f"{name}\n{len(rows)} cells" + (f"\n{missing[name]} n/a" if missing[name] else "")
+        for name, rows in groups.items()
+    ]
+    ax.set_xticks(range(len(groups)), labels, rotation=45 if len(groups) > 8 else 0)
+    ax.set(ylabel="signal-to-noise ratio", title="Every cell")
+    ax.grid(axis="y")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2 if len(groups) <= 8 else -0.3), ncols=3)
+
+
+def _draw_intervals(
+    ax: Axes, names: Sequence[str], ranking: pd.DataFrame, what: str, tints: Mapping[str, str]
+) -> None:
+    """Median or rank of each group in a row of its own, in the ranking's order."""
+    for place, name in enumerate(names):
+        value, low, high = ranking.iloc[place][[what, f"{what}_low", f"{what}_high"]].astype(float)
+        look: dict[str, Any] = {"fmt": "o", "color": tints.get(name, "#666666"), "lw": 2.5}
+        if np.isfinite(value):
+            ax.errorbar([value], [place], xerr=[[value - low], [high - value]], **look)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.set_yticks(range(len(names)), names)
+    ax.grid(axis="x")
+
+
+def _draw_boxes(ax: Axes, values: Sequence[object], tints: Sequence[str], width: float = 0.6) -> None:
+    """Boxes from quartile to quartile, whiskers of 1.5 boxes, outliers; of what is finite."""
     look: dict[str, Any] = {"widths": width, "patch_artist": True, "manage_ticks": False}
-    for k, (one, colour) in enumerate(zip(values, colours, strict=True)):
+    for k, (one, colour) in enumerate(zip(values, tints, strict=True)):
         line = {"color": colour, "linewidth": 0.9}
         box = {"facecolor": to_rgba(colour, 0.35), "edgecolor": colour, "linewidth": 0.9}
         ax.boxplot(

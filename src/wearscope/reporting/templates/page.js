@@ -108,7 +108,7 @@ const wearscope = (() => {
     },
     legend: {
       labelColor: "var(--ink)", titleColor: "var(--soft)", orient: "top", labelFontSize: 12.5,
-      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260, layout: { top: { anchor: innerWidth < 640 ? "end" : "start" } }, columns: { expr: "width < 300 ? 1 : width < 480 ? 2 : width < 800 ? 3 : 6" },
+      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260, columns: { expr: "width < 300 ? 1 : width < 480 ? 2 : width < 800 ? 3 : 6" },
     },
     header: { labelColor: "var(--ink)", titleColor: "var(--soft)" },
     title: { color: "var(--ink)" },
@@ -132,6 +132,7 @@ const wearscope = (() => {
       spec.datasets ??= {};
       for (const name of Object.keys(chart.definition.sources)) spec.datasets[name] = rowsFor(chart, name);
       chart.view?.finalize();
+      config.legend.layout = { top: { anchor: innerWidth < 640 ? "end" : "start" } };
       const result = await vegaEmbed(chart.place, spec, {
         mode: "vega-lite", renderer: "svg", actions: false, config, tooltip: { theme: "page" },
         logLevel: 1, // errors; a container with rows of a fixed height is no reason for a warning
@@ -426,9 +427,17 @@ const wearscope = (() => {
       }
     }
     let later;
+    let width = innerWidth;
     window.addEventListener("resize", () => {
       clearTimeout(later); // Vega lays a legend out by its former number of rows: once more when it is done
-      later = setTimeout(() => charts.forEach((chart) => chart.view?.resize().runAsync()), 150);
+      later = setTimeout(() => {
+        for (const chart of charts.values()) {
+          if (width !== innerWidth) chart.drawn = null;
+          if (chart.drawn) chart.view.resize().runAsync();
+          else draw(chart);
+        }
+        width = innerWidth;
+      }, 150);
     });
     document.documentElement.dataset.ready = "yes";
   }
