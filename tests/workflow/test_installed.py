@@ -114,8 +114,8 @@ def test_everything_that_is_imported_is_declared():
 
 def test_everything_that_is_declared_is_used():
     needed = {GIVEN_BY.get(name, name).lower() for name in list_imports()}
-    # The workflow's engine is called by name; pybullet has two distributions.
-    assert declared() - needed <= {"snakemake", "pybullet-arm64"}
+    # The workflow's engine and the figures' style are called by name; pybullet has two distributions.
+    assert declared() - needed <= {"snakemake", "seaborn", "pybullet-arm64"}
 
 
 def test_wheel_carries_package_workflow_types_and_metadata(wheel):

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import seaborn as sns
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike, NDArray
 
 from wearscope.evaluation.scope_counts import count_matrix, count_scope
 from wearscope.reporting.labels import count_text, factor_name, split_groups, unit_text
@@ -68,8 +70,10 @@ def draw_scope_counts(
                 _draw_method(ax, group[group["method"] == method], norm)
             many = count_text(int(group["cells"].max()), "cell")
             column[0].set_title(f"{name}  ({many})", fontsize=9, pad=28)
-            _add_natural(column[0], "x", known.get(factor))
-        _add_natural(axes[0, -1], "y", known.get("f"))
+            first = group[group["method"] == methods[0]]
+            sigma, delta, _ = count_matrix(first, first["passes"])
+            _add_natural(column[0], "x", sigma, known.get(factor))
+        _add_natural(axes[0, -1], "y", delta, known.get("f"))
         figure.colorbar(
             ScalarMappable(norm, colormaps["cividis"]), ax=axes.ravel().tolist(),
             label="cells that pass", aspect=30, pad=0.02,
@@ -87,23 +91,38 @@ def draw_scope_counts(
 def _draw_method(ax: Axes, rows: pd.DataFrame, norm: Normalize) -> None:
     """Counts on the grid, and where half the cells pass: by the estimates, and with confidence."""
     sigma, delta, count = count_matrix(rows, rows["passes"])
-    ax.pcolormesh(sigma, delta, count, cmap="cividis", norm=norm, shading="nearest", rasterized=True)
+    look: dict[str, Any] = {"cbar": False, "xticklabels": False, "yticklabels": False, "rasterized": True}
+    sns.heatmap(count, ax=ax, cmap="cividis", norm=norm, **look)
+    ax.invert_yaxis()
+    for axis, grid in ((ax.xaxis, sigma), (ax.yaxis, delta)):
+        ticks = MaxNLocator(4).tick_values(grid[0], grid[-1])
+        ticks = ticks[(ticks >= grid[0] - 1e-9) & (ticks <= grid[-1] + 1e-9)]
+        axis.set_ticks(_place(grid, ticks), [f"{tick:g}" for tick in ticks])
+    ax.tick_params(axis="y", rotation=0)
     level = int(rows["cells"].max()) / 2 - 1e-9
     for passing, style in (("passes", "solid"), ("sure", "dashed")):
         known = passing == "passes" or rows["known"].any()
         values = count_matrix(rows, rows[passing])[2]
         if known and values.min() < level < values.max():
             for colour, width in (("white", 2.6), ("black", 1.2)):
-                look: dict[str, Any] = {"colors": colour, "linewidths": width, "linestyles": style}
-                ax.contour(sigma, delta, values, levels=[level], **look)
+                look = {"colors": colour, "linewidths": width, "linestyles": style}
+                ax.contour(_place(sigma, sigma), _place(delta, delta), values, levels=[level], **look)
 
 
-def _add_natural(ax: Axes, axis: str, factor: "Factor | None") -> None:
+def _place(grid: NDArray[np.float64], values: ArrayLike) -> NDArray[np.float64]:
+    """Where values of an evenly spaced grid lie on its heat map."""
+    return (np.asarray(values, dtype=float) - grid[0]) / (grid[1] - grid[0]) + 0.5
+
+
+def _add_natural(ax: Axes, axis: str, grid: NDArray[np.float64], factor: "Factor | None") -> None:
     """Scale in natural units: at the top for sigma, at the right for wear."""
     if factor is None:
         return
-    step = factor.step
-    scales = (lambda coded: np.multiply(coded, step), lambda natural: np.divide(natural, step))
+    step, width = factor.step, grid[1] - grid[0]
+    scales = (
+        lambda place: step * (grid[0] + np.subtract(place, 0.5) * width),
+        lambda natural: _place(grid, np.divide(natural, step)),
+    )
     side = "top" if axis == "x" else "right"
     own: Any = getattr(ax, f"secondary_{axis}axis")(side, functions=scales)
     unit = f"[{unit_text(factor.unit) or '-'}]"
