@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,12 @@ FILE = Path(__file__).with_name("measured.yaml")
 _PLACE = re.compile(r"\[\[(table|value): (\w+)\]\]")
 
 
+@cache
+def read_measured() -> dict[str, Any]:
+    """Measured tables by name, read once for all pages."""
+    return yaml.safe_load(FILE.read_text(encoding="utf-8"))
+
+
 def fill_places(text: str) -> str:
     """A page's text with its tables and values.
 
@@ -22,7 +29,7 @@ def fill_places(text: str) -> str:
     KeyError
         Where a page asks for what there is not.
     """
-    content = yaml.safe_load(FILE.read_text(encoding="utf-8"))
+    content = read_measured()
 
     def fill(match: re.Match) -> str:
         kind, name = match.groups()
