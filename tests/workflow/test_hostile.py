@@ -1,8 +1,8 @@
 """Whatever files from someone else hold, a command ends soon, in a result or one sentence, and runs no code.
 
-Each command is a process with bounds. Eight inputs a command run with the rest of the tests (two of slow
-commands), fifty with `make test-slow`, and 2,000 with `make test-kills`. Every input is made from its number
-alone, so that one that fails can be made again.
+Each command is a process with bounds. Fifty inputs a command run with the rest of the tests (two of slow
+commands, which get their fifty with `make test-slow`), and 2,000 with `make test-kills`. Every input is made
+from its number alone, so that one that fails can be made again.
 """
 
 import os
@@ -35,8 +35,9 @@ def count_inputs():
     for name in hostile.SUBJECTS:
         starting = name in hostile.STARTING  # the workflow, which takes seconds an input
         if not starting:
-            yield pytest.param(name, 2 if name in SLOWER else 8)
-        yield pytest.param(name, 10 if starting else 50, marks=pytest.mark.slow)
+            yield pytest.param(name, 2 if name in SLOWER else 50)
+        if starting or name in SLOWER:
+            yield pytest.param(name, 10 if starting else 50, marks=pytest.mark.slow)
         yield pytest.param(name, 100 if starting else 2000, marks=pytest.mark.long)
 
 
