@@ -95,6 +95,8 @@ class Prepared:
         Largest speed of each joint in the training runs [rad/s or m/s].
     link_side : frozenset of str
         Joints in whose torque there is no friction to be seen.
+    levelled : tuple of int
+        Joints whose torque is compared about its mean in each run, since its level is a drift's, perhaps.
     """
 
     dataset: Dataset
@@ -106,6 +108,7 @@ class Prepared:
     reversals: Reversals = field(default_factory=lambda: Reversals.over(np.zeros(0)))
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     link_side: frozenset[str] = frozenset()
+    levelled: tuple[int, ...] = ()
 
     @property
     def torque_readings(self) -> dict[str, str]:
@@ -142,6 +145,13 @@ class Prepared:
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
+
+    def take_out_levels(self, run: PreparedRun, x: np.ndarray) -> np.ndarray:
+        """Rows (M, n, ...) of a run's torque without its mean over those that count at `levelled` joints."""
+        x = x.copy()
+        for j in self.levelled:
+            x[:, j] -= x[run.keep[:, j], j].mean(axis=0) if run.keep[:, j].any() else 0.0
+        return x
 
     def reverse_over(self, reversals: Reversals) -> "Prepared":
         """The same data set with directions of motion that change in another way."""

@@ -9,6 +9,7 @@ from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
+from wearscope.closed_loop.selection.revision import revise
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import prefer_single_joints
 from wearscope.closed_loop.selection.stepwise import extend, find_standard, settle
@@ -39,7 +40,10 @@ class Answer:
 def find_terms(search: Search) -> Answer:
     """Terms that a search's declared model lacks, with names, from the training runs."""
     terms = GenericTerms(search.problem.prepared, search.problem.joined)
-    found, left, depends = explain_rest(search, terms, find_named(search))
+    found = find_named(search)
+    if search.take_levels(found):
+        found = revise(search, found)
+    found, left, depends = explain_rest(search, terms, found)
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)
     prepared = search.problem.prepared

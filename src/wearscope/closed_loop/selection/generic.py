@@ -260,7 +260,9 @@ def doubt(search: Search, terms: GenericTerms, found: list[Found]) -> list[Found
         given, (own, *able) = on_same_folds(given, [search.weigh_again(given, f), *able], search.policy)
         e = choose_plainest(able, search.policy)
         is_like = own in rule.fit_alike([e, own], search.policy)
-        if rule.separates(e, own, search.policy) and not (sure and is_like):
+        # No machine follows a name's form exactly.
+        holds = own.gain >= (1.0 - search.policy.large_share) * e.gain
+        if rule.separates(e, own, search.policy) and not (holds or (sure and is_like)):
             label = f.evidence.term.label
             if e.refusal is Refusal.ALONE:
                 search.progress(f"{label} is dropped: structure without a name")

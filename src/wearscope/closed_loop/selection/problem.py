@@ -1,6 +1,6 @@
 """What is asked of a prepared data set: the torque to explain, the declared terms, and all candidates."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -65,6 +65,7 @@ class Problem:
             fixed.add("rigid_body")
         self.effects = candidate_effects(self.declared, own, fixed, prepared.n)
         self._take_signals(prepared)
+        self.levels: dict[int, Chosen] = {}
         self._made: dict[tuple, Candidate | None] = {}
         self._waves: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
 
@@ -77,7 +78,7 @@ class Problem:
             chosen.append(Chosen(candidate, term.subset))
         for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversals.width > 0.0)).tolist():
             chosen.append(make_reversal(self.prepared, joint))
-        return tuple(chosen)
+        return (*chosen, *self.levels.values())
 
     @cached_property
     def _deviations(self) -> Chosen:
@@ -97,6 +98,15 @@ class Problem:
         other.__dict__.pop("base", None)
         other._take_signals(self.prepared.reverse_over(reversals))
         other._made = {key: made for key, made in self._made.items() if _keeps(made, key[1], same)}
+        return other
+
+    def level_at(self, joints: Iterable[int]) -> "Problem":
+        """The same problem with a level of the torque at some joints, of which nothing is claimed."""
+        (offset,) = (effect for effect in self.effects if effect.is_offset)
+        other = copy(self)
+        other.__dict__.pop("base", None)
+        made = {j: self.candidate(offset, j) for j in joints}
+        other.levels = {j: Chosen(c, (0,)) for j, c in made.items() if c is not None}
         return other
 
     def _take_signals(self, prepared: Prepared) -> None:

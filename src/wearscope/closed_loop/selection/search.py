@@ -257,6 +257,28 @@ class Search:
         self._forget_evidence()
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
 
+    def take_levels(self, found: Sequence[Found]) -> bool:
+        """Whether, from now on, levels that one recording does not tell from a drift's are a part of any model.
+
+        Unnamed, and only where they are as much of what is left as structure is: a spline would hold them.
+        """
+        if len(np.unique(self.problem.layout.folds.recording)) > 1:
+            return False
+        self.sigma = self.scale(found)
+        given = self.assemble(found, standard=True)
+        offered = self.candidates(given, found, range(self.problem.prepared.n), lambda e, _: e.is_offset)
+        weighed = [weigh(given, c, (0,), self.policy) for c in offered]
+        levels = [
+            e.joint
+            for e in weighed
+            if e.share >= self.policy.structure_share and self.is_needed(given, e, drifting=True)
+        ]
+        if levels:
+            self.progress(f"a level at joints {levels}: an offset or a drift")
+            self.problem = self.problem.level_at(levels)
+            self._forget_evidence()
+        return bool(levels)
+
     def adopt(self, other: "Search") -> None:
         """Go on with another search's problem, and with what it has asked."""
         self.problem = other.problem
@@ -269,10 +291,10 @@ class Search:
         low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
         return all(low <= b <= high for b, (low, high) in low_high)
 
-    def is_needed(self, given: Assembly, e: Evidence) -> bool:
+    def is_needed(self, given: Assembly, e: Evidence, drifting: bool = False) -> bool:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
 
-        Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
+        Or whether or not one does, where it may be `drifting`. Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
         """
         after_standard = bool(self.standard_losses.any())
         if after_standard and not e.term.effect.is_in_every_drive:
@@ -280,7 +302,7 @@ class Search:
         return (
             self.is_believable(e)
             and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and (rule.is_plain(e, self.policy) or not self.drifts(given, e))
+            and (drifting or rule.is_plain(e, self.policy) or not self.drifts(given, e))
         )
 
     def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:

@@ -88,7 +88,8 @@ def _take_test_run(
     columns = model.take_columns(run, find_signals(model, theta, run))
     for k, share in shares.items():
         columns[..., model.spans[k]] *= share
-    return _TestRun(residual, columns, run.keep)
+    levelled = model.prepared.take_out_levels
+    return _TestRun(levelled(run, residual), levelled(run, columns), run.keep)
 
 
 def _sum_squares(residual: np.ndarray, keep: np.ndarray, rows: int) -> np.ndarray:
