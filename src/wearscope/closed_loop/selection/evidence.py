@@ -36,6 +36,7 @@ class Refusal(Enum):
     IMMATERIAL = "too little gained on held-out runs"
     DISAGREES = "held-out runs do not agree on it"
     DRIFTS = "not significant, as the residual drifts"
+    NO_DELAY = "no delay: it differs away from reversals or at low frequencies"
     ALONE = "a single run, or two, cannot show that it carries over to other motions"
     FULL = "the joint has the most terms that are asked for"
 
@@ -133,6 +134,12 @@ class Evidence:
     def complexity(self) -> int:
         """Coefficients, and shape parameters that were searched."""
         return self.chosen.candidate.effect.complexity(self.chosen.subset)
+
+
+def identify(e: Evidence) -> tuple:
+    """What it is evidence on, whatever its shape, except for splines, which their shape tells apart."""
+    term = e.term
+    return (term.effect.name, term.joint, term.subset, term.shape if term.effect.empirical else ())
 
 
 def weigh(

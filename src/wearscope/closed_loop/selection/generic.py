@@ -205,6 +205,7 @@ def explain_rest(
     left: dict[int, Evidence] = {}
     while joints:
         search.sigma = search.scale(found)
+        search.refused.clear()
         assembly = search.assemble(found)
         weighed = weigh_generic(search, terms, assembly, joints)
         able = [e for e in weighed if e.refusal is Refusal.NONE and not search.drifts(assembly, e)]

@@ -1,11 +1,11 @@
 """What may be asked conditional on a model, and what an answer depends on."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal, identify
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Effect, MeasurementEffect
 
@@ -66,14 +66,21 @@ def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
 
 
 def tell_candidates(
-    step: int, joints: Sequence[str], weighed: Sequence[Evidence], taken: Sequence[Evidence]
+    step: int,
+    joints: Sequence[str],
+    weighed: Sequence[Evidence],
+    taken: Sequence[Evidence],
+    refused: Mapping[tuple, Refusal],
 ) -> list[dict[str, Any]]:
-    """Each candidate of a step, what held-out runs say of it, and why it was or was not taken."""
-    names = {(e.term.effect.name, e.term.joint) for e in taken}
+    """Each candidate of a step, what held-out runs say of it, and why it was or was not taken.
+
+    `refused` is what was said of those that the rule alone would take.
+    """
+    names = {identify(e) for e in taken}
     rows = []
     for e in weighed:
-        term = e.term
-        is_taken = (term.effect.name, term.joint) in names and e.refusal is Refusal.NONE
+        term, is_taken = e.term, identify(e) in names
+        refusal = refused.get(identify(e), e.refusal) if e.refusal is Refusal.NONE else e.refusal
         rows.append(
             {
                 "step": step,
@@ -86,7 +93,7 @@ def tell_candidates(
                 "agreement": e.agreement,
                 "isolability": e.sine,
                 "taken": is_taken,
-                "reason": "taken" if is_taken else (e.refusal.value or "another candidate gained more"),
+                "reason": "taken" if is_taken else (refusal.value or "another candidate was taken"),
             }
         )
     return rows

@@ -16,6 +16,7 @@ from wearscope.closed_loop.selection.evidence import (
     Found,
     Refusal,
     adjust_p_values,
+    identify,
     on_same_folds,
     weigh,
 )
@@ -62,6 +63,7 @@ class Search:
         self.full: set[int] = set()
         self.no_delay: set[int] = set()
         self.left_out: frozenset[str] = frozenset()
+        self.refused: dict[tuple, Refusal] = {}
         self._step = 0
         self.standard_losses = np.zeros((2, problem.prepared.n))
         self._forget_evidence()
@@ -71,6 +73,11 @@ class Search:
         self._apart: dict[tuple, bool] = {}
         self._given_bodies: dict[tuple, np.ndarray] = {}
         self.forms = Forms(self.problem, self.policy)
+
+    def go_on(self, problem: Problem) -> None:
+        """Go on with another problem about the same terms."""
+        self.problem = problem
+        self._forget_evidence()
 
     def forget(self) -> None:
         """Let go of evidence and columns that are kept to save time."""
@@ -253,38 +260,14 @@ class Search:
 
     def reverse_over(self, reversals: Reversals, found: list[Found]) -> list[Found]:
         """Make all anew along frictions that reverse in another way, and the terms found."""
-        self.problem = self.problem.reverse_over(reversals)
-        self._forget_evidence()
+        self.go_on(self.problem.reverse_over(reversals))
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
-
-    def take_levels(self, found: Sequence[Found]) -> bool:
-        """Whether, from now on, levels that one recording does not tell from a drift's are a part of any model.
-
-        Unnamed, and only where they are as much of what is left as structure is: a spline would hold them.
-        """
-        if len(np.unique(self.problem.layout.folds.recording)) > 1:
-            return False
-        self.sigma = self.scale(found)
-        given = self.assemble(found, standard=True)
-        offered = self.candidates(given, found, range(self.problem.prepared.n), lambda e, _: e.is_offset)
-        weighed = [weigh(given, c, (0,), self.policy) for c in offered]
-        levels = [
-            e.joint
-            for e in weighed
-            if e.share >= self.policy.structure_share and self.is_needed(given, e, drifting=True)
-        ]
-        if levels:
-            self.progress(f"a level at joints {levels}: an offset or a drift")
-            self.problem = self.problem.level_at(levels)
-            self._forget_evidence()
-        return bool(levels)
 
     def adopt(self, other: "Search") -> None:
         """Go on with another search's problem, and with what it has asked."""
-        self.problem = other.problem
+        self.go_on(other.problem)
         self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
         self.left_out = other.left_out
-        self._forget_evidence()
 
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
@@ -294,7 +277,8 @@ class Search:
     def is_needed(self, given: Assembly, e: Evidence, drifting: bool = False) -> bool:
         """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
 
-        Or whether or not one does, where it may be `drifting`. Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
+        Or whatever a drift explains, where it may be `drifting`. Plain friction that explains much is there,
+        whatever else is missing yet and looks like a drift.
         """
         after_standard = bool(self.standard_losses.any())
         if after_standard and not e.term.effect.is_in_every_drive:
@@ -342,7 +326,10 @@ class Search:
 
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried`: models that were asked."""
-        return does_drift_explain(self.problem, self.policy, self.flips, assembly, e, tried)
+        drifts = does_drift_explain(self.problem, self.policy, self.flips, assembly, e, tried)
+        if drifts:
+            self.refused[identify(e)] = Refusal.DRIFTS
+        return drifts
 
     def is_delay(self, assembly: Assembly, e: Evidence, settled: bool = False) -> bool:
         """Whether a term that delays its joint's torque is one; True of other terms.
@@ -358,11 +345,13 @@ class Search:
         if not is_lag(e.term.effect):
             return True
         speed = self.problem.at_rows("v")[:, e.joint]
-        if e.joint in self.no_delay or not lags_away_from_reversals(assembly, e, speed, self.policy):
-            return False
-        if settled and not lags_slow_torque(assembly, e, self.policy):
+        lags = e.joint not in self.no_delay and lags_away_from_reversals(assembly, e, speed, self.policy)
+        if lags and settled and not lags_slow_torque(assembly, e, self.policy):
             self.no_delay.add(e.joint)
-        return e.joint not in self.no_delay
+            lags = False
+        if not lags:
+            self.refused[identify(e)] = Refusal.NO_DELAY
+        return lags
 
     def refine(self, assembly: Assembly, e: Evidence) -> Evidence:
         """The same term at its best continuous shape that is believable, its significance kept."""
@@ -380,5 +369,6 @@ class Search:
 
     def record(self, weighed: Sequence[Evidence], taken: Sequence[Evidence]) -> None:
         """Keep a row of each candidate for the candidates table."""
-        self.rows += tell_candidates(self._step, self.problem.prepared.dataset.joints, weighed, taken)
+        joints = self.problem.prepared.dataset.joints
+        self.rows += tell_candidates(self._step, joints, weighed, taken, self.refused)
         self._step += 1

@@ -45,6 +45,7 @@ def extend(search: Search, found: list[Found], most: float = np.inf) -> list[Fou
     """
     while count_parameters(found) < most:
         search.sigma = search.scale(found)
+        search.refused.clear()
         assembly = search.assemble(found)
         offered = search.candidates(assembly, found, range(search.problem.prepared.n))
         # All are weighed once, for the table; later only what may be accepted.
