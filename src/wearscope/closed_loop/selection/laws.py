@@ -5,7 +5,6 @@ reversal wide, and another law is named for what that leaves. So a law that was 
 others once more, each with the width that fits best with it.
 """
 
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -88,7 +87,7 @@ def _suit(search: Search, found: list[Found], joint: int, f: Found | None) -> li
         if fitted is None:
             continue
         shape, reversals = fitted
-        tried = copy(search)
+        tried = search.branch()
         rest = tried.reverse_over(reversals, others)
         given = tried.assemble(rest)
         made = make_candidate(effect, joint, tried.problem.prepared, shape[None])

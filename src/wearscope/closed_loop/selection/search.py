@@ -1,6 +1,7 @@
 """The state of a search: its problem, the scale of what is left, and what can be asked of a model."""
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -262,6 +263,13 @@ class Search:
         """Make all anew along frictions that reverse in another way, and the terms found."""
         self.go_on(self.problem.reverse_over(reversals))
         return [Found(self.problem.remake(f.chosen), f.evidence) for f in found]
+
+    def branch(self) -> "Search":
+        """Another search from here on, which leaves this one as it is."""
+        other = copy(self)
+        other.rows, other.refused = list(self.rows), dict(self.refused)
+        other.full, other.no_delay = set(self.full), set(self.no_delay)
+        return other
 
     def adopt(self, other: "Search") -> None:
         """Go on with another search's problem, and with what it has asked."""

@@ -6,8 +6,6 @@ out once, and other names are sought in its place: what of the whole robot it co
 payload) and names of single joints, then these alone.
 """
 
-from copy import copy
-
 import numpy as np
 
 from wearscope.closed_loop.selection import rule
@@ -38,8 +36,7 @@ def prefer_single_joints(search: Search, found: list[Found]) -> list[Found]:
 
 
 def _prefer_without(search: Search, found: list[Found], left_out: frozenset[str]) -> list[Found]:
-    tried = copy(search)
-    tried.rows, tried.full, tried.no_delay = list(search.rows), set(search.full), set(search.no_delay)
+    tried = search.branch()
     tried.left_out = left_out
     most = count_parameters(found)
     fewer = extend(tried, [f for f in found if f.effect.name not in left_out], most)
