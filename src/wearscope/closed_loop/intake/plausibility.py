@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.asked import Asked, Reading
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import find_reading
+from wearscope.closed_loop.intake.readings import find_reading, list_readings
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.sizes import find_impossible_sizes, leave, say_sizes
@@ -146,8 +146,9 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
             groups.append(group)
     taken: set[str] = {"late tau"} if TIME_DELAY.name in prepared.dataset.fields.declared_effects else set()
     for group in groups:
-        rows_of_group = whole.pick(np.isin(whole.run, group))
-        while (found := find_reading(_ask(prepared, rows_of_group), frozenset(taken))) is not None:
+        asked = _ask(prepared, whole.pick(np.isin(whole.run, group)))
+        every = list_readings(asked)
+        while (found := find_reading(asked, every, frozenset(taken))) is not None:
             taken.update(found.codes)
             if not _is_borne_out(prepared, whole, found, np.setdiff1d(doubtful, group)):
                 continue
@@ -161,7 +162,8 @@ def _is_borne_out(prepared: Prepared, whole: Rows, found: Reading, others: np.nd
     """Whether a reading of some runs suits most others that the stated one does not explain either."""
     better = []
     for run in others.tolist():
-        own = find_reading(_ask(prepared, whole.pick(whole.run == run)))
+        asked = _ask(prepared, whole.pick(whole.run == run))
+        own = find_reading(asked, list_readings(asked))
         better.append(own is not None and own.codes == found.codes)
     return not better or bool(np.mean(better) >= 0.5)
 

@@ -37,21 +37,21 @@ _LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 
-def find_reading(asked: Asked, ignored: frozenset[str] = frozenset()) -> Reading | None:
+def find_reading(asked: Asked, every: list[Reading], ignored: frozenset[str] = frozenset()) -> Reading | None:
     """The reading that explains the torques clearly better than the stated one, if there is one.
 
     Parameters
     ----------
     asked : Asked
+    every : list of Reading
+        From `list_readings`.
     ignored : frozenset of str
         Codes of readings that are not asked for.
     """
     stated = asked.rows.products.fit()
-    if stated.total < _DOUBTFUL:
-        return None
-    some = [one for one in _list_readings(asked, stated) if not set(one.codes) & ignored]
+    some = [one for one in every if not set(one.codes) & ignored]
     best = _choose(some, stated, asked.rows.products.any_size)
-    if best is None and np.nanmax(stated.left) > _POOR:
+    if best is None and some and np.nanmax(stated.left) > _POOR:
         better = [one for one in some if one.fit.total < stated.total - _DOUBTFUL]
         pairs = [pair for one in better for pair in read_sizes(asked, one)]
         best = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
@@ -71,6 +71,12 @@ def _choose(readings: list[Reading], stated: Fit, rival: float) -> Reading | Non
         if best is None or reading.fit.total < best.fit.total - _ALIKE:
             best = reading
     return best
+
+
+def list_readings(asked: Asked) -> list[Reading]:
+    """What the columns may be in the place of what is stated; nothing where that leaves next to nothing."""
+    stated = asked.rows.products.fit()
+    return [] if stated.total < _DOUBTFUL else list(_list_readings(asked, stated))
 
 
 def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:

@@ -11,8 +11,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.revision import match_gain
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.single_joints import predicts_as_well
-from wearscope.closed_loop.selection.stepwise import extend
+from wearscope.closed_loop.selection.single_joints import does_as_well
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
@@ -82,30 +81,23 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         near = [e for e in weighed if e.gain > search.policy.beyond_doubt * best and not _is_same(e, own)]
         near = [search.refine(given, e) for e in near if rule.gains_there(e, own)][:_MOST]
         inside = find_confidence_set([own, *near], search.policy)
-        inside += [e for e in near if e not in inside and _does_as_well(search, found, others, e)]
         able = rule.fit_alike([e for e in inside if e is own or e.refusal is Refusal.NONE], search.policy)
         opposing = [e for e in able if opposes_gravity(search.problem, e)]
         # What names of single joints took the place of may be in the set, and gives no name.
         naming = [e for e in able if not f.effect.standard and e.term.effect.name not in search.left_out]
         name = rule.simplest(naming, opposing) if naming else own
-        found = [Found(name.chosen, name) if k is f else k for k in found]
         most = max((e.complexity for e in able), default=own.complexity)
         if f.effect.standard:
             most = own.complexity
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
+        if not f.effect.standard:
+            apart = [e for e in near if e.term.effect.name not in named and e.term.effect is not f.effect]
+            named |= dict.fromkeys(
+                e.term.effect.name for e in apart if does_as_well(search, found, others, e)
+            )
         equivalent[i] = [x for x in named if x != name.term.effect.name]
+        found = [Found(name.chosen, name) if k is f else k for k in found]
     return found, equivalent
-
-
-def _does_as_well(search: Search, found: list[Found], others: list[Found], e: Evidence) -> bool:
-    """Whether a model with a term in the place of a name, and what is then sought anew, predicts as well.
-
-    What one of two names leaves, a third may take: conditional on the others as they are, it is not asked.
-    """
-    tried = search.branch()
-    tried.progress = lambda _: None
-    again = extend(tried, [*others, Found(e.chosen, e)])
-    return len(again) > len(others) + 1 and predicts_as_well(search, found, tried, again)
 
 
 def _is_same(a: Evidence, b: Evidence) -> bool:
