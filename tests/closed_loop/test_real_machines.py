@@ -1,8 +1,10 @@
 """Two measured machines: what is named, the error on runs that were not fitted, and no joint worse."""
 
 import os
+import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -23,6 +25,20 @@ def test_ball_screw_axis_is_predicted_within_3_percent():
     assert {"viscous_asymmetry", "time_delay"} <= {entry["effect"] for entry in verdict["verdict"]}
     assert verdict["joints"]["slide"]["left_percent"] < 2.8
     assert not any("rigid body" in note for note in verdict["notes"])
+
+
+def test_an_offset_that_one_run_does_not_tell_from_a_drift_displaces_no_name(tmp_path):
+    """A constant of 5 % of the force is added to every run of the ball-screw axis."""
+    plain = close("emps")
+    folder = shutil.copytree(DATA / "emps", tmp_path / "emps")
+    for path in (folder / "runs").iterdir():
+        table = pd.read_parquet(path)
+        table["tau_slide"] += 0.05 * plain["joints"]["slide"]["torque_rms"]
+        table.to_parquet(path)
+    shifted = diagnose(folder).verdict
+    names = [{e["effect"] for e in verdict["verdict"] if e["in_model"]} for verdict in (plain, shifted)]
+    assert names[0] == names[1] == {"viscous_asymmetry", "time_delay", "concave_viscous"}
+    assert "offset or a drift" in shifted["joints"]["slide"]["reason"]
 
 
 def test_industrial_arm_has_a_balancer_and_another_load_and_no_joint_is_worse():

@@ -9,7 +9,7 @@ from scipy import signal
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.answer import find_named
+from wearscope.closed_loop.selection.answer import find_named, take_levels
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import weigh
@@ -213,6 +213,14 @@ def test_the_level_of_a_drift_in_a_single_run_is_no_offset(record, search_of):
         own = weigh(search.assemble((), standard=True), offset.candidate, offset.subset, search.policy)
         assert rule.is_beyond_chance(own, search.policy, by_run=False)
         assert find_named(search) == []
+        # A part of any model from then on, so that no spline takes it for structure; asked once.
+        assert take_levels(search, [])
+        assert list(search.problem.levels) == [0]
+        assert not take_levels(search, [])
+
+
+def test_a_level_that_several_recordings_would_tell_is_no_part_of_a_model(quiet):
+    assert not take_levels(Search(quiet, Policy()), [])
 
 
 def test_an_offset_of_a_single_run_is_named(record, search_of):
