@@ -9,10 +9,11 @@ from scipy import signal
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.answer import find_named, take_levels
+from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import weigh
+from wearscope.closed_loop.selection.levels import take_levels
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.whitening import bridge_uncounted, drift_p_value, find_filter

@@ -1,7 +1,7 @@
 """The one door: `diagnose(dataset)` reads, searches, fits and marks, and returns a `Diagnosis`."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,6 @@ from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.model.correction import write_models
@@ -31,11 +30,10 @@ from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, r
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.selection.answer import Answer, find_terms
-from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.delays import is_lag
 from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.evidence import Found
+from wearscope.closed_loop.selection.levels import take_out_levels
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
@@ -221,7 +219,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     """Fit the model with the terms found, and mark them by what the rests and the test runs say."""
     problem, found = search.problem, answer.found
     prepared = problem.prepared
-    levelled = take_out_levels(prepared, search.assemble(found), problem.levels)
+    levelled = take_out_levels(search, found)
     declared = fit_declared_model(levelled, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
@@ -269,19 +267,6 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
         problem,
         limits,
     )
-
-
-def take_out_levels(prepared: Prepared, model: Assembly, levels: Mapping[int, Chosen]) -> Prepared:
-    """The data set without the levels of a model in the training runs' torque, as others are fitted to it."""
-    out = np.zeros(prepared.n)
-    for joint, level in levels.items():
-        k = next(k for k, chosen in enumerate(model.chosen) if chosen is level)
-        out[joint] = model.theta[model.spans[k]][0]
-    runs = [
-        replace(run, measured=run.measured - out, tau=run.tau - out) if run.use == "train" else run
-        for run in prepared.runs
-    ]
-    return replace(prepared, runs=runs, levelled=tuple(levels)) if levels else prepared
 
 
 def settle_rests(

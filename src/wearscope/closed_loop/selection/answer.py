@@ -1,14 +1,13 @@
 """From a problem to its names: the search, what has no name, sets of names, and what is left."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.evidence import Evidence, Found, weigh
+from wearscope.closed_loop.selection.evidence import Evidence, Found
 from wearscope.closed_loop.selection.generic import GenericTerms, explain_rest
 from wearscope.closed_loop.selection.laws import suit_laws
+from wearscope.closed_loop.selection.levels import take_levels
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
 from wearscope.closed_loop.selection.revision import revise
@@ -62,26 +61,6 @@ def find_named(search: Search) -> list[Found]:
     found = prefer_single_joints(search, found)
     suited = suit_laws(search, found)
     return found if suited is found else settle(search, search.settle_reversals(suited))
-
-
-def take_levels(search: Search, found: Sequence[Found]) -> bool:
-    """Whether from now on any model has a level that one recording does not tell from a drift's, unnamed.
-
-    Where it is as much of what is left as structure is, it would be taken for structure that displaces names.
-    """
-    problem = search.problem
-    if len(np.unique(problem.layout.folds.recording)) > 1:
-        return False
-    search.sigma = search.scale(found)
-    given = search.assemble(found, standard=True)
-    offered = search.candidates(given, found, range(problem.prepared.n), lambda effect, _: effect.is_offset)
-    weighed = [weigh(given, c, (0,), search.policy) for c in offered]
-    much = [e for e in weighed if e.share >= search.policy.structure_share]
-    levels = [e.joint for e in much if search.is_needed(given, e, drifting=True)]
-    if levels:
-        search.progress(f"levels of the torque at joints {levels}: offsets, or drifts")
-        search.go_on(problem.level_at(levels))
-    return bool(levels)
 
 
 def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int]) -> dict[int, Evidence]:

@@ -136,12 +136,6 @@ class Evidence:
         return self.chosen.candidate.effect.complexity(self.chosen.subset)
 
 
-def identify(e: Evidence) -> tuple:
-    """What it is evidence on, whatever its shape, except for splines, which their shape tells apart."""
-    term = e.term
-    return (term.effect.name, term.joint, term.subset, term.shape if term.effect.empirical else ())
-
-
 def weigh(
     assembly: Assembly, candidate: Candidate, subset: tuple[int, ...], policy: Policy,
     sums: Sums | None = None, by_fifths: bool = False,

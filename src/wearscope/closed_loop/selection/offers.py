@@ -5,7 +5,7 @@ from typing import Any
 
 from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.assembly import Assembly
-from wearscope.closed_loop.selection.evidence import Evidence, Refusal, identify
+from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Effect, MeasurementEffect
 
@@ -63,6 +63,12 @@ def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
     names = [p.name for p in effect.coefficients]
     richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
     return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
+
+
+def identify(e: Evidence) -> tuple:
+    """What it is evidence on, whatever its shape, except for splines, which their shape tells apart."""
+    term = e.term
+    return (term.effect.name, term.joint, term.subset, term.shape if term.effect.empirical else ())
 
 
 def tell_candidates(

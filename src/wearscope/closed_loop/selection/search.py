@@ -17,12 +17,11 @@ from wearscope.closed_loop.selection.evidence import (
     Found,
     Refusal,
     adjust_p_values,
-    identify,
     on_same_folds,
     weigh,
 )
 from wearscope.closed_loop.selection.forms import Forms
-from wearscope.closed_loop.selection.offers import list_candidates, list_subsets, tell_candidates
+from wearscope.closed_loop.selection.offers import identify, list_candidates, list_subsets, tell_candidates
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.reversal import REVERSAL, is_exact, refine_reversals
@@ -116,8 +115,7 @@ class Search:
 
         Nothing that was left out for names with fewer parameters, unless `every` name is asked.
         """
-        own = [f.joint for f in found if not f.effect.standard]
-        asked = set(joints)
+        own, asked = [f.joint for f in found if not f.effect.standard], set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
         out: Iterable[str] = () if every else self.left_out
@@ -273,9 +271,8 @@ class Search:
 
     def adopt(self, other: "Search") -> None:
         """Go on with another search's problem, and with what it has asked."""
-        self.go_on(other.problem)
-        self.rows, self._step, self.full, self.no_delay = other.rows, other._step, other.full, other.no_delay
-        self.left_out = other.left_out
+        self.__dict__.update(other.__dict__)
+        self._forget_evidence()
 
     def is_believable(self, e: Evidence) -> bool:
         """Whether a standard term's coefficients are within what such machines have."""
