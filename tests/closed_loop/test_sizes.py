@@ -112,3 +112,35 @@ def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_pat
     )
     said = re.search(r"'tau_j1' is (\S+) times what the rigid body needs", bench.refuse())
     assert said is not None and float(said[1]) == pytest.approx(factor, rel=0.03)
+
+
+@pytest.mark.parametrize(("n", "joint", "factor"), [(2, 1, 1.4), (3, 0, 0.7)])
+def test_a_torque_constant_that_is_off_is_told_by_the_other_joints(tmp_path, n, joint, factor):
+    factors = np.where(np.arange(n) == joint, factor, 1.0)
+    text = Bench(tmp_path, n, seconds=9.0).record(torque(factors, mass=1.2)).refuse()
+    said = re.search(r"'tau_j(\d)' is (\S+) times what the other joints' torques need", text)
+    assert said is not None and int(said[1]) == joint + 1
+    assert float(said[2]) == pytest.approx(factor, rel=0.05)
+
+
+def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):
+    """Masses and torque constants that are off alike cannot be told apart, which is said."""
+    notes = Bench(tmp_path, 2, seconds=9.0).record(torque((1.0, 1.0), mass=1.8)).accept()
+    assert any("times what the stated bodies need" in one for one in notes)
+
+
+def test_a_tilted_mount_is_told_next_to_currents(tmp_path):
+    bench = Bench(tmp_path, 3, seconds=9.0)
+    turned = '<link name="w"/><joint name="m" type="fixed"><parent link="w"/><child link="base"/>'
+    turned += '<origin rpy="0 0.8 0"/></joint></robot>'
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace("</robot>", turned))
+    factors = np.array([0.08, 0.08, 0.12])
+    text = bench.record(torque(factors, mass=1.2)).refuse()
+    said = re.search(r"give --gravity (\S+?);", text)
+    assert said is not None
+    want = 9.81 * np.array([-np.sin(0.8), 0.0, -np.cos(0.8)])
+    np.testing.assert_allclose([float(one) for one in said[1].split(",")], want, atol=0.5)
+    sizes = re.search(r"are ([\d., ]+) times what the rigid body needs", text)
+    assert sizes is not None
+    np.testing.assert_allclose([float(one) for one in sizes[1].split(",")], factors, rtol=0.15)

@@ -265,6 +265,16 @@ def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):
     bench.accept("--joints", "arm_1,arm_2,arm_3") if not (tmp_path / "d").exists() else None
 
 
+def test_a_gripper_in_the_urdf_has_no_numbered_column(tmp_path):
+    bench = Bench(tmp_path, 2, 0.5)
+    more = LINK.format(n=9, z=-0.1, m=0.01, i=1e-5, p="l2", o=-0.3).replace('"j9"', '"finger"')
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace("</robot>", more + "</robot>").replace('"j', '"arm'))
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.5, 0.3) + rub(v, 0.1, 0.1))
+    assert "has 2 numbered positions" in (text := bench.refuse()) and "give --joints arm1,arm2." in text
+    bench.accept("--joints", "arm1,arm2")
+
+
 def test_sessions_payloads_and_tests_by_options(tmp_path):
     bench = Bench(tmp_path, 1, 1.0, size=0.5, runs=4)
     bench.record(

@@ -15,7 +15,7 @@ SHARES = ("%", "‰", "permille", "percent")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel",
-    "velocity": "qd dq vel velocity velocities speed speeds omega geschwindigkeit drehzahl vitesse",
+    "velocity": "qd dq vel velocity velocities speed speeds spd omega geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
     "torque": "tau torque torques trq effort efforts eff moment moments mom drehmoment couple force forces "
     "kraft",
@@ -30,11 +30,13 @@ _SERVO = {
 }
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
-_ACTUAL = set("actual act measured meas fbk feedback real ist ai".split())
+_ACTUAL = set("actual act measured meas msr fbk feedback real ist ai".split())
 _TARGET = set(
     "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne".split()
 )
-_OTHER = set("tcp tool pose cartesian error err limit max min std window raw".split())
+_OTHER = set(
+    "tcp tool pose cartesian error err limit max min std window raw ext external est estimated".split()
+)
 _TIME = set("t time timestamp stamp clock datetime date epoch elapsed duration zeit zeitstempel ipoc".split())
 #: Turns by the minute, as drives' makers write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
@@ -53,6 +55,7 @@ _UNITS_OF = {
     "temperature": set(),
 }
 _SUFFIX = re.compile(r"_([A-Za-z]+)$")
+_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
 
 @dataclass(frozen=True)
@@ -100,17 +103,32 @@ def _split_compound(word: str) -> list[str]:
 
 def find_unit(name: str, kind: str) -> str:
     """Unit that a column's name ends with, or has in brackets or as a word; empty where it has none."""
-    bracketed = re.findall(r"[\[(]([^\])]*)[\])]", name)
     # Single letters within a name are more often a joint's or an axis's.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
-    for text in [*bracketed, *_SUFFIX.findall(name), *inner]:
+    for text in [*_BRACKETS.findall(name), *_SUFFIX.findall(name), *inner]:
         if kind == "velocity" and _TURNS_A_MINUTE.fullmatch(text.lower().strip()):
             return "rpm"
-        one, _, time = text.lower().partition("/")
-        word = re.sub(r"[^a-z%‰]", "", one)
+        word, time = _split_unit(text)
         if word in _UNITS_OF.get(kind, set()):
-            return f"{word}/min" if kind == "velocity" and time.strip() == "min" else word
+            return f"{word}/min" if kind == "velocity" and time == "min" else word
     return ""
+
+
+def _split_unit(text: str) -> tuple[str, str]:
+    """Unit without its time, and that: ``deg/s`` -> deg, s."""
+    one, _, time = text.lower().replace("°", "deg").partition("/")
+    return re.sub(r"[^a-z%‰]", "", one), time.strip()
+
+
+def _kind_by_unit(name: str) -> str | None:
+    """Kind of a column by the unit in its brackets; None where it has none, or one of several kinds."""
+    for text in _BRACKETS.findall(name):
+        word, time = _split_unit(text)
+        kinds = ("velocity",) if time in ("s", "sec", "min") else ("position", "torque", "current")
+        found = [kind for kind in kinds if word in _UNITS_OF[kind]]
+        if len(found) == 1 and time in ("", "s", "sec", "min"):
+            return found[0]
+    return None
 
 
 def _without_unit(name: str, kind: str) -> str:
@@ -130,10 +148,14 @@ def tell_kind(words: Sequence[str]) -> str | None:
     return "velocity" if kind == "position" and "dot" in words else kind
 
 
-def _is_kind(words: Sequence[str], kind: str) -> bool:
+def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
+    """Whether a column with these words, its joint's left out, is of a kind."""
+    told = tell_kind(words)
     if kind in _SERVO:
-        return bool(_SERVO[kind] & set(words)) and (kind == "on" or tell_kind(words) is None)
-    return tell_kind(words) == kind and not _SERVO["on"] & set(words)
+        return bool(_SERVO[kind] & set(words)) and (kind == "on" or told is None)
+    if told is None and not any(_SERVO[one] & set(words) for one in _SERVO):
+        told = _kind_by_unit(column)
+    return told == kind and not _SERVO["on"] & set(words)
 
 
 def _contains(words: Sequence[str], part: Sequence[str]) -> bool:
@@ -163,7 +185,7 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     """
     names = _own_words(joints)
     by_name: dict[tuple[str, ...], dict[int, str]] = {}
-    by_number: dict[tuple[str, ...], dict[int, str]] = {}
+    by_number = _number(columns, kind)
     for column in columns:
         words = split_name(_without_unit(column, kind))
         matches = [
@@ -172,14 +194,11 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
         if matches:
             _, best, name = max(matches, key=lambda one: one[0])
             without = _remove(words, name)
-            if _is_kind(without, kind):
+            if _is_kind(without, kind, column):
                 by_name.setdefault(tuple(without), {})[best] = column
         numbers = [word for word in words if word.isdigit()]
-        if not matches and not numbers and len(joints) == 1 and _is_kind(words, kind):
+        if not matches and not numbers and len(joints) == 1 and _is_kind(words, kind, column):
             by_name.setdefault(tuple(words), {})[0] = column
-        if numbers and _is_kind(words, kind):
-            left = [word for word in words if not word.isdigit()]
-            by_number.setdefault(tuple(left), {})[int(numbers[-1])] = column
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
     n = len(joints)
     for rest, taken in by_number.items():
@@ -197,6 +216,28 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     return [Group(kind, chosen) for chosen in ranked]
 
 
+def _number(columns: Sequence[str], kind: str) -> dict[tuple[str, ...], dict[int, str]]:
+    """Columns of a kind by their words and their numbers."""
+    by_number: dict[tuple[str, ...], dict[int, str]] = {}
+    for column in columns:
+        words = split_name(_without_unit(column, kind))
+        numbers = [word for word in words if word.isdigit()]
+        if numbers and _is_kind(words, kind, column):
+            left = tuple(word for word in words if not word.isdigit())
+            by_number.setdefault(left, {})[int(numbers[-1])] = column
+    return by_number
+
+
+def count_numbered(columns: Sequence[str]) -> int:
+    """How many positions are numbered without a gap, of the likeliest ones; 0 where none are."""
+    counts = {
+        rest: len(taken)
+        for rest, taken in _number(columns, "position").items()
+        if set(taken) in ({*range(len(taken))}, {*range(1, len(taken) + 1)})
+    }
+    return counts[min(counts, key=lambda rest: _rank(rest, "position"))] if counts else 0
+
+
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
     """By joint its name in words, and without words that all joints have, where more than numbers stay."""
     names = [split_name(joint) for joint in joints]
@@ -209,12 +250,15 @@ def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
 
 def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Joints whose names stand in columns of positions."""
-    words = [split_name(_without_unit(column, "position")) for column in columns]
+    words = {column: split_name(_without_unit(column, "position")) for column in columns}
     own = {joint: split_name(joint) for joint in joints}
     return [
         joint
         for joint, name in own.items()
-        if any(_contains(one, name) and _is_kind(_remove(one, name), "position") for one in words)
+        if any(
+            _contains(one, name) and _is_kind(_remove(one, name), "position", column)
+            for column, one in words.items()
+        )
     ]
 
 

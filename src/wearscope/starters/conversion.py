@@ -12,7 +12,7 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints
 from wearscope.robots.urdf_file import Joint, parse_urdf
-from wearscope.starters.columns import find_groups, find_time, name_joints
+from wearscope.starters.columns import count_numbered, find_groups, find_time, name_joints
 from wearscope.starters.figures import take_option
 from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.mapped import Mapped
@@ -98,12 +98,18 @@ def _propose_joints(
     """Refuse a URDF with more joints than the columns, with those that the columns have."""
     file, frame, _ = read[0]
     columns = [str(column) for column in frame.columns]
-    named = name_joints(columns, joints)
-    if named and len(named) < len(joints) and not find_groups(columns, joints, "position"):
-        raise InputError(
-            f"{file}: has positions of {', '.join(named)}, and {urdf.name} moves {len(joints)} joints; give "
-            f"--joints {','.join(named)}."
-        )
+    if find_groups(columns, joints, "position"):
+        return
+    named, numbered = name_joints(columns, joints), count_numbered(columns)
+    if named and len(named) < len(joints):
+        told, given = f"positions of {', '.join(named)}", named
+    elif not named and 1 < numbered < len(joints):
+        told, given = f"{numbered} numbered positions", list(joints[:numbered])
+    else:
+        return
+    raise InputError(
+        f"{file}: has {told}, and {urdf.name} moves {', '.join(joints)}; give --joints {','.join(given)}."
+    )
 
 
 def _note(notes: list[str], told: Sequence[str], file: str) -> None:

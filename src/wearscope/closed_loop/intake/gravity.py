@@ -30,24 +30,30 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         "motors' whole torque."
     )
     yield Reading(told, ("without_gravity tau",), heard, none)
-    direction = _find_gravity(rows)
+    yield from read_mount(asked, heard)
+    if not 9.7 < size < 9.9:
+        told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
+        yield Reading(told, ("size gravity",), heard, replace(rows, gravity=9.81 / size).products, True)
+
+
+def read_mount(asked: Asked, heard: tuple[int, ...], any_size: bool = False) -> Iterator[Reading]:
+    """Gravity along another direction of the base, of torques as they are or of any size."""
+    direction = _find_gravity(asked.rows, any_size)
     if direction is not None:
-        along = ", ".join(f"{one + 0.0:.3g}" for one in size * direction)
+        gravity = float(np.linalg.norm(asked.rows.bodies[0].gravity)) * direction
+        along = ", ".join(f"{one + 0.0:.3g}" for one in gravity)
         told = (
             f"gravity acts along [{along}] in the base frame, as of a robot that is mounted so; write "
             f'"gravity: [{along}]" below robot in dataset.yaml.'
         )
-        yield Reading(told, ("sign gravity",), heard, _with_gravity(rows, size * direction).products)
-    if not 9.7 < size < 9.9:
-        told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
-        yield Reading(told, ("size gravity",), heard, replace(rows, gravity=9.81 / size).products, True)
+        yield Reading(told, ("sign gravity",), heard, _with_gravity(asked.rows, gravity).products)
 
 
 def _with_gravity(rows: Rows, gravity: np.ndarray) -> Rows:
     return replace(rows, bodies=tuple(body.with_gravity(gravity.tolist()) for body in rows.bodies))
 
 
-def _find_gravity(rows: Rows) -> np.ndarray | None:
+def _find_gravity(rows: Rows, any_size: bool) -> np.ndarray | None:
     """Direction (3,) of gravity that leaves least; None where it is as stated."""
     few = rows.thin(_FEW)
     stated = np.array(rows.bodies[0].gravity)
@@ -55,7 +61,7 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
 
     def miss(direction: np.ndarray) -> float:
         gravity = size * direction / max(np.linalg.norm(direction), 1e-9)
-        return _with_gravity(few, gravity).products.fit().total
+        return _with_gravity(few, gravity).products.miss(any_size)
 
     every = np.array([one for one in np.ndindex(3, 3, 3) if one != (1, 1, 1)], dtype=float) - 1.0
     start = min(every, key=miss)
@@ -70,5 +76,6 @@ def _find_gravity(rows: Rows) -> np.ndarray | None:
     found = found / np.linalg.norm(found)
     # A balancer gives at most what gravity does, and is a tilt; a spring may give more, and fits better.
     tilts = float(np.linalg.norm(found - stated / size)) < 1.0
-    told = few.is_worth if tilts else few.rivals_springs
-    return np.asarray(found) if told(miss(found)) else None
+    left = miss(found)
+    told = few.is_worth(left, any_size) if tilts else few.rivals_springs(left)
+    return np.asarray(found) if told else None

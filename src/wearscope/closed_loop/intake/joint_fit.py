@@ -30,8 +30,10 @@ LEAST_ROWS = 30
 #: Share of a torque's variance that a reading removes at least.
 WORTH = 0.05
 #: Share of a torque's variance that is none.
-_ALIKE = 0.01
+NONE = 0.01
 _HELD = 1e-9
+#: How many times as far links may differ at the same cost where they are free.
+_FREE = 30.0
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,13 @@ class Rows:
     gravity: float = 1.0
     springs: bool = False
 
-    def is_worth(self, total: float) -> bool:
+    def is_worth(self, total: float, any_size: bool = False) -> bool:
         """Whether a reading leaves clearly less than springs and balancers of all joints would."""
-        return total < replace(self, springs=True).products.fit().total - WORTH
+        return total < replace(self, springs=True).products.miss(any_size) - WORTH
 
     def rivals_springs(self, total: float) -> bool:
         """Whether a reading does about as well as springs and balancers of all joints would."""
-        return total < 2.0 * replace(self, springs=True).products.fit().total + _ALIKE
+        return total < 2.0 * replace(self, springs=True).products.fit().total + NONE
 
     @property
     def n(self) -> int:
@@ -239,6 +241,11 @@ class Products:
             grams.append(gram * np.outer(scale, scale))
         return replace(self, grams=grams, scale=self.scale / np.abs(size))
 
+    def free_links(self) -> "Products":
+        """Products of links that may differ from the stated ones at next to no cost."""
+        units = np.append(np.full(self.size, _FREE), np.ones(len(DRIVE) + 2))
+        return replace(self, grams=[g * np.outer(units, units) if g.size else g for g in self.grams])
+
     def run_backwards(self) -> "Products":
         """Products of friction that gives power."""
         p, d = self.size, len(DRIVE)
@@ -283,6 +290,10 @@ class Products:
             friction[j] = rubs @ part[p : p + d, p : p + d][FRICTION, FRICTION] @ rubs
         return Fit(left, _COST * float(moved @ moved), friction)
 
+    def miss(self, any_size: bool = False) -> float:
+        """What all joints leave, with torques as they are or each of any size."""
+        return self.any_size if any_size else self.fit().total
+
     @property
     def any_size(self) -> float:
         """What each joint by itself leaves, with a body of any size or none."""
@@ -310,7 +321,8 @@ class Products:
             for way in (1.0, -1.0):
                 one, found = _left(gram, np.arange(d + 1), way)
                 plain, held = _left(gram, np.arange(1, d + 1), way)
-                size = held[-1] if plain < one + _ALIKE else found[-1]
+                none = _left(gram, np.arange(1, d), way)[0]
+                size = held[-1] if plain - one < NONE * (none - one) else found[-1]
                 if one < left[j]:
                     left[j], factor[j] = one, way * size
         return factor, left, without

@@ -10,16 +10,15 @@ from dataclasses import replace
 import numpy as np
 from scipy import interpolate
 
-from wearscope.closed_loop.intake.asked import Asked, Reading
+from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.readings import find_reading, list_readings
-from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.rough_model import fit_rough
-from wearscope.closed_loop.intake.sizes import find_impossible_sizes, leave, say_sizes
+from wearscope.closed_loop.intake.signal_checks import check_signals
+from wearscope.closed_loop.intake.sizes import find_constants, find_impossible_sizes, leave, say_sizes
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
-from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: Share of a torque's variance above which a joint, or a run, is doubted.
 _DOUBTFUL = 0.1
@@ -32,8 +31,6 @@ _MOST_ROWS, _MOST_OF_RUN = 4000, 1200
 #: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
 #: explains all but a share of it.
 _QUIET, _IDLE = 0.2, 0.3
-#: Counts of a torque that a joint which holds still may swing by.
-_COUNTS = 5.0
 #: Share of its reach below which a joint rests in a run.
 _RESTS = 1e-2
 #: Share of a torque's variance below which there is no friction in it; factor below which there is no body.
@@ -54,12 +51,10 @@ def check_plausibility(prepared: Prepared) -> None:
     asked = ask_runs(prepared)
     left = np.array([asked.pick(asked.run == run).products.fit().left for run in range(len(prepared.runs))])
     for run, own in zip(prepared.runs, left, strict=True):
-        _check_limits(prepared, run, own)
-        if run.piece < 2:
-            _check_speeds(prepared, run)
-        _check_frozen(prepared, run)
+        check_signals(prepared, run, own <= _DOUBTFUL)
     _check_readings(prepared, asked, left)
     _check_sizes(prepared, asked)
+    _check_constants(prepared, asked)
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
@@ -115,13 +110,6 @@ def _pick(run: PreparedRun, runs: int) -> slice:
     return slice(None, None, max(1, len(run.t) // most))
 
 
-def _refuse(prepared: Prepared, where: str, told: str, *codes: str) -> None:
-    """Refuse by inference; noted instead where the data set accepts it."""
-    note = prepared.dataset.accepted.refuse(where, told, *codes)
-    if note not in prepared.notes:
-        prepared.notes.append(note)
-
-
 def _check_sizes(prepared: Prepared, whole: Rows) -> None:
     """Torques of joints at which body and drive's inertia move alike, so that one passes for the other."""
     every = range(len(prepared.runs))
@@ -133,7 +121,30 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
             where = where / prepared.runs[runs[0]].file
         at = np.flatnonzero(np.isfinite(sizes[runs[0]]))
         told, codes = say_sizes(_ask(prepared, whole), at, sizes[runs[0]])
-        _refuse(prepared, str(where), told, *codes)
+        prepared.refuse(str(where), told, *codes)
+
+
+def _check_constants(prepared: Prepared, whole: Rows) -> None:
+    """Torques by a constant that is off: refused where no masses are instead, else a note."""
+    size, certain = find_constants(whole)
+    at = np.flatnonzero(size != 1.0)
+    if not len(at):
+        return
+    names = [f"tau_{prepared.dataset.joints[j]}" for j in at]
+    told = (
+        f"{say_columns(names)} {'are' if len(at) > 1 else 'is'} {', '.join(f'{one:.3g}' for one in size[at])}"
+    )
+    if certain:
+        told += (
+            " times what the other joints' torques need, whatever the links weigh, as by a torque constant "
+            "that is off; give torque on the joint side of the gear in N m (or N)."
+        )
+        prepared.refuse(str(prepared.dataset.folder), told, *(f"gain {name}" for name in names))
+    else:
+        prepared.notes.append(
+            f"{told} times what the stated bodies need: their masses or the torque constants are off, and "
+            "friction is as far off as the constants are."
+        )
 
 
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
@@ -155,7 +166,7 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
             where = prepared.dataset.folder
             if len(group) < len(prepared.runs):
                 where = where / prepared.runs[group[0]].file
-            _refuse(prepared, str(where), found.told, *found.codes)
+            prepared.refuse(str(where), found.told, *found.codes)
 
 
 def _is_borne_out(prepared: Prepared, whole: Rows, found: Reading, others: np.ndarray) -> bool:
@@ -221,7 +232,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
                 f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "
                 "middle joint's); check that the columns belong together, their units, and the URDF."
             )
-            _refuse(prepared, str(prepared.dataset.folder / run.file), told, "unrelated tau")
+            prepared.refuse(str(prepared.dataset.folder / run.file), told, "unrelated tau")
     # Links may weigh less than stated, and then an overstated body leaves more than there is.
     held = replace(whole, springs=True).products
     own = np.nan_to_num(np.fmin.reduce([held.fit().left, *held.fit_sizes()[1:]]))
@@ -234,7 +245,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
             f"{', '.join(names)}, as where the base moves or something is touched; measure on a fixed base "
             "and free of contact, or check that the columns belong together, their units, and the URDF."
         )
-        _refuse(prepared, str(prepared.dataset.folder), told, "unrelated tau")
+        prepared.refuse(str(prepared.dataset.folder), told, "unrelated tau")
     for name, size in zip(names, sizes, strict=True):
         told = f"{name}: body, friction and springs leave {size:.0f} % of this torque (RMS), and no reading"
         prepared.notes.append(f"{told} of its column is better.")
@@ -283,69 +294,3 @@ def _torque_spread(run: PreparedRun) -> np.ndarray:
     return np.array(
         [y[at].std() if at.any() else 0.0 for y, at in zip(run.measured.T, run.keep.T, strict=True)]
     )
-
-
-def _check_limits(prepared: Prepared, run: PreparedRun, stated: np.ndarray) -> None:
-    """Positions far outside the URDF's limits, which no zero offset explains, of joints not explained so."""
-    for joint in parse_urdf(prepared.urdf).joints:
-        j = prepared.dataset.joints.index(joint.name)
-        widest = max(abs(joint.lower), abs(joint.upper))
-        slides = prepared.dataset.position_unit[j] == "m"
-        reach = float(np.abs(run.signals.q[:, j]).max())
-        beyond = widest < 0.1 * OPEN_LIMIT and reach > 2.0 * widest + (0.2 if slides else 2 * np.pi)
-        if beyond and not stated[j] <= _DOUBTFUL:
-            unit, other = ("m", "mm") if slides else ("rad", "degrees")
-            told = (
-                f"column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's limits are {joint.lower:.3g} "
-                f"to {joint.upper:.3g} {unit}; if it is in {other} or before the gear, convert it to the "
-                f"joint's {unit}."
-            )
-            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
-
-
-def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
-    """Given speeds that are not the positions' derivative."""
-    recorded = next(r for r in prepared.dataset.runs if r.file == run.file).load()
-    if recorded.qd is None:
-        return
-    rate = prepared.dataset.fields.sample_rate
-    slope = differentiate(low_pass(recorded.q, run.band.torque, rate), rate)
-    for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)):
-        given = low_pass(recorded.qd[:, [j]], run.band.torque, rate)[:, 0]
-        both = float(given @ slope[:, j])
-        gain = both / max(float(slope[:, j] @ slope[:, j]), 1e-300)
-        alike = both / max(float(np.linalg.norm(given) * np.linalg.norm(slope[:, j])), 1e-300)
-        moves = np.ptp(recorded.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0]))
-        if moves and not (0.8 < gain < 1.25 and alike > 0.8):
-            joint = prepared.dataset.joints[j]
-            told = (
-                f"column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' (correlation "
-                f"{alike:.2f}); give the joint's speed in rad/s or m/s, or leave the column out."
-            )
-            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"speed qd_{joint}")
-
-
-def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
-    """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
-
-    A held joint's brake and motor share the load that the others' motion makes. Noise is known by its band.
-    """
-    recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
-    for j in np.flatnonzero(recorded.reach == 0.0).tolist():
-        load = run.reduce(run.known[:, [j]])[:, 0]
-        swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])
-        usual = max(_span(other.measured[:, j]) for other in prepared.runs)
-        if torque < _COUNTS * float(estimate_quantum(run.tau[:, [j]])[0]):
-            continue
-        steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
-        if steady and min(swing, torque) > 0.5 * usual and swing + torque > 1.6 * _span(load):
-            joint = prepared.dataset.joints[j]
-            told = (
-                f"column 'q_{joint}' never changes while 'tau_{joint}' swings by {torque:.3g}; the encoder's "
-                "channel is dead, record the run again or leave it out."
-            )
-            _refuse(prepared, str(prepared.dataset.folder / run.file), told, f"frozen q_{joint}")
-
-
-def _span(x: np.ndarray) -> float:
-    return float(np.ptp(np.percentile(x, [2, 98])))

@@ -137,6 +137,12 @@ class Prepared:
         square = sum((run.signals.load**2).sum(axis=0) for run in runs)
         return np.asarray(np.sqrt(square / sum(len(run.signals.t) for run in runs)))
 
+    def refuse(self, where: str, told: str, *codes: str) -> None:
+        """Refuse by inference; noted instead where the data set accepts it."""
+        note = self.dataset.accepted.refuse(where, told, *codes)
+        if note not in self.notes:
+            self.notes.append(note)
+
     def bound(self, parameters: Iterable[Parameter], joint: int) -> list[tuple[float, float]]:
         """Believable bounds of parameters of an effect at a joint."""
         unit, load = self.dataset.position_unit[joint], float(self.load_size[joint])

@@ -13,7 +13,7 @@ from scipy import optimize
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.gravity import read_gravity
+from wearscope.closed_loop.intake.gravity import read_gravity, read_mount
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
@@ -27,7 +27,7 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
 )
 #: What the stated reading must leave for others to be asked, in shares of a torque's variance; a reading's
 #: joints must then keep less than a share of what it removes. Totals that differ by less are alike. Where a
-#: joint keeps more than the last, two faults at once are asked for.
+#: joint keeps, or its links cost, more than the last, two faults at once are asked for.
 _DOUBTFUL, _CLEAR, _ALIKE, _POOR = 0.015, 0.3, 0.02, 0.1
 #: Rows of a first look; least span of a position in degrees that is a motion.
 _FIRST_LOOK, _LEAST_DEGREES = 900, 1.0
@@ -51,8 +51,10 @@ def find_reading(asked: Asked, every: list[Reading], ignored: frozenset[str] = f
     stated = asked.rows.products.fit()
     some = [one for one in every if not set(one.codes) & ignored]
     best = _choose(some, stated, asked.rows.products.any_size)
-    if best is None and some and np.nanmax(stated.left) > _POOR:
+    if best is None and some and max(np.nanmax(stated.left), stated.cost) > _POOR:
         better = [one for one in some if one.fit.total < stated.total - _DOUBTFUL]
+        heard = tuple(asked.rows.products.heard)
+        better += [*read_mount(asked, heard, any_size=True), *read_zeros(asked, any_size=True)]
         pairs = [pair for one in better for pair in read_sizes(asked, one)]
         best = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
     return best
@@ -66,7 +68,8 @@ def _choose(readings: list[Reading], stated: Fit, rival: float) -> Reading | Non
         if removed > _DOUBTFUL and not reading.any_size:
             removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))
         kept = float(np.nansum(reading.fit.left[list(reading.joints)]))
-        if removed < _DOUBTFUL or kept > _CLEAR * removed:
+        # What is removed of its torques is at most all that they vary: their misfit may be any size.
+        if removed < _DOUBTFUL or kept > _CLEAR * min(removed, len(reading.joints)):
             continue
         if best is None or reading.fit.total < best.fit.total - _ALIKE:
             best = reading
@@ -92,7 +95,7 @@ def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:
     yield Reading(told, ("backwards t",), heard, rows.products.run_backwards())
     yield from _read_units(asked, heard)
     yield from _read_turned_positions(asked)
-    yield from read_zeros(asked, stated)
+    yield from read_zeros(asked)
     yield from _read_exchanges(asked, stated)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.joint_fit import Products, Rows
+from wearscope.closed_loop.intake.joint_fit import NONE, Products, Rows
+from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Torque over need beyond which a factor is no error of the model.
 _SMALL, _LARGE = 0.25, 4.0
@@ -18,6 +19,9 @@ _BODY = 0.5
 #: Factors that are tried, in octaves; shares of a torque's variance from which another is sought, and that it
 #: must remove.
 _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
+#: Octaves by which a torque constant may look off; shares of what is left, that another one must remove to be
+#: sought, and that all of them must leave at most.
+_NEAR, _SOME, _CLEAR = 0.3, 0.05, 0.3
 #: Least span of a position in mm that is a motion.
 LEAST_MM = 5.0
 
@@ -25,16 +29,12 @@ LEAST_MM = 5.0
 def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
     """Motor-side torque, currents, newton-millimetres, masses in grams, also on top of another reading."""
     products = asked.rows.products if other is None else other.products
-    factor, loose, without = products.fit_sizes()
-    with np.errstate(invalid="ignore"):
-        off = _is_off(factor) & (factor != 0.0) & (loose < _BODY * without)
-    size = _find_sizes(products, np.where(off, np.nan_to_num(factor, nan=1.0), 1.0))
-    size = np.where(_is_off(size), size, 1.0)
+    _, loose, without = products.fit_sizes()
+    size = find_sizes(products)
     read = products.resize(size)
-    fit = read.fit()
     at = np.flatnonzero(size != 1.0)
     # A torque in which no body is seen is of any size.
-    if len(at) and np.all(fit.left[at] < _BODY * without[at]) and asked.rows.rivals_springs(fit.total):
+    if len(at) and np.all(loose[at] < _BODY * without[at]) and asked.rows.rivals_springs(read.fit().total):
         told, codes = say_sizes(asked, at, size)
         if other is None:
             yield Reading(told, codes, tuple(at.tolist()), read, True)
@@ -43,18 +43,71 @@ def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
             yield Reading(told, (*other.codes, *codes), tuple(read.heard), read, True)
 
 
+def find_constants(rows: Rows) -> tuple[np.ndarray, bool]:
+    """Torques of some joints by a constant that no drive's torque constant is off by.
+
+    Returns
+    -------
+    size : ndarray (n,)
+        Torque over need; 1 where the fit does not clearly ask for another.
+    certain : bool
+        Whether it does whatever the links weigh. Joints share the links: a factor of one torque alone is no
+        other mass.
+    """
+    products = rows.products
+    size, stated = np.ones(rows.n), products.fit().total
+    least = stated
+    for j in 2 * products.heard if stated > NONE else []:
+
+        def miss(octave: float, j: int = j) -> float:
+            return products.resize(_at(size, j, 2.0**octave)).fit().total
+
+        if min(miss(-_NEAR), miss(_NEAR)) < least - _SOME * stated or size[j] != 1.0:
+            fine = optimize.minimize_scalar(
+                miss, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 0.01}
+            )
+            if fine.fun < least:
+                size[j], least = 2.0**fine.x, float(fine.fun)
+    low, high = TORQUE_CONSTANT.coefficients[0].bounds("rad", 1.0)
+    size = np.where((size - 1.0 < low) | (size - 1.0 > high), size, 1.0)
+    for one in (products.free_links(), products):
+        found = _leave_out_idle(one, size)
+        if (found != 1.0).any():
+            return found, one is not products
+    return found, False
+
+
+def _leave_out_idle(products: Products, size: np.ndarray) -> np.ndarray:
+    """Those of the factors (n,) that are needed to leave little of what torques as stated leave."""
+    most, size = _CLEAR * products.fit().total, size.copy()
+    for j in np.flatnonzero(size != 1.0).tolist():
+        if products.resize(_at(size, j, 1.0)).fit().total < most:
+            size[j] = 1.0
+    return size if products.resize(size).fit().total < most else np.ones(len(size))
+
+
+def _at(size: np.ndarray, j: int, one: float) -> np.ndarray:
+    other = size.copy()
+    other[j] = one
+    return other
+
+
 def _is_off(size: np.ndarray) -> np.ndarray:
     return np.asarray((np.abs(size) < _SMALL) | (np.abs(size) > _LARGE))
 
 
-def _find_sizes(products: Products, start: np.ndarray) -> np.ndarray:
-    """Torque over need (n,) at which the fit of all joints leaves least, the most telling joint first."""
-    size, free = start.copy(), list(products.heard)
+def find_sizes(products: Products) -> np.ndarray:
+    """Torque over need (n,) at which the fit of all joints leaves least, the most telling joint first.
+
+    1 where it is no more than an error of the model.
+    """
+    factor, loose, without = products.fit_sizes()
+    with np.errstate(invalid="ignore"):
+        off = _is_off(factor) & (factor != 0.0) & (loose < _BODY * without)
+    size, free = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0), list(products.heard)
 
     def miss(octave: float, j: int) -> float:
-        other = size.copy()
-        other[j] *= 2.0**octave
-        return products.resize(other).fit().total
+        return products.resize(_at(size, j, size[j] * 2.0**octave)).fit().total
 
     least = products.resize(size).fit().total
     while free and least > _LEFT:
@@ -68,7 +121,7 @@ def _find_sizes(products: Products, start: np.ndarray) -> np.ndarray:
         size[j] *= 2.0**fine.x
         least = float(fine.fun)
         free.remove(j)
-    return size
+    return np.where(_is_off(size), size, 1.0)
 
 
 def say_sizes(asked: Asked, at: np.ndarray, size: np.ndarray) -> tuple[str, tuple[str, ...]]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import WORTH, Fit, Rows
+from wearscope.closed_loop.intake.joint_fit import WORTH, Rows
 
 #: Rows on which shifts are sought; share of a torque's variance that the stated zeros must leave.
 _FEW, _LEFT = 300, 0.1
@@ -16,26 +16,26 @@ _STEP = np.pi / 4.0
 _NEAR = 0.04
 
 
-def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
-    """Positions of some joints that turn, shifted by a constant."""
+def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
+    """Positions of some joints that turn, shifted by a constant; torques as they are or of any size."""
     few, shift = asked.rows.thin(_FEW), np.zeros(asked.rows.n)
     turning = [j for j in few.products.heard if not asked.slides[j]]
-    least = few.products.fit().total
-    if stated.total < _LEFT:
+    least = few.products.miss(any_size)
+    if asked.rows.products.miss(any_size) < _LEFT:
         return
     for _ in turning:
         # A joint that was shifted for its parent's sake is turned back with it.
         ways = [np.eye(few.n)[j] for j in turning if not shift[j]]
         ways += [way - np.eye(few.n)[j] for way in ways for j in np.flatnonzero(shift)]
         tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4)]
-        totals = [_left(few, shift + by * way) for way, by in tried]
+        totals = [_left(few, shift + by * way, any_size) for way, by in tried]
         if not totals or min(totals) > least - WORTH:
             break
         way, by = tried[int(np.argmin(totals))]
-        shift = _refine(few, shift + by * way)
-        least = _left(few, shift)
+        shift = _refine(few, shift + by * way, any_size)
+        least = _left(few, shift, any_size)
     moved = np.flatnonzero(shift)
-    if not len(moved) or not few.is_worth(least):
+    if not len(moved) or not few.is_worth(least, any_size):
         return
     names, sizes = asked.names(moved, "q"), [f"{shift[j]:.4g}" for j in moved]
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
@@ -49,11 +49,11 @@ def read_zeros(asked: Asked, stated: Fit) -> Iterator[Reading]:
     yield Reading(told, codes, tuple(moved.tolist()), whole.products)
 
 
-def _left(rows: Rows, shift: np.ndarray) -> float:
-    return replace(rows, q=rows.q + shift).products.fit().total
+def _left(rows: Rows, shift: np.ndarray, any_size: bool) -> float:
+    return replace(rows, q=rows.q + shift).products.miss(any_size)
 
 
-def _refine(rows: Rows, start: np.ndarray) -> np.ndarray:
+def _refine(rows: Rows, start: np.ndarray, any_size: bool) -> np.ndarray:
     """Shifts near a first guess that leave least, as quarter turns where they are near some."""
     moved = np.flatnonzero(start)
 
@@ -65,7 +65,7 @@ def _refine(rows: Rows, start: np.ndarray) -> np.ndarray:
     simplex = start[moved] + 0.2 * np.vstack([np.zeros(len(moved)), np.eye(len(moved))])
     options = {"initial_simplex": simplex, "maxfev": 40 * len(moved), "xatol": 2e-3, "fatol": 1e-5}
     found = optimize.minimize(
-        lambda x: _left(rows, shift(x)), start[moved], method="Nelder-Mead", options=options
+        lambda x: _left(rows, shift(x), any_size), start[moved], method="Nelder-Mead", options=options
     ).x
     quarters = np.pi / 2.0 * np.round(found / (np.pi / 2.0))
     return shift(np.where((quarters != 0.0) & (np.abs(found - quarters) < _NEAR), quarters, found))

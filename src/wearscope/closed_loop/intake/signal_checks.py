@@ -1,0 +1,97 @@
+"""Whether signals of a run can be: positions within limits, speeds that are slopes, encoders that live."""
+
+import numpy as np
+
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.recording import estimate_quantum
+from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+
+#: Counts of a torque that a joint which holds still may swing by.
+_COUNTS = 5.0
+
+
+def check_signals(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -> None:
+    """Refuse signals of a run that cannot be.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    run : PreparedRun
+    explained : ndarray (n,) of bool
+        Joints whose torque the positions as stated explain, wherever they are.
+
+    Raises
+    ------
+    InputError
+    """
+    _check_limits(prepared, run, explained)
+    if run.piece < 2:
+        _check_speeds(prepared, run)
+    _check_frozen(prepared, run)
+
+
+def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -> None:
+    """Positions far outside the URDF's limits, which no zero offset explains, of joints not explained so."""
+    for joint in parse_urdf(prepared.urdf).joints:
+        j = prepared.dataset.joints.index(joint.name)
+        widest = max(abs(joint.lower), abs(joint.upper))
+        slides = prepared.dataset.position_unit[j] == "m"
+        reach = float(np.abs(run.signals.q[:, j]).max())
+        beyond = widest < 0.1 * OPEN_LIMIT and reach > 2.0 * widest + (0.2 if slides else 2 * np.pi)
+        if beyond and not explained[j]:
+            unit, other = ("m", "mm") if slides else ("rad", "degrees")
+            told = (
+                f"column 'q_{joint.name}' reaches {reach:.3g}, where the URDF's limits are {joint.lower:.3g} "
+                f"to {joint.upper:.3g} {unit}; if it is in {other} or before the gear, convert it to the "
+                f"joint's {unit}."
+            )
+            prepared.refuse(str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
+
+
+def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
+    """Given speeds that are not the positions' derivative."""
+    recorded = next(r for r in prepared.dataset.runs if r.file == run.file).load()
+    if recorded.qd is None:
+        return
+    rate = prepared.dataset.fields.sample_rate
+    slope = differentiate(low_pass(recorded.q, run.band.torque, rate), rate)
+    for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)):
+        given = low_pass(recorded.qd[:, [j]], run.band.torque, rate)[:, 0]
+        both = float(given @ slope[:, j])
+        gain = both / max(float(slope[:, j] @ slope[:, j]), 1e-300)
+        alike = both / max(float(np.linalg.norm(given) * np.linalg.norm(slope[:, j])), 1e-300)
+        moves = np.ptp(recorded.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0]))
+        if moves and not (0.8 < gain < 1.25 and alike > 0.8):
+            joint = prepared.dataset.joints[j]
+            told = (
+                f"column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' (correlation "
+                f"{alike:.2f}); give the joint's speed in rad/s or m/s, or leave the column out."
+            )
+            prepared.refuse(str(prepared.dataset.folder / run.file), told, f"speed qd_{joint}")
+
+
+def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
+    """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
+
+    A held joint's brake and motor share the load that the others' motion makes. Noise is known by its band.
+    """
+    recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
+    for j in np.flatnonzero(recorded.reach == 0.0).tolist():
+        load = run.reduce(run.known[:, [j]])[:, 0]
+        swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])
+        usual = max(_span(other.measured[:, j]) for other in prepared.runs)
+        if torque < _COUNTS * float(estimate_quantum(run.tau[:, [j]])[0]):
+            continue
+        steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
+        if steady and min(swing, torque) > 0.5 * usual and swing + torque > 1.6 * _span(load):
+            joint = prepared.dataset.joints[j]
+            told = (
+                f"column 'q_{joint}' never changes while 'tau_{joint}' swings by {torque:.3g}; the encoder's "
+                "channel is dead, record the run again or leave it out."
+            )
+            prepared.refuse(str(prepared.dataset.folder / run.file), told, f"frozen q_{joint}")
+
+
+def _span(x: np.ndarray) -> float:
+    return float(np.ptp(np.percentile(x, [2, 98])))
