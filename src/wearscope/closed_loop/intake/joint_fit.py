@@ -33,7 +33,7 @@ WORTH = 0.05
 NONE = 0.01
 _HELD = 1e-9
 #: How many times as far links may differ at the same cost where they are free.
-_FREE = 30.0
+_FREE = 300.0
 
 
 @dataclass(frozen=True)

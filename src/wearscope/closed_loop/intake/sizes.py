@@ -20,8 +20,8 @@ _BODY = 0.5
 #: must remove.
 _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
 #: Octaves by which a torque constant may look off; shares of what is left, that another one must remove to be
-#: sought, and that all of them must leave at most.
-_NEAR, _SOME, _CLEAR = 0.3, 0.05, 0.3
+#: sought, and that all of them must leave at most; share of a torque's variance that they must remove.
+_NEAR, _SOME, _CLEAR, _LEAST = 0.3, 0.05, 0.3, 1e-3
 #: Least span of a position in mm that is a motion.
 LEAST_MM = 5.0
 
@@ -79,7 +79,8 @@ def find_constants(rows: Rows) -> tuple[np.ndarray, bool]:
 
 def _leave_out_idle(products: Products, size: np.ndarray) -> np.ndarray:
     """Those of the factors (n,) that are needed to leave little of what torques as stated leave."""
-    most, size = _CLEAR * products.fit().total, size.copy()
+    stated, size = products.fit().total, size.copy()
+    most = min(_CLEAR * stated, stated - _LEAST)
     for j in np.flatnonzero(size != 1.0).tolist():
         if products.resize(_at(size, j, 1.0)).fit().total < most:
             size[j] = 1.0
