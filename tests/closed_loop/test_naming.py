@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,24 +9,16 @@ from scipy import stats
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.candidates import Candidate
-from wearscope.closed_loop.selection import naming
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
-from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, weigh
+from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal
 from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.single_joints import does_as_well
-from wearscope.closed_loop.selection.stepwise import find_standard
 from wearscope.effects.base import load_effect
 
 POLICY = Policy()
 BLOCKS = 60
-#: A spring, and a mass on the last link that nobody declared.
-PLANTED = [
-    (0, "joint_spring", {"stiffness": 30.0, "preload": 0.0}),
-    (1, "payload_error", {"mass": 4.0, "moment_x": 1.5}),
-]
 NAMES = ("quadratic_viscous", "viscous_asymmetry", "joint_spring", "torque_offset")
 
 
@@ -187,9 +178,7 @@ def losses(mean, noise):
 
 
 def named(own, *offered, **more):
-    """Name and set where nothing further is found with another name."""
-    with patch.object(naming, "does_as_well", lambda *_: False):
-        (found,), (beside,) = name_terms(Scripted(own, offered, **more), [Found(own.chosen, own)])
+    (found,), (beside,) = name_terms(Scripted(own, offered, **more), [Found(own.chosen, own)])
     return found.effect.name, beside
 
 
@@ -286,22 +275,3 @@ def test_of_many_names_the_best_are_compared():
     for best in (names[0], names[-1]):
         offered = [evidence(name, losses(-1.25 if name == best else -1.0, 0)) for name in names]
         assert len(offered) > 12 and named(own, *offered) == (best, [])
-
-
-def test_a_set_holds_what_predicts_as_well_once_the_rest_is_sought_anew(record, pose):
-    """A spring and a payload together pass for a balancer; alone, the spring leaves the payload's torque."""
-    search = Search(pose(record(PLANTED, seed=2, runs=3, duration=8.0)), POLICY)
-    standard = find_standard(search)
-    search.keep_standard(standard)
-
-    def weigh_at(name):
-        candidate = search.problem.candidate(load_effect(name), 0)
-        return weigh(search.assemble(standard), candidate, tuple(candidate.effect.plain_subsets()[0]), POLICY)
-
-    balancer, spring, curved = map(weigh_at, ("gravity_counterbalance", "joint_spring", "quadratic_viscous"))
-    found = [*standard, Found(balancer.chosen, balancer)]
-    search.sigma = search.scale(found)
-    assert does_as_well(search, found, standard, spring)
-    # Curved friction takes nothing of what the balancer does.
-    search.left_out = frozenset({"joint_spring", "gravity_counterbalance", "payload_error", "inertial_error"})
-    assert not does_as_well(search, found, standard, curved)

@@ -115,12 +115,12 @@ def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_pat
 
 
 @pytest.mark.parametrize(("n", "joint", "factor"), [(2, 1, 1.4), (3, 0, 0.7)])
-def test_a_torque_constant_that_is_off_is_told_by_the_other_joints(tmp_path, n, joint, factor):
+def test_a_torque_constant_that_is_off_is_noted(tmp_path, n, joint, factor):
     factors = np.where(np.arange(n) == joint, factor, 1.0)
-    text = Bench(tmp_path, n, seconds=9.0).record(torque(factors, mass=1.2)).refuse()
-    said = re.search(r"'tau_j(\d)' is (\S+) times what the other joints' torques need", text)
+    notes = " ".join(Bench(tmp_path, n, seconds=9.0).record(torque(factors, mass=1.2)).accept())
+    said = re.search(r"'tau_j(\d)' is (\S+) times what the stated bodies need", notes)
     assert said is not None and int(said[1]) == joint + 1
-    assert float(said[2]) == pytest.approx(factor, rel=0.05)
+    assert float(said[2]) == pytest.approx(factor, rel=0.15)
 
 
 def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):

@@ -38,7 +38,8 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
 
 def read_mount(asked: Asked, heard: tuple[int, ...], any_size: bool = False) -> Iterator[Reading]:
     """Gravity along another direction of the base, of torques as they are or of any size."""
-    direction = _find_gravity(asked.rows, any_size)
+    acts = any(asked.rows.bodies[0].gravity)
+    direction = _find_gravity(asked.rows, any_size) if acts else None
     if direction is not None:
         gravity = float(np.linalg.norm(asked.rows.bodies[0].gravity)) * direction
         along = ", ".join(f"{one + 0.0:.3g}" for one in gravity)

@@ -32,8 +32,6 @@ WORTH = 0.05
 #: Share of a torque's variance that is none.
 NONE = 0.01
 _HELD = 1e-9
-#: How many times as far links may differ at the same cost where they are free.
-_FREE = 300.0
 
 
 @dataclass(frozen=True)
@@ -240,11 +238,6 @@ class Products:
             scale = np.append(np.full(max(len(gram) - 1, 0), one), 1.0)[: len(gram)]
             grams.append(gram * np.outer(scale, scale))
         return replace(self, grams=grams, scale=self.scale / np.abs(size))
-
-    def free_links(self) -> "Products":
-        """Products of links that may differ from the stated ones at next to no cost."""
-        units = np.append(np.full(self.size, _FREE), np.ones(len(DRIVE) + 2))
-        return replace(self, grams=[g * np.outer(units, units) if g.size else g for g in self.grams])
 
     def run_backwards(self) -> "Products":
         """Products of friction that gives power."""

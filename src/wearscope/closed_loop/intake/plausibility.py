@@ -54,7 +54,7 @@ def check_plausibility(prepared: Prepared) -> None:
         check_signals(prepared, run, own <= _DOUBTFUL)
     _check_readings(prepared, asked, left)
     _check_sizes(prepared, asked)
-    _check_constants(prepared, asked)
+    _note_constants(prepared, asked)
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
@@ -124,26 +124,16 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
         prepared.refuse(str(where), told, *codes)
 
 
-def _check_constants(prepared: Prepared, whole: Rows) -> None:
-    """Torques by a constant that is off: refused where no masses are instead, else a note."""
-    size, certain = find_constants(whole)
+def _note_constants(prepared: Prepared, whole: Rows) -> None:
+    """Torques by a constant that is off, or of masses that are: one fit does not tell them apart."""
+    size = find_constants(whole.products)
     at = np.flatnonzero(size != 1.0)
-    if not len(at):
-        return
-    names = [f"tau_{prepared.dataset.joints[j]}" for j in at]
-    told = (
-        f"{say_columns(names)} {'are' if len(at) > 1 else 'is'} {', '.join(f'{one:.3g}' for one in size[at])}"
-    )
-    if certain:
-        told += (
-            " times what the other joints' torques need, whatever the links weigh, as by a torque constant "
-            "that is off; give torque on the joint side of the gear in N m (or N)."
-        )
-        prepared.refuse(str(prepared.dataset.folder), told, *(f"gain {name}" for name in names))
-    else:
+    if len(at):
+        names = say_columns([f"tau_{prepared.dataset.joints[j]}" for j in at])
+        sizes = ", ".join(f"{one:.3g}" for one in size[at])
         prepared.notes.append(
-            f"{told} times what the stated bodies need: their masses or the torque constants are off, and "
-            "friction is as far off as the constants are."
+            f"{names} {'are' if len(at) > 1 else 'is'} {sizes} times what the stated bodies need: masses or "
+            "torque constants are off, and friction is as far off as the constants are."
         )
 
 

@@ -52,7 +52,8 @@ def find_reading(asked: Asked, every: list[Reading], ignored: frozenset[str] = f
     some = [one for one in every if not set(one.codes) & ignored]
     best = _choose(some, stated, asked.rows.products.any_size)
     if best is None and some and max(np.nanmax(stated.left), stated.cost) > _POOR:
-        better = [one for one in some if one.fit.total < stated.total - _DOUBTFUL]
+        other = [one for one in some if not one.codes[0].startswith("gain ")]
+        better = [one for one in other if one.fit.total < stated.total - _DOUBTFUL]
         heard = tuple(asked.rows.products.heard)
         better += [*read_mount(asked, heard, any_size=True), *read_zeros(asked, any_size=True)]
         pairs = [pair for one in better for pair in read_sizes(asked, one)]

@@ -43,19 +43,9 @@ def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
             yield Reading(told, (*other.codes, *codes), tuple(read.heard), read, True)
 
 
-def find_constants(rows: Rows) -> tuple[np.ndarray, bool]:
-    """Torques of some joints by a constant that no drive's torque constant is off by.
-
-    Returns
-    -------
-    size : ndarray (n,)
-        Torque over need; 1 where the fit does not clearly ask for another.
-    certain : bool
-        Whether it does whatever the links weigh. Joints share the links: a factor of one torque alone is no
-        other mass.
-    """
-    products = rows.products
-    size, stated = np.ones(rows.n), products.fit().total
+def find_constants(products: Products) -> np.ndarray:
+    """Torque over need (n,) by a constant that no drive's is off by; 1 where the fit asks for no other."""
+    size, stated = np.ones(products.scale.shape[-1]), products.fit().total
     least = stated
     for j in 2 * products.heard if stated > NONE else []:
 
@@ -69,12 +59,7 @@ def find_constants(rows: Rows) -> tuple[np.ndarray, bool]:
             if fine.fun < least:
                 size[j], least = 2.0**fine.x, float(fine.fun)
     low, high = TORQUE_CONSTANT.coefficients[0].bounds("rad", 1.0)
-    size = np.where((size - 1.0 < low) | (size - 1.0 > high), size, 1.0)
-    for one in (products.free_links(), products):
-        found = _leave_out_idle(one, size)
-        if (found != 1.0).any():
-            return found, one is not products
-    return found, False
+    return _leave_out_idle(products, np.where((size - 1.0 < low) | (size - 1.0 > high), size, 1.0))
 
 
 def _leave_out_idle(products: Products, size: np.ndarray) -> np.ndarray:

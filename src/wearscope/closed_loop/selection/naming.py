@@ -11,7 +11,6 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.revision import match_gain
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.single_joints import does_as_well
 
 #: Bootstrap draws, length of their blocks [blocks of rows], most alternatives compared.
 _DRAWS, _LENGTH, _MOST = 500, 2, 12
@@ -90,11 +89,6 @@ def name_terms(search: Search, found: list[Found]) -> tuple[list[Found], list[li
         if f.effect.standard:
             most = own.complexity
         named = dict.fromkeys(e.term.effect.name for e in inside if e.complexity <= most)
-        if not f.effect.standard:
-            apart = [e for e in near if e.term.effect.name not in named and e.term.effect is not f.effect]
-            named |= dict.fromkeys(
-                e.term.effect.name for e in apart if does_as_well(search, found, others, e)
-            )
         equivalent[i] = [x for x in named if x != name.term.effect.name]
         found = [Found(name.chosen, name) if k is f else k for k in found]
     return found, equivalent

@@ -9,7 +9,7 @@ payload) and names of single joints, then these alone.
 import numpy as np
 
 from wearscope.closed_loop.selection import rule
-from wearscope.closed_loop.selection.evidence import Evidence, Found, count_parameters
+from wearscope.closed_loop.selection.evidence import Found, count_parameters
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.stepwise import extend, settle
 
@@ -47,27 +47,6 @@ def _prefer_without(search: Search, found: list[Found], left_out: frozenset[str]
     search.progress(f"without {', '.join(sorted(left_out))}, fewer parameters predict as well")
     search.adopt(tried)
     return fewer
-
-
-def does_as_well(search: Search, found: list[Found], others: list[Found], e: Evidence) -> bool:
-    """Whether with a term in the place of a name, and what is then sought anew, all is predicted as well.
-
-    Conditional on the others alone it is not: what it leaves of its joint's torque may be a further term's.
-
-    Parameters
-    ----------
-    search : Search
-    found : list of Found
-        The model's terms.
-    others : list of Found
-        Those of them that stay.
-    e : Evidence
-        On the term.
-    """
-    tried = search.branch()
-    tried.progress = lambda _: None
-    again = extend(tried, [*others, Found(e.chosen, e)])
-    return len(again) > len(others) + 1 and predicts_as_well(search, found, tried, again)
 
 
 def predicts_as_well(search: Search, found: list[Found], tried: Search, fewer: list[Found]) -> bool:
