@@ -21,8 +21,9 @@ RECORDING = RESULTS / "traces/medium/short_moves/identification/point=7/recordin
 
 @pytest.fixture
 def study(finished, tmp_path):
-    """A copy of the finished study, with its results."""
+    """A copy of the finished study, with its results and without an archive that another test made."""
     shutil.copytree(finished, tmp_path / "study", symlinks=True)
+    shutil.rmtree(tmp_path / "study" / "results" / "archive", ignore_errors=True)
     return tmp_path / "study"
 
 
