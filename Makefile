@@ -32,7 +32,7 @@ run: setup
 
 PYTEST := $(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
 
-# About thirteen minutes on two cores; what is left to test-slow has a smaller test here.
+# About nine minutes on two cores; what is left to test-slow has a smaller test here.
 test: developed
 	$(PYTEST) -m "not slow and not long" $(ARGS)
 
