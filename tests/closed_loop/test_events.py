@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from wearscope.cli.main import wearscope
-from wearscope.closed_loop.diagnosis import diagnose, explains_more, find_prismatic
+from wearscope.closed_loop.diagnosis import diagnose, explains_as_well, find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
@@ -95,7 +95,7 @@ def test_rows_are_left_out_only_where_the_rest_is_explained_as_well(grown, bette
         )
         for after in (left, more)
     )
-    assert explains_more(first, again) is better
+    assert explains_as_well(first, again) is better
 
 
 def test_what_runs_of_one_motion_have_in_common_hides_no_push():

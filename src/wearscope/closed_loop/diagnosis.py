@@ -153,14 +153,14 @@ def diagnose(
         calm = leave_out(prepared.runs, events, prepared.dataset.joints)
         search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own))
         again = conclude(search, find_terms(search))
-        if not explains_more(found, again):
+        if not explains_as_well(found, again):
             return found
         # What a model with the events' rows hid, one without them may show.
         found = replace(again, events=events + list_events(again))
     return found
 
 
-def explains_more(first: Diagnosis, again: Diagnosis) -> bool:
+def explains_as_well(first: Diagnosis, again: Diagnosis) -> bool:
     """Whether a model that was fitted without events explains the other training rows as well.
 
     Where it explains them worse beyond chance, by blocks of the training runs, the events' rows showed what

@@ -220,8 +220,9 @@ def render_events(loop: ClosedLoop) -> Markup:
         return Markup("")
     units = {joint: one["unit"] for joint, one in loop.verdict["joints"].items()}
     found = [
-        {"joint": one["joint"], "run": one["run"], "starts at [s]": one["t"], "lasts [s]": one["seconds"]}
-        | {"torque that the model lacks": one["size"], "unit": units.get(one["joint"], "")}
+        {"joint": one["joint"], "run": one["run"], "starts at [s]": f"{one['t']:.2f}"}
+        | {"lasts [s]": one["seconds"], "torque that the model lacks": one["size"]}
+        | {"unit": units.get(one["joint"], "")}
         for one in events or []
     ]
     limits = [
@@ -229,7 +230,8 @@ def render_events(loop: ClosedLoop) -> Markup:
         | {"false alarms per hour, at most": one["false_alarms_per_hour_at_most"]}
         for joint, one in (thresholds or {}).items()
     ]
-    note = "Pushes or collisions that the corrected model does not predict. Their rows count in no fit."
+    note = "Pushes or collisions that the corrected model does not predict, in the recording's own time. "
+    note += "Their rows count in no fit."
     told = "Of a collision detector: the largest torque that the model misses on test runs without events."
     return render_part(
         notes=[note if found else "No push and no collision was seen."],

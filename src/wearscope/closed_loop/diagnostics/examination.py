@@ -29,7 +29,7 @@ def signal_table(prepared: Prepared) -> pd.DataFrame:
         coded["sign_qd"] = thin.sign
         for j, joint in enumerate(prepared.dataset.joints):
             own = {code: x[:, j] for code, x in coded.items()}
-            frames.append(pd.DataFrame({"t": run.start + run.t, "run": run.file, "joint": joint, **own}))
+            frames.append(pd.DataFrame({"t": run.t, "run": run.file, "joint": joint, **own}))
     return pd.concat(frames, ignore_index=True)
 
 

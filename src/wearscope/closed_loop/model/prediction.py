@@ -251,14 +251,14 @@ def noise_floor(prepared: Prepared, predicted: list[Predicted]) -> np.ndarray | 
 
 
 def residual_table(prepared: Prepared, predicted: list[Predicted]) -> pd.DataFrame:
-    """Long table of measured and predicted torque of every run, in time of the recording's own clock."""
+    """Long table of measured and predicted torque of every run."""
     frames = []
     for p in predicted:
         for j, joint in enumerate(prepared.dataset.joints):
             frames.append(
                 pd.DataFrame(
                     {
-                        "t": p.run.start + p.run.t,
+                        "t": p.run.t,
                         "run": p.run.file,
                         "use": p.run.use,
                         "joint": joint,

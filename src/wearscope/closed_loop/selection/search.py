@@ -115,7 +115,8 @@ class Search:
 
         Nothing that was left out for names with fewer parameters, unless `every` name is asked.
         """
-        own, asked = [f.joint for f in found if not f.effect.standard], set(joints)
+        own = [f.joint for f in found if not f.effect.standard]
+        asked = set(joints)
         full = {j for j in asked if own.count(j) >= self.policy.most_terms}
         self.full |= full
         out: Iterable[str] = () if every else self.left_out
