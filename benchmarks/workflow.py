@@ -1,7 +1,7 @@
 """What a study takes, and what of it the workflow itself: seconds, processor seconds, memory of any job.
 
-    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py                    the paper's study
-    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py --first            as it stood at first, on c9864d4
+    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py                    the default study
+    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py --first            four detectors, full models only
     .venv/bin/python benchmarks/workflow.py --configfile config/quick.yaml
 
 In a copy of the tree, what studies run is compiled as the set-up does; then the study is run from nothing,
@@ -30,9 +30,9 @@ from clones import copy_tree  # noqa: E402
 
 
 def write_first_study(file: Path) -> None:
-    """Write the default study as it was on c9864d4: four detectors, questions to the full quadratic model.
+    """Write a smaller default study: four detectors, questions to the full quadratic model.
 
-    What was added since is left out: points for chosen surrogates, direct runs, what the correction changes.
+    Points for chosen surrogates, direct runs and what the correction changes are left out.
     """
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     del study["detectors"]["E"]
@@ -78,7 +78,7 @@ def main() -> None:
     """Run the study twice in a copy and print what it cost."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--configfile", default="config/config.yaml")
-    parser.add_argument("--first", action="store_true", help="the default study as it stood on c9864d4")
+    parser.add_argument("--first", action="store_true", help="four detectors, full models, no direct runs")
     parser.add_argument("--cores", type=int, default=2)
     given = parser.parse_args()
     command = [sys.executable, "-m", "snakemake", "--cores", str(given.cores)]
