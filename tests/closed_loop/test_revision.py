@@ -46,7 +46,7 @@ def test_without_the_errors_of_a_reversal_plain_friction_must_explain_much(recor
     folder = record(seed=2, declared=declared, robot={"rotor_inertia": None}, runs=3, duration=6.0)
     search = Search(pose(folder), Policy(flips=99))
     found, least = find(search, name, 0), search.policy.large_share
-    monkeypatch.setattr(search, "is_needed", lambda *_: True)
+    monkeypatch.setattr(revision, "is_needed", lambda *_: True)
     for share, fitted in ((1.01, 1.01), (0.99, 1.01), (1.01, 0.99)):
         own = replace(found.evidence, share=share * least, fitted=fitted * least)
         monkeypatch.setattr(revision, "weigh", lambda *_, own=own: own)
@@ -69,7 +69,7 @@ def test_a_standard_term_that_would_be_taken_again_stays(
     names = ("rigid_body", "rotor_inertia", "coulomb")
     search = Search(pose(record(seed=2, declared=names, runs=2, duration=6.0)), Policy(flips=99))
     viscous = find(search, "viscous", 0)
-    monkeypatch.setattr(search, "is_needed", lambda *_: needed)
+    monkeypatch.setattr(revision, "is_needed", lambda *_: needed)
     monkeypatch.setattr(search, "judge", lambda _: judged)
     monkeypatch.setattr(search, "drifts", lambda *_: drifts)
     assert [f.chosen for f in revise(search, [viscous])] == ([viscous.chosen] if stays else [])

@@ -223,9 +223,8 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     declared = fit_declared_model(levelled, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
-    proposed, kept = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
-    equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in kept]
-    found = kept
+    proposed, determined = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
+    equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
     marked = mark_terms(prepared, proposed, terms)
@@ -233,7 +232,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     after, stays, beyond, helped = withdraw_worse(declared, before, search.sigma, terms, marked)
     named = [
         Attribution(term, f.evidence, names, mark, kept)
-        for term, f, names, mark, kept in zip(terms, found, equivalent, marked, stays, strict=True)
+        for term, f, names, mark, kept in zip(terms, determined, equivalent, marked, stays, strict=True)
     ]
     here = [a.term for a in named if a.kept]
     gone = [(a.term, a.evidence.share) for a in named if not a.kept]
@@ -244,7 +243,7 @@ def conclude(search: Search, answer: Answer) -> Diagnosis:
     full = [prepared.dataset.joints[j] for j in sorted(search.full)]
     candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    limits = find_limits(search, found)
+    limits = find_limits(search, determined)
     notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
     notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [

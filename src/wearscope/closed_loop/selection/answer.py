@@ -10,7 +10,7 @@ from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.levels import take_levels
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
-from wearscope.closed_loop.selection.revision import revise
+from wearscope.closed_loop.selection.revision import find_least, revise
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import prefer_single_joints
 from wearscope.closed_loop.selection.stepwise import extend, find_standard, settle
@@ -56,7 +56,8 @@ def find_terms(search: Search) -> Answer:
 def find_named(search: Search) -> list[Found]:
     """Terms with a name that the declared model lacks: the standard ones of each joint, then all others."""
     found = search.settle_reversals(find_standard(search), forms=False)
-    search.keep_standard(found)
+    search.sigma = search.scale(found)
+    search.standard_losses = search.assemble(found).joint_sums
     found = settle(search, search.settle_reversals(extend(search, found)))
     found = prefer_single_joints(search, found)
     suited = suit_laws(search, found)
@@ -81,7 +82,7 @@ def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int])
     offered = search.candidates(assembly, found, joints, every=True)
     by_run = search.problem.layout.folds.by_run
     left: dict[int, Evidence] = {}
-    for e in sorted(search.weigh_all(assembly, offered, search.find_least(assembly)), key=lambda e: -e.gain):
+    for e in sorted(search.weigh_all(assembly, offered, find_least(search, assembly)), key=lambda e: -e.gain):
         explains = rule.explains_unbelievably(e, search.policy, by_run)
         if e.joint not in left and explains and not search.drifts(assembly, e):
             left[e.joint] = e

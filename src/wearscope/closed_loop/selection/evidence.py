@@ -76,10 +76,8 @@ class Evidence:
         Share of the informing runs (parts) that gain when held out.
     opposed : bool
         Whether one of them loses more than its blocks' noise.
-    informing : int
-        How many of them there are.
-    recordings : int
-        How many recordings inform, whether or not parts of them must agree.
+    informing, recordings : int
+        How many parts inform; how many recordings do, whether or not parts of them must agree.
     sine : float
         Of the angle between candidate and model.
     blocks : float

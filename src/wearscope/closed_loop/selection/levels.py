@@ -7,6 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.selection.evidence import Found, weigh
+from wearscope.closed_loop.selection.revision import is_needed
 from wearscope.closed_loop.selection.search import Search
 
 
@@ -23,7 +24,7 @@ def take_levels(search: Search, found: Sequence[Found]) -> bool:
     offered = search.candidates(given, found, range(problem.prepared.n), lambda effect, _: effect.is_offset)
     weighed = [weigh(given, c, (0,), search.policy) for c in offered]
     much = [e for e in weighed if e.share >= search.policy.structure_share]
-    levels = [e.joint for e in much if search.is_needed(given, e, drifting=True)]
+    levels = [e.joint for e in much if is_needed(search, given, e, drifting=True)]
     if levels:
         search.progress(f"levels of the torque at joints {levels}: offsets, or drifts")
         search.go_on(problem.level_at(levels))

@@ -7,6 +7,7 @@ import numpy as np
 
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal
+from wearscope.closed_loop.selection.revision import find_least
 from wearscope.closed_loop.selection.search import NEAR, Search
 
 #: What may be said of a term that another one hides: of a size that matters, but that looks like chance, of
@@ -85,7 +86,7 @@ def _find_given(
     joints = e.chosen.candidate.joints
     offered = search.candidates(given, [*found, Found(e.chosen, e)], joints)
     weighed = search.weigh_all(
-        given, [c for c in offered if set(c.joints) & set(joints)], search.find_least(given)
+        given, [c for c in offered if set(c.joints) & set(joints)], find_least(search, given)
     )
     counted = [replace(e, p_value=min(1.0, tried * e.p_value)) for e in weighed]
     able = [e for e in counted if e.refusal is Refusal.NONE and search.judge(e) is Refusal.NONE]

@@ -7,10 +7,12 @@ from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.assembly import Assembly
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, on_same_folds, weigh
-from wearscope.closed_loop.selection.search import HOPELESS, NEAR, Search
+from wearscope.closed_loop.selection.search import NEAR, Search
 
 #: What is said of a term that stays unless another one is better.
 _KEEPING = (Refusal.NONE, Refusal.CHANCE, Refusal.DISAGREES)
+#: Share of the gain asked for that a term must reach on its fitted rows to be weighed. It saves time.
+_HOPELESS = 0.4
 
 
 def revise(search: Search, found: list[Found]) -> list[Found]:
@@ -27,8 +29,8 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
         given = search.assemble(others, f.effect.standard)
         if f.effect.standard:
             own = weigh(given, f.chosen.candidate, f.chosen.subset, search.policy)
-            stays = is_refined(search, f, others) and search.is_believable(own)
-            stays = stays or search.is_needed(given, own) or is_much(search, f.chosen, others)
+            stays = is_refined(search, f, others) and is_believable(search, own)
+            stays = stays or is_needed(search, given, own) or is_much(search, f.chosen, others)
             if not stays and not is_accepted(search, f, others):
                 search.progress(f"{own.term.label} is dropped: not needed with the others")
                 found = others
@@ -71,7 +73,7 @@ def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
         return False
     given = search.assemble(others, standard=True, held=True)
     own = weigh(given, chosen.candidate, chosen.subset, search.policy)
-    return rule.is_plain(own, search.policy) and search.is_needed(given, own)
+    return rule.is_plain(own, search.policy) and is_needed(search, given, own)
 
 
 def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
@@ -136,7 +138,7 @@ def ask_again(
     offered = search.list_rivals(given, others, joints)
     refused = search.judge(own)
     keeps = refused in keeping and search.is_delay(given, own, settled=True)
-    least = match_gain(given, own) if keeps else search.find_least(given)
+    least = match_gain(given, own) if keeps else find_least(search, given)
     weighed = search.weigh_all(given, offered, least)
     able = [e for e in weighed if e.refusal is Refusal.NONE]
     if keeps:
@@ -167,7 +169,7 @@ def drop_superfluous(search: Search, found: list[Found], joints: set[int], kept:
         given = search.assemble(others, f.effect.standard)
         own = search.weigh_again(given, f)
         if f.effect.standard:
-            needed = search.is_needed(given, own)
+            needed = is_needed(search, given, own)
         elif f.effect.empirical:
             needed = own.share >= search.policy.structure_share
         else:
@@ -188,7 +190,7 @@ def restore_standard(search: Search, found: list[Found], joints: Collection[int]
         for candidate in search.candidates(given, found, [joint], lambda effect, _: effect.standard):
             subset = tuple(int(k) for k in candidate.effect.subsets()[0])
             own = weigh(given, candidate, subset, search.policy)
-            if search.is_needed(given, own) or is_much(search, own.chosen, found):
+            if is_needed(search, given, own) or is_much(search, own.chosen, found):
                 search.progress(f"{own.term.label}: needed in addition to what was found")
                 found = [*found, Found(own.chosen, own)]
                 given = search.assemble(found, standard=True)
@@ -206,5 +208,34 @@ def match_gain(assembly: Assembly, own: Evidence) -> Callable[[Candidate], float
     Both on the rows that they are fitted on: what is held out of a few runs can lie far beyond the others.
     """
     sums = assembly.sum_products(own.chosen.candidate).select(own.chosen.subset)
-    least = HOPELESS * float(assembly.add(sums).gain.max())
+    least = _HOPELESS * float(assembly.add(sums).gain.max())
     return lambda _: least
+
+
+def find_least(search: Search, assembly: Assembly) -> Callable[[Candidate], float]:
+    """Reduction of the loss below which a candidate cannot be material conditional on a model."""
+    losses, policy = assembly.sample_losses, search.policy
+    standard, named = _HOPELESS * policy.material_whole, _HOPELESS * policy.material_share
+    return lambda c: (standard if c.effect.standard else named) * float(losses[list(c.joints)].min())
+
+
+def is_believable(search: Search, e: Evidence) -> bool:
+    """Whether a standard term's coefficients are within what such machines have."""
+    low_high = zip(e.beta, search.problem.bounds(e.term), strict=True)
+    return all(low <= b <= high for b, (low, high) in low_high)
+
+
+def is_needed(search: Search, given: Assembly, e: Evidence, drifting: bool = False) -> bool:
+    """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
+
+    Where it may be `drifting`, a drift that explains it does not matter. Plain friction that explains much is
+    there, whatever else is missing yet and looks like a drift.
+    """
+    after_standard = bool(search.standard_losses.any())
+    if after_standard and not e.term.effect.is_in_every_drive:
+        (e,) = search.compare_whole(given, [e])
+    return (
+        is_believable(search, e)
+        and rule.is_needed(e, search.policy, search.problem.layout.folds.by_run)
+        and (drifting or rule.is_plain(e, search.policy) or not search.drifts(given, e))
+    )

@@ -30,9 +30,8 @@ from wearscope.closed_loop.selection.significance import make_flips
 from wearscope.closed_loop.selection.whitening import does_drift_explain
 from wearscope.effects.base import Effect, MeasurementEffect
 
-#: Share of the best term's gain from which another one's shape is refined before they are compared; share of
-#: the gain asked for that one must reach on the rows that it is fitted on to be weighed. They save time.
-NEAR, HOPELESS = 0.5, 0.4
+#: Share of the best term's gain from which another one's shape is refined before they are compared.
+NEAR = 0.5
 #: Change of a reversal's width, of itself, from which models are made anew.
 _SETTLED = 0.01
 
@@ -246,11 +245,6 @@ class Search:
             self.problem.layout.folds.by_run, any_form=self.problem.resembles_any(term),
         )  # fmt: skip
 
-    def keep_standard(self, found: Sequence[Found]) -> None:
-        """Keep the loss of the standard model, with which a name's gain is compared."""
-        self.sigma = self.scale(found)
-        self.standard_losses = self.assemble(found).joint_sums
-
     def settle_reversals(self, found: list[Found], forms: bool = True) -> list[Found]:
         """Fit how the frictions reverse with the terms found, and make all anew along them."""
         old = self.problem.prepared.reversals
@@ -274,32 +268,6 @@ class Search:
         """Go on with another search's problem, and with what it has asked."""
         self.__dict__.update(other.__dict__)
         self._forget_evidence()
-
-    def is_believable(self, e: Evidence) -> bool:
-        """Whether a standard term's coefficients are within what such machines have."""
-        low_high = zip(e.beta, self.problem.bounds(e.term), strict=True)
-        return all(low <= b <= high for b, (low, high) in low_high)
-
-    def is_needed(self, given: Assembly, e: Evidence, drifting: bool = False) -> bool:
-        """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
-
-        Or whatever a drift explains, where it may be `drifting`. Plain friction that explains much is there,
-        whatever else is missing yet and looks like a drift.
-        """
-        after_standard = bool(self.standard_losses.any())
-        if after_standard and not e.term.effect.is_in_every_drive:
-            (e,) = self.compare_whole(given, [e])
-        return (
-            self.is_believable(e)
-            and rule.is_needed(e, self.policy, self.problem.layout.folds.by_run)
-            and (drifting or rule.is_plain(e, self.policy) or not self.drifts(given, e))
-        )
-
-    def find_least(self, assembly: Assembly) -> Callable[[Candidate], float]:
-        """Reduction of the loss below which a candidate cannot be material given a model."""
-        losses, policy = assembly.sample_losses, self.policy
-        standard, named = HOPELESS * policy.material_whole, HOPELESS * policy.material_share
-        return lambda c: (standard if c.effect.standard else named) * float(losses[list(c.joints)].min())
 
     def choose(self, assembly: Assembly, able: list[Evidence], tried: int = 1) -> Evidence | None:
         """The term to add: shapes refined where they are near, drifts asked for, then the rule's choice.

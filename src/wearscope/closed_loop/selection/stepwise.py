@@ -16,7 +16,7 @@ from wearscope.closed_loop.selection.chosen import Chosen, find_reach
 from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal, count_parameters, weigh
 from wearscope.closed_loop.selection.pairs import find_pair
 from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.revision import restore_standard, revise
+from wearscope.closed_loop.selection.revision import find_least, is_needed, restore_standard, revise
 from wearscope.closed_loop.selection.search import Search
 
 #: Most passes of the revision.
@@ -50,7 +50,7 @@ def extend(search: Search, found: list[Found], most: float = np.inf) -> list[Fou
         offered = search.candidates(assembly, found, range(search.problem.prepared.n))
         # All are weighed once, for the table; later only what may be accepted.
         first = search._step <= 1
-        weighed = search.weigh_all(assembly, offered, *([] if first else [search.find_least(assembly)]))
+        weighed = search.weigh_all(assembly, offered, *([] if first else [find_least(search, assembly)]))
         taken = take(search, assembly, weighed) or find_pair(search, found, weighed)
         search.record(weighed, taken)
         if not taken:
@@ -112,7 +112,7 @@ def find_standard(search: Search) -> list[Found]:
             evidence[id(chosen)] = e
             if (
                 not chosen.candidate.effect.is_plain_friction
-                and not search.is_needed(given, e)
+                and not is_needed(search, given, e)
                 and e.share < worst.get(e.joint, (np.inf, chosen))[0]
             ):
                 worst[e.joint] = (e.share, chosen)
