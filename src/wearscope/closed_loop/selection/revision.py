@@ -29,7 +29,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
         given = search.assemble(others, f.effect.standard)
         if f.effect.standard:
             own = weigh(given, f.chosen.candidate, f.chosen.subset, search.policy)
-            stays = is_refined(search, f, others) and is_believable(search, own)
+            stays = is_refined(search, f, others) and _is_believable(search, own)
             stays = stays or is_needed(search, given, own) or is_much(search, f.chosen, others)
             if not stays and not is_accepted(search, f, others):
                 search.progress(f"{own.term.label} is dropped: not needed with the others")
@@ -219,7 +219,7 @@ def find_least(search: Search, assembly: Assembly) -> Callable[[Candidate], floa
     return lambda c: (standard if c.effect.standard else named) * float(losses[list(c.joints)].min())
 
 
-def is_believable(search: Search, e: Evidence) -> bool:
+def _is_believable(search: Search, e: Evidence) -> bool:
     """Whether a standard term's coefficients are within what such machines have."""
     low_high = zip(e.beta, search.problem.bounds(e.term), strict=True)
     return all(low <= b <= high for b, (low, high) in low_high)
@@ -235,7 +235,7 @@ def is_needed(search: Search, given: Assembly, e: Evidence, drifting: bool = Fal
     if after_standard and not e.term.effect.is_in_every_drive:
         (e,) = search.compare_whole(given, [e])
     return (
-        is_believable(search, e)
+        _is_believable(search, e)
         and rule.is_needed(e, search.policy, search.problem.layout.folds.by_run)
         and (drifting or rule.is_plain(e, search.policy) or not search.drifts(given, e))
     )
