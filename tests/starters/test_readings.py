@@ -13,6 +13,7 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
 from wearscope.cli.new_dataset import _name_option
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.intake import zeros
 
 
 def slow(*numbers):
@@ -96,6 +97,14 @@ def test_positions_of_another_zero_are_told_and_taken(tmp_path, by):
     found = np.array([float(size) for _, size in said])
     np.testing.assert_allclose(np.cos(found - [one for one in by if one]), 1.0, atol=1e-3)
     bench.accept(*(word for one, size in said for word in ("--shift", f"{one}={size}")))
+
+
+@pytest.mark.parametrize(("sharp", "want"), [(1.0, np.pi / 2.0), (100.0, 1.64)])
+def test_a_quarter_turn_is_taken_where_it_leaves_about_as_little(monkeypatch, sharp, want):
+    """Of light links the weight tells an angle within some degrees only."""
+    monkeypatch.setattr(zeros, "_left", lambda rows, shift, any_size: 1.0 + sharp * (shift[1] - 1.64) ** 2)
+    found = zeros._refine(None, np.array([0.0, 1.5]), False)
+    np.testing.assert_allclose(found, [0.0, want], atol=2e-3)
 
 
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):

@@ -12,8 +12,8 @@ from wearscope.closed_loop.intake.joint_fit import WORTH, Rows
 #: Rows on which shifts are sought; share of a torque's variance that the stated zeros must leave.
 _FEW, _LEFT = 300, 0.1
 _STEP = np.pi / 4.0
-#: Shifts this near to a quarter turn are one: conventions differ by quarter turns.
-_NEAR = 0.04
+#: A quarter turn, by which conventions differ, is taken where it leaves at most this many times as much.
+_ALIKE = 1.05
 
 
 def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
@@ -54,7 +54,7 @@ def _left(rows: Rows, shift: np.ndarray, any_size: bool) -> float:
 
 
 def _refine(rows: Rows, start: np.ndarray, any_size: bool) -> np.ndarray:
-    """Shifts near a first guess that leave least, as quarter turns where they are near some."""
+    """Shifts near a first guess that leave least, as quarter turns where these leave about as little."""
     moved = np.flatnonzero(start)
 
     def shift(sizes: np.ndarray) -> np.ndarray:
@@ -67,5 +67,10 @@ def _refine(rows: Rows, start: np.ndarray, any_size: bool) -> np.ndarray:
     found = optimize.minimize(
         lambda x: _left(rows, shift(x), any_size), start[moved], method="Nelder-Mead", options=options
     ).x
-    quarters = np.pi / 2.0 * np.round(found / (np.pi / 2.0))
-    return shift(np.where((quarters != 0.0) & (np.abs(found - quarters) < _NEAR), quarters, found))
+    best = shift(found)
+    for j in moved:
+        quarter = best.copy()
+        quarter[j] = np.pi / 2.0 * np.round(best[j] / (np.pi / 2.0))
+        if quarter[j] and _left(rows, quarter, any_size) <= _ALIKE * _left(rows, best, any_size):
+            best = quarter
+    return best
