@@ -16,6 +16,9 @@ from typing import Any
 
 from wearscope import tables
 
+#: Verdicts of a detector that has decided.
+_DECIDED = ("alarm", "no alarm")
+
 _READ = """() => ({
     answer: document.querySelector(".strip .answer").innerText,
     rest: [...document.querySelectorAll(".strip dd")].map((one) => one.innerText).join(" "),
@@ -82,8 +85,12 @@ def state_detection(folder: Path) -> tuple[list[str], list[float]]:
     table = tables.read_table(folder / "detection.parquet")
     judged = table[table["kind"] == "judged"]
     alarms = judged[judged["verdict"] == "alarm"]
-    counts = [judged["run"].nunique()] + ([alarms["run"].nunique()] if len(alarms) else [])
-    return (sorted(alarms["joint"].astype(str).unique()) or ["No alarm"]), counts
+    runs, decided = (one["run"].nunique() for one in (judged, judged[judged["verdict"].isin(_DECIDED)]))
+    if len(alarms):
+        return sorted(alarms["joint"].astype(str).unique()), [alarms["run"].nunique(), runs]
+    if not decided:
+        return ["None of"], [runs]
+    return ["No alarm in"], [decided] + ([runs - decided] if decided < runs else [])
 
 
 STATES = {

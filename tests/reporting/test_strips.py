@@ -167,7 +167,14 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "verdicts", [["alarm", "no alarm"], ["no alarm", "no alarm"], ["withheld", "no alarm"]]
+    "verdicts",
+    [
+        ["alarm", "no alarm"],
+        ["no alarm", "no alarm"],
+        ["withheld", "no alarm"],
+        ["withheld", "failed"],
+        ["unchecked", "no alarm"],
+    ],
 )
 def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
     rows = [
@@ -176,8 +183,15 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
     found = Detections({"setting": {"p_f": 0.02}}, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
     strip = shown(detection_strip(found), tmp_path)
     alarms = verdicts.count("alarm")
-    told = f"Alarm in {alarms} of 2 recordings, at a." if alarms else "No alarm in 2 recordings."
+    decided = alarms + verdicts.count("no alarm")
+    told = {
+        0: "None of 2 recordings could be judged.",
+        1: "No alarm in 1 recording; 1 could not be judged.",
+        2: "No alarm in 2 recordings.",
+    }[decided]
+    told = f"Alarm in {alarms} of 2 recordings, at a." if alarms else told
     assert strip.answer == told and numbers_of(strip.sure) == [2.0]
+    assert (strip.kind == "good") == (not alarms and decided == 2)
     assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
 
 

@@ -58,14 +58,21 @@ def detection_strip(found: Detections) -> Strip:
     judged = found.judged
     runs = judged.groupby("verdict")["run"].nunique()
     alarms, withheld = int(runs.get("alarm", 0)), int(runs.get("withheld", 0))
-    many = count_text(int(judged["run"].nunique()), "recording")
-    answer = f"No alarm in {many}."
+    decided = int(judged.loc[judged["verdict"].isin(["alarm", "no alarm"]), "run"].nunique())
+    count = int(judged["run"].nunique())
+    many = count_text(count, "recording")
+    answer = f"No alarm in {count_text(decided, 'recording')}"
+    answer += "." if decided == count else f"; {count - decided} could not be judged."
+    if not decided:
+        answer = f"None of {many} could be judged."
     if alarms:
         where = sorted(judged.loc[judged["verdict"] == "alarm", "joint"].astype(str).unique())
         answer = f"Alarm in {alarms} of {many}, at {join_words(where)}."
     rate = found.summary["setting"]["p_f"]
     sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
     caveat, kind = "A threshold holds along its own motion only.", "good"
+    if decided < count:
+        caveat, kind = "Some detectors could not be fitted or have no threshold.", "unsure"
     if withheld or runs.get("unchecked"):
         caveat, kind = "Too few nominal recordings check the threshold; record three or more.", "unsure"
     if withheld:
