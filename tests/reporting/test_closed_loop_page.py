@@ -204,6 +204,8 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
     ]
     said = "The test runs neither confirm nor refute it: it removes 0.4 % (95 %: −1.0 to 2.0)"
     assert said in text_of(html)
+    # Its size next to its name; a spline has none.
+    assert text_of(html).count("Level: 2.5 N m (95 %: 2 to 3).") == 2 and "Height" not in text_of(html)
 
 
 def test_page_of_none_says_so(tmp_path):

@@ -18,13 +18,14 @@ from benchmarks.strips import check_top
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
 from wearscope.reporting.conclusion import study_strip
-from wearscope.reporting.detection import Detections, detection_strip
+from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import find_answers, render_history, trend_table
 from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.reporting.study_page import render_study
+from wearscope.tables import write_table
 
 
 class Text(HTMLParser):
@@ -193,6 +194,20 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
     assert strip.answer == told and numbers_of(strip.sure) == [2.0]
     assert (strip.kind == "good") == (not alarms and decided == 2)
     assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
+
+
+def test_recordings_of_which_the_same_is_said_share_a_sentence_with_the_detector_s_name(tmp_path):
+    tables = {"detection": ["withheld", "no alarm", "withheld"], "thresholds": [], "simulated": []}
+    for name, verdicts in tables.items():
+        rows = {"run": [f"r{k}" for k in range(len(verdicts))], "verdict": verdicts}
+        rows |= dict.fromkeys(("session", "kind", "joint", "fda"), "")
+        table = pd.DataFrame(rows).assign(kind="judged", joint="a", fda="C")
+        write_table(tmp_path / f"{name}.parquet", table)
+    summary = {"detectors": {"C": "friction_fit"}}
+    (tmp_path / "detection.json").write_text(json.dumps(summary), encoding="utf-8")
+    (first, second) = conclude(read_detections(tmp_path))
+    assert first[0] == "notice" and first[1].startswith("r0 and r2: not decided.")
+    assert first[1].endswith("Friction fit (C) at a.") and second == ("plain", "r1: no alarm.")
 
 
 def test_what_is_read_is_what_was_written(tmp_path):

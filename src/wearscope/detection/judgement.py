@@ -286,6 +286,7 @@ def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dic
         "dataset_digest": tested.prepared.dataset.digest,
         "model": tested.model,
         "joints": tested.joints,
+        "detectors": tested.detectors,
         "setting": {
             "p_f": setting.p_f, "p_d": setting.p_d, "runs": setting.runs, "worn_runs": setting.worn_runs,
             "sigma": setting.sigma, "nominal": setting.nominal, "seed": setting.seed,

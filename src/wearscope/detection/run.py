@@ -110,6 +110,8 @@ class Tested:
         Its name.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose torque is taken out of the recordings.
+    detectors : dict of str to str
+        What each detector uses, by its name.
     """
 
     prepared: Prepared
@@ -122,6 +124,7 @@ class Tested:
     joints: list[str]
     model: str
     events: list[Event]
+    detectors: dict[str, str]
 
 
 def ask_recordings(
@@ -191,7 +194,7 @@ def ask_recordings(
         raise InputError(f"{at} {error}; correct it, leave it out, or raise time_limit.") from None
     return Tested(
         prepared, groups, refused, found, results["units"], results["idle"], results["noise"], list(joints),
-        model.name, events,
+        model.name, events, {one.name: one.reference for one in detectors},
     )  # fmt: skip
 
 

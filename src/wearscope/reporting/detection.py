@@ -10,7 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.reporting.labels import count_text, join_words, unit_text
+from wearscope.reporting.labels import count_text, detector_name, join_words, unit_text
 from wearscope.reporting.page import format_number, read_outcome
 from wearscope.reporting.page_strip import Strip
 
@@ -41,7 +41,7 @@ class Detections:
 
 
 def read_detections(folder: str | Path) -> Detections:
-    """Read the files of target ``detect``.
+    """Read the files of target ``detect``, with the detectors' full names.
 
     Raises
     ------
@@ -49,8 +49,10 @@ def read_detections(folder: str | Path) -> Detections:
         Where they are not there.
     """
     summary = read_outcome(Path(folder) / "detection.json", "run the target detect first")
+    full = {code: detector_name(code, use) for code, use in summary.get("detectors", {}).items()}
     names = ("detection", "thresholds", "simulated")
-    return Detections(summary, *(tables.read_table(Path(folder) / f"{name}.parquet") for name in names))
+    read = (tables.read_table(Path(folder) / f"{name}.parquet") for name in names)
+    return Detections(summary, *(one.assign(fda=one["fda"].astype(str).replace(full)) for one in read))
 
 
 def detection_strip(found: Detections) -> Strip:
@@ -87,8 +89,11 @@ def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
 
 
 def conclude(found: Detections) -> list[tuple[str, str]]:
-    """Conclusions as kind (``alarm``, ``notice``, ``plain``) and sentence, one a recording, alarms first."""
-    said = []
+    """Conclusions, alarms first: kind (``alarm``, ``notice``, ``plain``) and sentence.
+
+    Recordings of which the same is said share a sentence.
+    """
+    said: dict[tuple[str, str], list[str]] = {}
     for run, rows in found.judged.groupby("run", sort=False):
         session = rows["session"].iloc[0]
         name = f"{run} ({session})" if session else str(run)
@@ -99,8 +104,9 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
             kind, outcome = "alarm", f"alarm. {told}.{_tell_warmth(alarms)}"
         elif (rows["verdict"] == "no alarm").any():
             kind, outcome = "plain", "no alarm."
-        said.append((kind, f"{name}: {outcome}{_tell_rest(rows)}"))
-    return sorted(said, key=lambda one: ("alarm", "notice", "plain").index(one[0]))
+        said.setdefault((kind, f"{outcome}{_tell_rest(rows)}"), []).append(name)
+    sentences = [(kind, f"{join_words(names)}: {text}") for (kind, text), names in said.items()]
+    return sorted(sentences, key=lambda one: ("alarm", "notice", "plain").index(one[0]))
 
 
 def _tell_alarm(row: Mapping[Any, Any]) -> str:

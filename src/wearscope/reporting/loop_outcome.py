@@ -141,6 +141,11 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
 def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
     where = "all joints together" if entry["effect"] in list_shared() else entry["joint"]
     lines = [f"{STATUSES[entry['status']].sentence}: {say_share(entry)} at {where}."]
+    sizes = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")][:1]
+    lines += [
+        f"{row['parameter'].capitalize()}: {row['value']} {row['unit']} (95 %: {row['95 % interval']})."
+        for row in sizes
+    ]
     if entry["effect"] == UNKNOWN:
         lines.append("Structure that no named effect explains.")
     if entry["depends_on"]:
