@@ -134,6 +134,15 @@ def test_a_loop_s_strip_is_its_verdict(entries, tmp_path):
     assert numbers_of(strip.sure)[:2] == [confirmed, len(verdict["verdict"])]
 
 
+@pytest.mark.parametrize(
+    ("kept", "told"), [(True, "Use the corrected model"), (False, "Check it on the machine")]
+)
+def test_what_to_do_next_is_what_the_corrected_model_has(kept, told, tmp_path):
+    named = VERDICT["verdict"][0] | {"status": "not_confirmed", "in_model": kept}
+    write(tmp_path, copy.deepcopy(VERDICT) | {"verdict": [named], "next_measurement": []})
+    assert shown(loop_strip(read_closed_loop(tmp_path)), tmp_path).action.startswith(told)
+
+
 def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
     write_tracking(tmp_path)
     strip = read_strip(tmp_path / "report.html")

@@ -54,6 +54,8 @@ def loop_strip(loop: ClosedLoop) -> Strip:
         sure = "Every effect of the vocabulary was tried at every joint that moves."
     action = Markup("Keep the declared model; record another motion if you doubt it.")
     if len(statuses) > refuted:
+        action = Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
+    if any(one.get("in_model", one["status"] != "refuted") for one in loop.verdict["verdict"]):
         action = Markup(
             'Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>: as a robot of a '
             "study, or by <code>wearscope export</code>."
