@@ -117,6 +117,10 @@ def test_what_is_asked_for_more_than_a_number_is_not_given_by_the_number():
     relieving = replace(relieving, relief=10.0 * relieving.relief)
     assert rule.relieves(relieving, POLICY)
     assert not rule.relieves(replace(relieving, fitted=POLICY.material_whole), POLICY)
+    # Of four parameters as improbable as three standard errors of one: chi-square of four, 16.25.
+    for relief, there in ((16.2, False), (16.3, True)):
+        load = evidence("payload_error", subset=(0, 1, 2, 3), relief=relief, fitted=0.0)
+        assert rule.relieves(load, POLICY) is there
     just = evidence("rotor_inertia", relief=10.0 * POLICY.unexpected**2, fitted=0.0, beta=np.array([0.05]))
     for least, why in ((0.05, Refusal.NONE), (0.051, Refusal.SMALL)):
         assert rule.judge(just, POLICY, [(0.0, 2.0)], least, by_run=True) is why
@@ -193,7 +197,7 @@ def test_what_goes_with_time_is_as_likely_a_drift_in_few_runs(name):
     ],
 )
 def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_there(changed, why):
-    held = {"name": "rotor_inertia", "relief": 1.01 * POLICY.unexpected**2}
+    held = {"name": "rotor_inertia", "relief": 1.01 * POLICY.unexpected**2, "beta": np.ones(1)}
     held |= {"sine": 0.0, "share": 0.0, "fitted": 0.0, "p_value": 1.0, "agreement": 0.0}
     e = evidence(**(held | changed))
     assert rule.judge(e, POLICY, [(0.0, np.inf)], 0.0, by_run=True) is why

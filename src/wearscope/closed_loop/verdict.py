@@ -19,6 +19,7 @@ from wearscope.closed_loop.model.prediction import (
     relative_error,
     rms,
 )
+from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.speed_torque import list_speed_torques
 from wearscope.provenance import read_commit
 
@@ -90,11 +91,17 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
 
 def list_unbelievable_links(diagnosis: Outcome) -> list[str]:
     """What the refit made of the links, where nobody would believe it; nothing where they are trusted."""
-    after = diagnosis.after
+    after, policy = diagnosis.after, diagnosis.policy
     if not after.inertial:
         return []
     deviations = after.solve()[: 10 * diagnosis.prepared.n]
-    return name_unbelievable_links(diagnosis.prepared, deviations, diagnosis.policy.unexpected)
+    held = [
+        f"{named.term.effect.name} is named because the links would be far from the URDF without it. "
+        "Refitted masses can hold it, so that it changes no error."
+        for named in diagnosis.attributions
+        if not named.term.effect.standard and rule.relieves(named.evidence, policy)
+    ]
+    return held + name_unbelievable_links(diagnosis.prepared, deviations, policy.unexpected)
 
 
 def summarise_joints(

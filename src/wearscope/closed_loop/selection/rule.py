@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from scipy import stats
 
 from wearscope.closed_loop.selection.evidence import Evidence, Refusal
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.significance import find_critical
 from wearscope.effects import unknown
-from wearscope.effects.base import ArmatureEffect
+from wearscope.effects.base import ArmatureEffect, PayloadEffect
 
 
 def judge(
@@ -110,13 +111,16 @@ def is_within(e: Evidence, bounds: Sequence[tuple[float, float]]) -> bool:
 
 
 def relieves(e: Evidence, policy: Policy) -> bool:
-    """Whether a drive's inertia that refitted inertias of links can hold would make them unbelievable.
+    """Whether a body that refitted inertials of links can hold would make these unbelievable.
 
-    No motion tells the two apart at a robot's first joint, so that the data alone gain nothing by it. What
-    the links' inertias had to be without it, against what the robot's description says of them, does.
+    No motion tells a drive's inertia from that of a robot's first link, nor a payload from the last link, so
+    that the data alone gain nothing by it. What the links' inertials had to be without it, against what the
+    robot's description says of them, does.
     """
-    held = e.fitted < policy.material_whole
-    return isinstance(e.term.effect, ArmatureEffect) and held and e.relief > policy.unexpected**2
+    if not isinstance(e.term.effect, ArmatureEffect | PayloadEffect) or e.fitted >= policy.material_whole:
+        return False
+    believable = stats.chi2.isf(2.0 * stats.norm.sf(policy.unexpected), len(e.beta))
+    return bool(e.relief > believable)
 
 
 def agrees(e: Evidence, policy: Policy, by_run: bool) -> bool:

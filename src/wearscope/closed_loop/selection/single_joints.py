@@ -27,6 +27,9 @@ def prefer_single_joints(search: Search, found: list[Found]) -> list[Found]:
         return found
     whole = frozenset(e.name for e in search.problem.effects if e.per_robot)
     containing = frozenset(e.name for e in search.problem.effects if e.per_robot and whole & {*e.contains})
+    # Such a body changes no prediction: the links' inertials need it.
+    if any(f.effect.per_robot and rule.relieves(f.evidence, search.policy) for f in found):
+        return found
     for left_out in (containing, whole):
         if any(f.effect.name in left_out for f in found):
             found = _prefer_without(search, found, left_out)

@@ -15,6 +15,8 @@ from wearscope.closed_loop.model.terms import ModelTerm
 Status = Literal["confirmed", "not_confirmed", "refuted"]
 #: Draws of the bootstrap over blocks of the test runs, and its seed.
 _DRAWS, _SEED = 1000, 23
+#: Growth of the residual variance that is none: errors (RMS) of three digits agree.
+_SAME = 2e-3
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Marked:
     Attributes
     ----------
     status : str
-        ``confirmed`` where the whole interval of `reduction` is above zero, ``refuted`` where it is below,
+        ``confirmed`` where the whole interval of `reduction` is above zero, ``refuted`` where it is
+        clearly below,
         ``not_confirmed`` else.
     reduction : float
         Share of the test runs' residual variance that the term removes at its joint (at all joints where it
@@ -67,7 +70,7 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
             continue
         drawn = 1.0 - best[pick].sum(axis=1) / np.maximum(own[pick].sum(axis=1), 1e-300)
         low, high = np.quantile(drawn, [0.025, 0.975])
-        status: Status = "confirmed" if low > 0.0 else "refuted" if high < 0.0 else "not_confirmed"
+        status: Status = "confirmed" if low > 0.0 else "refuted" if high < -_SAME else "not_confirmed"
         marked.append(Marked(status, 1.0 - float(best.sum() / max(own.sum(), 1e-300)), (low, high)))
     return marked
 
