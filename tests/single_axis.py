@@ -7,12 +7,12 @@ URDF_TEXT = """<robot name="axis"><link name="base"/><link name="link"><inertial
 <joint name="axis" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
 <limit lower="-2.5" upper="2.2" effort="90" velocity="2"/></joint></robot>"""
 COULOMB = {"level": 3.0}
+DRIVE = {
+    "rotor_inertia": [0.5], "speed_limit": [1.5], "acceleration_limit": [6.0], "jerk_limit": [60.0],
+}  # fmt: skip
 
 
 def make_axis(*effects, **fields):
     entries = [{"joint": "axis", "effect": e, "parameters": p} for e, p in effects]
-    drive = {
-        "rotor_inertia": [0.5], "speed_limit": [1.5], "acceleration_limit": [6.0], "jerk_limit": [60.0],
-    }  # fmt: skip
-    base = {"name": "axis", "urdf": "axis.urdf", "joints": ["axis"], "drive": drive, "effects": entries}
+    base = {"name": "axis", "urdf": "axis.urdf", "joints": ["axis"], "drive": DRIVE, "effects": entries}
     return make_model({**base, **fields}, URDF_TEXT)

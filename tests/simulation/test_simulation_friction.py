@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from single_axis import DRIVE, make_axis
 
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
@@ -125,6 +126,18 @@ def test_a_driven_joint_with_drag_comes_to_its_terminal_speed(arms, drag):
     if rate < 100.0:
         assert np.abs(trace.v[:, 3] - wanted).max() < 1e-3 * final
     assert trace.v[-1, 3] == pytest.approx(final, rel=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_friction_of_most_of_the_load_balances(share):
+    """Without gravity the load is the link's inertia: it adds friction to a start, and to a stop."""
+    link, rotor = 0.02 + 3.0 * 0.1**2, 0.01
+    friction = {"coefficient": share, "speed": 1.0}
+    model = make_axis(("load_dependent_friction", friction), drive=DRIVE | {"rotor_inertia": [rotor]})
+    for torque, start, added in ((0.3, 0.0, share), (-0.05, 1.0, -share)):
+        trace = coast(model, np.zeros(1), np.array([start]), 200, torque=[torque], gravity=False)[1]
+        acceleration = torque / (rotor + link * (1.0 + added))
+        np.testing.assert_allclose(trace.v[:, 0], start + acceleration * trace.t, rtol=1e-3, atol=1e-5)
 
 
 def test_a_step_takes_effects_at_the_time_of_its_balance(arms):

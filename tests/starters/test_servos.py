@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from wearscope import limits
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
@@ -250,6 +251,9 @@ def test_a_real_servo_from_its_own_columns(tmp_path):
     found = np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=None)[0]
     assert mapped.servo.back_emf + found[4] == pytest.approx(0.042, abs=0.009)
     assert 0.2 < found[5] < 0.6, "friction grows with the motor's torque"
+    named = {entry["effect"]: entry for entry in diagnose(made).verdict["verdict"]}
+    low, high = named["load_dependent_friction"]["parameters"]["coefficient"]["ci95"]
+    assert 0.4 < low < high < 0.8
 
 
 def test_registers_of_a_servo_are_brought_to_its_units(tmp_path):

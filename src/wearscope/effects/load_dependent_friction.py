@@ -1,7 +1,7 @@
 """Friction that grows with the transmitted load.
 
-Its coefficient is the gear's loss, 1 - efficiency: 0.1 to 0.3 for strain wave and cycloidal gears; a half is
-a worm gear that does not drive back.
+Its coefficient is friction over load. A gear of efficiency e that drives its load has 1/e - 1: 0.1 to 0.4 for
+strain wave and cycloidal gears, some 0.6 for a small servo's spur gears. At 1 a gear does not drive back.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ EFFECT = Effect(
     name="load_dependent_friction",
     form="(coefficient + fall exp(-abs(v)/speed)) abs(tau_rb) sign(v)",
     coefficients=(
-        Parameter("coefficient", "-", lower=0.0, believable=(0.0, 0.5)),
-        Parameter("fall", "-", lower=0.0, default=0.0, believable=(0.0, 0.5)),
+        Parameter("coefficient", "-", lower=0.0, believable=(0.0, 1.0)),
+        Parameter("fall", "-", lower=0.0, default=0.0, believable=(0.0, 1.0)),
     ),
     variants=(("coefficient",),),
     extensions=(("coefficient", "fall"),),

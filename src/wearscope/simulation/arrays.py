@@ -96,7 +96,6 @@ class Work(NamedTuple):
     old_mode: np.ndarray
     motor: np.ndarray
     free: np.ndarray
-    links: np.ndarray
     stiff: np.ndarray
     need: np.ndarray
     low: np.ndarray

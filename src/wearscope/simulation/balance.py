@@ -73,14 +73,24 @@ def _learn_slopes(terms, state, work, motion):
 
 
 @njit(**INNER)
-def _balance(law, gears, state, work, motion, w, at, h):
-    """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
+def _load_links(state, work, motion, w, h):
+    """Torques that the links need at the iterate."""
     n = len(state.mode)
-    mass, bias, y, x, rate = w.mass_matrix, w.bias, motion.speed, work.x, work.rate
+    for j in range(n):
+        work.rate[j] = (work.x[j] - state.v[j]) / h
+    for j in range(n):
+        links = w.bias[j]
+        for c in range(n):
+            links += w.mass_matrix[j, c] * work.rate[c]
+        motion.load[j] = links
+
+
+@njit(**INNER)
+def _balance(law, gears, state, work, motion, at):
+    """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
+    y, x = motion.speed, work.x
     missing = 0.0
-    for j in range(n):
-        rate[j] = (x[j] - state.v[j]) / h
-    for j in range(n):
+    for j in range(len(state.mode)):
         ahead = work.ahead[j] - at * y[j]
         motor = work.fed[j] + law.stiffness[j] * ahead + law.damping[j] * (work.wanted[j] - y[j])
         work.free[j] = max(law.damping[j] + at * law.stiffness[j], 0.0)
@@ -88,22 +98,17 @@ def _balance(law, gears, state, work, motion, w, at, h):
             motor = np.copysign(law.limit[j], motor)
             work.free[j] = 0.0
         work.motor[j] = motor
-        links = bias[j]
-        for c in range(n):
-            links += mass[j, c] * rate[c]
+        gear = motion.load[j]
         if gears.flexible[j]:
             gap = work.gap[j] + work.give[j] * (y[j] - x[j])
             gear = invert_deflection(gap, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j])
             work.stiff[j] = work.give[j] / deflection_slope(
                 gear, gears.compliance[j], gears.lost_motion[j], gears.mesh_torque[j]
             )
-            work.residual[j] = gear - links
+            work.residual[j] = gear - motion.load[j]
             missing = max(missing, abs(work.residual[j]) / gears.tolerance[j])
         else:
-            gear = links
             work.residual[j] = 0.0
-        work.links[j] = links
-        motion.load[j] = links
         work.need[j] = motor - gear - gears.armature[j] * motion.acceleration[j]
     return missing
 
@@ -214,7 +219,7 @@ def _shorten(gears, state, work, motion):
     for j in range(len(state.mode)):
         if not gears.flexible[j] or gears.lost_motion[j] == 0.0:
             continue
-        before = work.residual[j] + work.links[j]
+        before = work.residual[j] + motion.load[j]
         for _ in range(40):
             speed = motion.speed[j] - work.x[j] + share * (work.change[j] - work.held[j])
             after = invert_deflection(
@@ -246,10 +251,6 @@ def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
     """First iterate, as the accelerations before go on, and what the controller wants at the balance."""
     n = len(state.mode)
     for j in range(n):
-        load = w.bias[j]
-        for c in range(n):
-            load += w.mass_matrix[j, c] * state.a[c]
-        motion.load[j] = load
         position = state.q[j] + state.gap[j]
         motion.position[j] = position + at * state.y[j]
         work.ahead[j] = law.position[k, j] + at * law.speed[k, j] - position
@@ -316,12 +317,13 @@ def balance_part(
     _begin(law, state, work, motion, gears, w, k, at, h, h if ends else 2.0 * h, dt)
     before = 0.0
     for iteration in range(MAX_ITERATIONS):
+        _load_links(state, work, motion, w, h)
         evaluate_terms(
             rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
             t, h, temperature, wear,
         )  # fmt: skip
         _learn_slopes(terms, state, work, motion)
-        missing = _balance(law, gears, state, work, motion, w, at, h)
+        missing = _balance(law, gears, state, work, motion, at)
         for j in range(len(state.mode)):
             if state.mode[j] != 0:
                 off = abs(work.need[j] - work.high[j]) / gears.tolerance[j]
@@ -347,7 +349,8 @@ def balance_part(
         sure = SAFETY * state.pace[0] * missing <= 1.0 and state.pace[1] < TRUST
         if may_trust and iteration == 0 and turned == 0 and sure:
             # A gear's torque is known exactly, and may be far from linear.
-            missing = _balance(law, gears, state, work, motion, w, at, h)
+            _load_links(state, work, motion, w, h)
+            missing = _balance(law, gears, state, work, motion, at)
             if missing <= 1.0 and not _release(gears, state, work, motion, False):
                 state.pace[1] += 1.0
                 return WHOLE if ends else _find_turn(state, work, motion)

@@ -167,8 +167,8 @@ def _compile_advance(stamp: int) -> Callable:
         temperature, wear = borrow((temperature, wear))
         rows = borrow_rows(rows)
         n = len(state.q)
-        # Memory and coupling are taken from the last evaluation.
-        may_trust = not (terms.remembers.any() or terms.coupled.any())
+        # Memory, coupling and load are taken from the last evaluation.
+        may_trust = not (terms.remembers.any() or terms.coupled.any() or terms.loaded.any())
         for k in range(first, last):
             start = 0.0 if k == 0 else -0.5 * dt
             for j in range(n):

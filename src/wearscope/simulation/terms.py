@@ -29,6 +29,8 @@ class Terms(NamedTuple):
     remembers : ndarray of bool (m,)
     coupled : ndarray of bool (n,)
         Whether a term of the joint depends on the motion of another joint.
+    loaded : ndarray of bool (n,)
+        Whether one depends on the load of the joint's links, of which no slope is probed.
     out : ndarray (widest,)
     """
 
@@ -40,27 +42,29 @@ class Terms(NamedTuple):
     next_state: np.ndarray
     remembers: np.ndarray
     coupled: np.ndarray
+    loaded: np.ndarray
     out: np.ndarray
 
 
 @lru_cache(maxsize=256)
-def _is_coupled(
+def _find_dependence(
     row: Callable, joint: int, n: int, width: int, shape: tuple[float, ...], n_states: int
-) -> bool:
-    """Whether a term's row changes when only other joints move otherwise."""
-    state = np.zeros(max(n_states, 1))
-    values = []
-    for other in (0.0, 1.0):
-        vector = np.full(n, other)
-        vector[joint] = 0.7
-        fixed = np.full(n, 0.7)
-        out = np.zeros(width)
+) -> tuple[bool, bool]:
+    """Whether a term's row changes when only other joints move otherwise, and when only the load changes."""
+    state, fixed = np.zeros(max(n_states, 1)), np.full(n, 0.7)
+
+    def ask(others: float, load: float) -> np.ndarray:
+        moved, out = np.full(n, others), np.zeros(width)
+        moved[joint] = 0.7
         row(
-            joint, 0.0, 1e-3, vector, fixed, vector, vector, fixed, fixed, fixed,
+            joint, 0.0, 1e-3, moved, fixed, moved, moved, np.full(n, load), fixed, fixed,
             np.array(shape), state, state.copy(), out,
         )  # fmt: skip
-        values.append(out)
-    return not np.array_equal(values[0], values[1], equal_nan=True)
+        return out
+
+    here = ask(0.0, 0.7)
+    coupled, loaded = (not np.array_equal(here, ask(*k), equal_nan=True) for k in ((1.0, 0.7), (0.0, 0.8)))
+    return coupled, loaded
 
 
 def order_terms(plant: Plant) -> list[Term]:
@@ -87,11 +91,11 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
     deepest = max([1, *(len(t.shape) for t in ordered)])
     memory = max([1, *(t.n_states for t in ordered)])
     coefficients, shape = np.zeros((max(m, 1), widest)), np.zeros((max(m, 1), deepest))
-    coupled = np.zeros(plant.n, dtype=bool)
+    depends = np.zeros((plant.n, 2), dtype=bool)
     for i, term in enumerate(ordered):
         coefficients[i, : len(term.coefficients)] = term.coefficients
         shape[i, : len(term.shape)] = term.shape
-        coupled[term.joint] |= _is_coupled(
+        depends[term.joint] |= _find_dependence(
             term.row, term.joint, plant.n, len(term.coefficients), tuple(term.shape), term.n_states
         )
     return rows, Terms(
@@ -102,7 +106,8 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
         state=np.zeros((max(m, 1), memory)),
         next_state=np.zeros((max(m, 1), memory)),
         remembers=np.array([t.n_states > 0 for t in ordered], dtype=bool),
-        coupled=coupled,
+        coupled=depends[:, 0].copy(),
+        loaded=depends[:, 1].copy(),
         out=np.zeros(widest),
     )
 
