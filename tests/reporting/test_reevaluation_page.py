@@ -1,6 +1,7 @@
 """The page of a reevaluation, and its summary on the study's first page."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -78,15 +79,15 @@ def test_the_page_begins_with_two_short_sentences(one, table):
 
 
 def test_each_detector_is_set_beside_the_truth(one):
-    said = truth_sentences(one)
-    what = "A on axis 2 (SNR, rank and scope) and B on axis 2 (rank)"
-    assert said == [f"After is nearer to the truth than before, for {what}."]
+    said = truth_sentences(replace(one, names={"A": "Residual energy (A)"}))
+    what = "Residual energy (A): SNR, rank and scope; B: rank"
+    assert said == [f"After is nearer to the truth than before on axis 2: {what}."]
 
 
 def test_a_scope_that_goes_the_other_way_is_mixed(one, table):
     table.loc[(table["fda"] == "A") & (table["question"] == "scope"), "p_nearer"] = 0.01
     said = " ".join(truth_sentences(one))
-    assert "Neither is nearer with 95 % certainty for A on axis 2" in said
+    assert "Neither is nearer with 95 % certainty on axis 2: A" in said
 
 
 def test_the_page_stands_alone_and_escapes(one):

@@ -148,7 +148,8 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
     strip = read_strip(tmp_path / "report.html")
     last = OUTCOME["sessions"][-1]
     assert (
-        strip.answer == f"Session {last['session']}: Changed: coulomb at a since d3." and strip.kind == "bad"
+        strip.answer == f"Session {last['session']}: Changed: coulomb at a by +0.6 N m since d3."
+        and strip.kind == "bad"
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
     assert last["next_measurement"][0]["table"] in strip.action and strip.caveat == last["cannot_tell"][0]

@@ -15,7 +15,7 @@ def tell_withheld(one: Reevaluation) -> list[str]:
     rows = one.table[one.table["withheld"]].drop_duplicates(["cycle", "axis", "fda"])
     if rows.empty:
         return []
-    cells = [f"{row.fda} on axis {row.axis}" for row in rows.itertuples()]
+    cells = [f"{one.names.get(row.fda, row.fda)} on axis {row.axis}" for row in rows.itertuples()]
     return [
         f"Withheld, as its surrogate misses the points that it was checked on: {join_words(cells)}; it is in "
         "no sentence here."
@@ -26,17 +26,22 @@ def truth_sentences(one: Reevaluation) -> list[str]:
     """Detector by detector, whether after is nearer to the truth than before; or that nobody can say."""
     if not one.has_truth:
         return ["Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."]
-    places: dict[str, list[str]] = {}
+    places: dict[str, dict[int, list[str]]] = {}
     for (axis, fda), rows in one.told.groupby(["axis", "fda"], sort=True):
         what, verdict = judge_detector(rows)
-        place = f"{fda} on axis {axis}" + (f" ({join_words(what)})" if what else "")
-        places.setdefault(verdict if verdict in ("nearer", "farther") else "open", []).append(place)
+        name = one.names.get(fda, fda) + (f": {join_words(what)}" if what else "")
+        by_axis = places.setdefault(verdict if verdict in ("nearer", "farther") else "open", {})
+        by_axis.setdefault(axis, []).append(name)
     told = {
-        "nearer": "After is nearer to the truth than before, for",
-        "farther": "After is farther from the truth than before, for",
-        "open": f"Neither is nearer with {100 * SURE:g} % certainty for",
+        "nearer": "After is nearer to the truth than before on",
+        "farther": "After is farther from the truth than before on",
+        "open": f"Neither is nearer with {100 * SURE:g} % certainty on",
     }
-    return [f"{text} {join_words(places[key])}." for key, text in told.items() if key in places]
+    return [
+        f"{told[key]} axis {axis}: {'; '.join(names)}."
+        for key in told
+        for axis, names in places.get(key, {}).items()
+    ]
 
 
 def count_truth(one: Reevaluation) -> str:
@@ -55,7 +60,10 @@ def tell_headline(one: Reevaluation) -> str:
     changed = _compare_best(one)[0]
     best = f"changes {'; '.join(changed)}" if changed else "stays the same"
     rows = one.told[(one.told["question"] == "snr") & (one.told["p_changed"] >= SURE)]
-    cells = [f"{join_words(list(own['fda'].unique()))} on axis {axis}" for axis, own in rows.groupby("axis")]
+    cells = [
+        f"{join_words([one.names.get(fda, fda) for fda in own['fda'].unique()])} on axis {axis}"
+        for axis, own in rows.groupby("axis")
+    ]
     return f"The best detector {best}. The signal-to-noise ratio changes for {join_words(cells) or 'none'}."
 
 

@@ -70,7 +70,9 @@ def snr_sides(one: Reevaluation) -> pd.DataFrame:
     """SNR of every detector on each side, for the chart."""
     rows = one.table[one.table["question"] == "snr"].sort_values(["cycle", "axis", "fda"], kind="stable")
     places = zip(rows["fda"], rows["axis"], rows["cycle"], strict=True)
-    rows = rows.assign(thing=[f"{fda}, axis {axis}, {words(cycle)}" for fda, axis, cycle in places])
+    rows = rows.assign(
+        thing=[f"{one.names.get(fda, fda)}, axis {axis}, {words(cycle)}" for fda, axis, cycle in places]
+    )
     parts = {
         side: rows.rename(columns={f"{side}{end}": f"snr{end}" for end in ("", "_low", "_high")})
         for side in list_sides(one)
@@ -133,7 +135,11 @@ def _question(one: Reevaluation, question: str) -> Markup:
         return render_part(told=[f"None of {len(own)} answers changed with {100 * SURE:g} % certainty."])
     records = []
     for row in rows.sort_values("p_changed", ascending=False, kind="stable").itertuples():
-        record: dict[str, object] = {"axis": row.axis, "test-cycle": words(row.cycle), "detector": row.fda}
+        record: dict[str, object] = {
+            "axis": row.axis,
+            "test-cycle": words(row.cycle),
+            "detector": one.names.get(row.fda, row.fda),
+        }
         if question == "scope":
             record["factor"] = with_unit(one.names.get(row.about, row.about), row.unit)
             record["change of wear"] = row.delta

@@ -122,7 +122,10 @@ def render_tracking(tracking: Tracking) -> str:
 def tracking_strip(outcome: Mapping[str, Any]) -> Strip:
     """What changed on a machine, in its last session."""
     last = outcome["sessions"][-1]
-    changes = [f"{words(one['effect'])} at {one['joint']} since {one['since']}" for one in last["changes"]]
+    changes = [
+        f"{words(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
+        for one in last["changes"]
+    ]
     answer = "Nothing changed since the machine was healthy."
     kind = "unsure" if last["cannot_tell"] else "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
@@ -139,14 +142,19 @@ def tracking_strip(outcome: Mapping[str, Any]) -> Strip:
     return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
 
 
+def _size(entry: Mapping[str, Any]) -> str:
+    """Size of a change, with its sign and unit."""
+    sign = "+" if entry["change"] > 0 else ""
+    return f"{sign}{format_number(entry['change'])} {unit_text(entry['unit'])}".rstrip()
+
+
 def _ends(ends: Any) -> str:
     return " to ".join(format_number(end) for end in ends)
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    size = f"{'+' if entry['change'] > 0 else ''}{format_number(entry['change'])} {unit_text(entry['unit'])}"
-    said = f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} {size.rstrip()}"
+    said = f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} {_size(entry)}"
     said += f" (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
     if entry["equivalent"]:
         said += f"; {words(join_words(entry['equivalent'], 'or'))} would explain it as well"
