@@ -57,10 +57,6 @@ class Candidate:
         own = slice(shape * self.count, (shape + 1) * self.count)
         return replace(self, shapes=(self.shapes[shape],), rows=tuple(x[:, own] for x in self.rows))
 
-    def felt_at(self, joint: int) -> "Candidate":
-        """The same felt at one joint only."""
-        return replace(self, joints=(joint,), rows=(self.rows[self.joints.index(joint)],))
-
     def term(self, shape: int, subset: tuple[int, ...]) -> ModelTerm:
         """Model term of one shape and subset."""
         return ModelTerm(self.effect, self.joint, self.shapes[shape], subset)

@@ -170,15 +170,10 @@ def weigh(
     joint = max(felt, key=lambda j: felt[j].gain / max(felt[j].loss, 1e-300))
     reach = list(find_reach(assembly.chosen, candidate))
     left = float(assembly.joint_losses[np.isfinite(change)][:, reach].sum())
-    loss = float(assembly.sample_losses[joint])
+    sample = float(assembly.sample_losses[joint if len(felt) == 1 else list(felt)].sum())
     flips = make_flips(policy.flips, len(layout.blocks), policy.seed)
-    here, inner_here = sums, added.inner
-    if len(felt) > 1:
-        # It shows most clearly where it removes most, of as many joints as were looked at.
-        here = assembly.sum_products(candidate.felt_at(joint)).select(subset)
-        inner_here = assembly.add(here).inner
-    observed, flipped = flip_scores(assembly.block_scores(here), inner_here, flips)
-    chance = _odds(flipped, loss)
+    observed, flipped = flip_scores(assembly.block_scores(sums), added.inner, flips)
+    chance = _odds(flipped, sample)
     parts = layout.folds.parts
     by_part = np.bincount(parts, information)
     gain_by_part, error_by_part = sum_by_part(-change, parts, policy)
@@ -198,7 +193,7 @@ def weigh(
         left=left + float(np.nansum(change)),
         torque=float(np.sqrt(np.mean(rows[keep] ** 2))) / size,
         varies=change_of_it / size,
-        statistic=float(score_chance(_odds(np.asarray(observed), loss), chance)),
+        statistic=float(score_chance(_odds(np.asarray(observed), sample), chance)),
         chance=score_chance(chance, chance),
         agreement=float(np.mean(gain_by_part[informs] > 0.0)) if informs.any() else 0.0,
         opposed=bool((gain_by_part < -error_by_part)[informs].any()),
@@ -208,7 +203,7 @@ def weigh(
         blocks=float(information.sum() ** 2 / max((information**2).sum(), 1e-300)),
         cancellation=float((np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(beta)).max() / whole),
         beta=beta,
-        tried=candidate.tried * len(felt),
+        tried=candidate.tried,
         by_fifths=by_fifths,
         relief=assembly.relieve_prior(sums.at(best), beta),
     )
