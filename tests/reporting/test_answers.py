@@ -23,9 +23,9 @@ def sensitivity(study, term, size):
 
 def test_what_outweighs_wear_is_named_and_none_is_an_answer(study, change):
     loud = relevant_factors(change(sensitivity=sensitivity(study, "w4", -3.0)))
-    assert loud[0].startswith("A: outweighed by delay in 8 of 8 cells (95 %: 68 to 100 %)")
+    assert loud[0].startswith("Residual energy (A): outweighed by delay in 8 of 8 cells (95 %: 68 to 100 %)")
     quiet = relevant_factors(change(sensitivity=sensitivity(study, "w4", 0.0)))
-    assert quiet[0] == "A: none; no term outweighs wear in more than half of the 8 cells."
+    assert quiet[0] == "Residual energy (A): none; no term outweighs wear in more than half of the 8 cells."
     assert "elay" in quiet[-1] and "hardly matter" in quiet[-1]
     assert "Delay" not in loud[-1] and "delay" not in loud[-1]
 
@@ -35,7 +35,9 @@ def test_an_unsettled_share_is_called_so(study, change):
     rows = (table["term"] == "w4") & (table["fda"] == "A")
     table.loc[rows, ["n_relevant", "share_relevant", "share_low", "share_high"]] = 5, 0.625, 0.3, 0.86
     said = relevant_factors(change(sensitivity=table))[0]
-    assert said.startswith("A: perhaps outweighed by delay in 5 of 8 cells (95 %: 30 to 86 %);")
+    assert said.startswith(
+        "Residual energy (A): perhaps outweighed by delay in 5 of 8 cells (95 %: 30 to 86 %);"
+    )
 
 
 def test_a_square_is_named_only_where_the_full_model_agrees(study, change):
@@ -53,7 +55,10 @@ def test_a_detector_without_any_effect_of_wear_is_unknown(study, change):
     table = study.surrogates.copy()
     table.loc[table["fda"] == "B", "theta_normalised"] = np.nan
     said = relevant_factors(change(sensitivity=sensitivity_of([table])))
-    assert said[1] == "B: unknown, wear has no direct effect on y in any cell."
+    assert (
+        said[1]
+        == "Distribution distance (B): unknown, wear has no direct effect on the test quantity in any cell."
+    )
 
 
 def ranked(study, levels, spread=0.01):
@@ -73,8 +78,8 @@ def test_the_best_detector_follows_the_ranking(study, change):
 
 def test_odd_cells_are_counted(study):
     said = best_detector(study)
-    assert "In 1 cell y falls with wear; their sign is not reversed." in said
-    assert "In 1 cell y is always the same; they have no SNR." in said
+    assert "In 1 cell the test quantity falls with wear; their sign is not reversed." in said
+    assert "In 1 cell the test quantity is always the same; they have no SNR." in said
 
 
 def test_no_snr_at_all_is_unknown(study, change):
@@ -93,7 +98,7 @@ def with_limit(study, limit):
 
 def test_tolerances_are_read_off_the_grid(study, change):
     found = tolerances(change(scope=with_limit(study, 0.2)), "w3", (1.0, 2.0, 4.0))
-    mine = [one for one in found if one.group == "A"]
+    mine = [one for one in found if one.group == "Residual energy (A)"]
     assert np.isclose([one.sigma for one in mine], [0.1, 0.4, 0.7]).all()
     assert not any(one.largest for one in mine)
     rows = with_limit(study, 0.2).query("fda == 'A' and factor == 'w3' and method == 'exact'")
@@ -102,9 +107,13 @@ def test_tolerances_are_read_off_the_grid(study, change):
 
 def test_scope_in_natural_units_its_end_and_nothing_reached(study, change):
     table = tolerance_table(change(scope=with_limit(study, 0.09))).set_index(["group", "factor"])
-    assert table.loc[("A", "temperature")].iloc[-3:].to_list() == ["not reached", "1 °C", "1 °C"]
+    assert table.loc[("Residual energy (A)", "temperature")].iloc[-3:].to_list() == [
+        "not reached",
+        "1 °C",
+        "1 °C",
+    ]
     wide = tolerance_table(change(scope=with_limit(study, 1.0))).set_index(["group", "factor"])
-    assert wide.loc[("A", "payload error")].iloc[-1] == "≥ 5 %"
+    assert wide.loc[("Residual energy (A)", "payload error")].iloc[-1] == "≥ 5 %"
     nothing = effective_scope(change(scope=study.scope.assign(passes=False)))
     assert nothing[0].startswith("With varying temperature: none;") and len(nothing) == 2
 
@@ -113,17 +122,19 @@ def test_scope_sentences_rank_the_detectors(study, change):
     scope = study.scope.copy()
     scope["passes"] = (scope["fda"] == "B") | ((scope["fda"] == "A") & (scope["delta"] > 2))
     said = effective_scope(change(scope=scope))
-    assert "B 100 %, A 40 %, C 0 %" in said[0]
-    assert (
-        said[1]
-        == "With a change of wear of 50, half the cells of B tolerate σ up to 10 °C, the end of the grid."
+    assert "Distribution distance (B) 100 %, Residual energy (A) 40 %, Friction fit (C) 0 %" in said[0]
+    assert said[1] == (
+        "With a change of wear of 50, half the cells of Distribution distance (B) tolerate σ up to 10 °C, "
+        "the end of the grid."
     )
 
 
 def test_a_best_detector_that_reaches_nothing_says_so(study, change):
     scope = study.scope.copy()
     scope["passes"] = (scope["fda"] == "B") & (scope["robot"] == "large") & (scope["axis"] == 1)
-    assert effective_scope(change(scope=scope))[1].startswith("Even B, with a change of wear of 50, does not")
+    assert effective_scope(change(scope=scope))[1].startswith(
+        "Even Distribution distance (B), with a change of wear of 50, does not"
+    )
 
 
 def test_audit_counts_what_was_held_and_leaves_failed_out(study, change):
@@ -140,7 +151,9 @@ def test_audit_counts_what_was_held_and_leaves_failed_out(study, change):
 
 def test_failed_points_are_told_with_their_reason(study, change):
     said = failed_points(study)
-    assert said.startswith("1 test quantity failed in 1 cell and set; most in C, large, b, axis 2")
+    assert said.startswith(
+        "1 test quantity failed in 1 cell and set; most in Friction fit (C), large, b, axis 2"
+    )
     assert "division by <zero>" in said
     assert failed_points(change(failures=study.failures.iloc[:0])) == "No detector failed at any point."
 
@@ -151,7 +164,8 @@ def test_poor_fits_are_counted(study, change):
     validation.loc[full, "fit"] = 90.0
     validation.loc[full[:3], "fit"] = [10.0, -20.0, np.nan]
     said = surrogate_quality(change(validation=validation))
-    assert "A 90 %, B 90 %, C 90 %; −20 % at worst, below 50 % in 2 of 23 cells; 1 cell n/a" in said
+    assert "Residual energy (A) 90 %, Distribution distance (B) 90 %, Friction fit (C) 90 %; −20 %" in said
+    assert "at worst, below 50 % in 2 of 23 cells; 1 cell n/a" in said
     gone = change(validation=validation.assign(fit=np.nan))
     assert "no fit" in surrogate_quality(gone)
 
@@ -162,10 +176,13 @@ def test_surrogates_that_do_not_hold_are_doubted(study, change):
     validation = sound.validation.copy()
     validation.loc[validation["fda"] == "B", "fit"] = 20.0
     said = doubts(change(validation=validation, audit=sound.audit))
-    assert len(said) == 1 and "say of B: its full model fits the validation runs to 20 %" in said[0]
+    assert (
+        len(said) == 1
+        and "scope of Distribution distance (B): its full model fits the validation runs to 20 %" in said[0]
+    )
     audit = study.audit.assign(inside=study.audit["fda"] != "C")
     said = doubts(change(validation=sound.validation, audit=audit))
-    assert len(said) == 1 and "say of C: the audit held 0 of" in said[0]
+    assert len(said) == 1 and "scope of Friction fit (C): the audit held 0 of" in said[0]
 
 
 def test_answers_for_other_groups(study, change):

@@ -65,7 +65,10 @@ def test_nothing_found_and_nothing_recommended_are_answers(told, found):
     assert "no change of wear that was simulated is surely found" in conclude(told, blind)
     assert certainty(blind) == "bad"
     none = replace(blind, detector="", withheld=["A", "C"])
-    assert conclude(told, none) == ("No detector can be recommended: the answers of A and C are withheld.")
+    assert conclude(told, none) == (
+        "No detector can be recommended: "
+        "the answers of Residual energy (A) and Friction fit (C) are withheld."
+    )
     assert "none sees wear" in conclude(told, replace(none, withheld=[]))
 
 
@@ -94,8 +97,8 @@ def test_an_upper_bound_is_told_and_not_recommended(told, found):
     assert "Residual energy (A) is told the friction law" in " ".join(qualify(told, bound))
     alone = replace(found, detector="", wear=np.nan, bounds=[], upper=["A", "C"])
     assert conclude(told, alone) == (
-        "No detector can be recommended: apart from A and C, which are told the simulator's law, none sees "
-        "wear."
+        "No detector can be recommended: apart from Residual energy (A) and Friction fit (C), which are "
+        "told the simulator's law, none sees wear."
     )
 
 
@@ -125,14 +128,14 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     arm = {"arm": ["URDF given; friction assumed"]}
     study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
     assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
-    assert "is not judged; the page's Conclusion has the command." in study_strip(study).caveat
+    assert "is not judged; Can it be trusted? has the command." in study_strip(study).caveat
     row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     path = "effects.friction_wear_temperature.all.eta0 %"
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
     assert study_strip(study).caveat.endswith(
-        "With Coulomb friction changed by +100 %, C has a signal-to-noise ratio of 4 instead of 9 "
-        "(a, axis 1)."
+        "With Coulomb friction changed by +100 %, Friction fit (C) has a signal-to-noise ratio of 4 instead "
+        "of 9 (a, axis 1)."
     )
     command = ask_moved(study)[0].striptags().partition("changes, run ")[2].partition("; ")[0]
     setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])

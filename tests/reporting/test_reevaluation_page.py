@@ -106,7 +106,7 @@ def test_the_page_stands_alone_and_escapes(one):
 def test_the_chart_has_each_detector_on_each_side(one):
     sides = snr_sides(one)
     assert list_sides(one) == ["before", "after", "truth"] and len(sides) == 6
-    own = sides[sides["thing"] == "A, axis 2, c"].set_index("side")
+    own = sides[sides["thing"] == "A, axis 2"].set_index("side")
     assert own["value"].to_list() == [2.0, 9.0, 9.5] and own.loc["after", "high"] == pytest.approx(9.9)
 
 

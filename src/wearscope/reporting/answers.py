@@ -25,9 +25,9 @@ from wearscope.reporting.study import Study
 HALF = 0.5
 #: What an SNR's status means, said of the cells that have it.
 _STATUSES = {
-    "decreasing": "y falls with wear; their sign is not reversed.",
+    "decreasing": "the test quantity falls with wear; their sign is not reversed.",
     "noise-free": "the robot's model has no noise, so there is no SNR; give its sensors some.",
-    "constant": "y is always the same; they have no SNR.",
+    "constant": "the test quantity is always the same; they have no SNR.",
 }
 
 
@@ -55,7 +55,8 @@ def relevant_factors(study: Study) -> list[str]:
     by = group_columns(table)
     confirmed = _confirmed_terms(study, by)
     sentences = [
-        _outweighing(study, name, rows, confirmed.get(name)) for name, rows in split_groups(table, by)
+        _outweighing(study, name, rows, confirmed.get(name))
+        for name, rows in split_groups(table, by, study.detector_names())
     ]
     main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
     quiet = [
@@ -86,7 +87,7 @@ def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
     rows = study.surrogates[study.surrogates["model"] == "full"]
     rows = rows[rows["term"].str.contains(r"[:^]", regex=True) & rows["theta_normalised"].notna()]
     found = {}
-    for name, group in split_groups(rows, by):
+    for name, group in split_groups(rows, by, study.detector_names()):
         share = (group["theta_normalised"].abs() > 1).groupby(group["term"]).mean()
         found[name] = set(share.index[share > HALF])
     return found
@@ -95,7 +96,7 @@ def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
 def _outweighing(study: Study, name: str, rows: pd.DataFrame, confirmed: set[str] | None) -> str:
     cells = int(rows["n"].max())
     if cells == 0:
-        return f"{name}: unknown, wear has no direct effect on y in any cell."
+        return f"{name}: unknown, wear has no direct effect on the test quantity in any cell."
     strong = rows[(rows["share_relevant"] > HALF) & (rows["term"] != "f")]
     if confirmed is not None:
         second = strong["term"].str.contains(r"[:^]", regex=True)
@@ -127,18 +128,14 @@ def best_detector(study: Study) -> list[str]:
     upper = table[table["rank"].isna()] if "fda" in by else table.head(0)
     if "fda" in by:
         table = table[~table["fda"].isin([*away, *upper["fda"]])]
-    said = (
-        [f"The answer is withheld for {join_words(away)}: direct simulation contradicts the surrogates."]
-        if away
-        else []
-    )
-    rows = [(group_name(by, [row[name] for name in by]), row) for _, row in table.iterrows()]
+    said = [f"Withheld, as direct simulation contradicts them: {study.join_detectors(away)}."] if away else []
+    full = study.detector_names()
+    rows = [(group_name(by, [row[name] for name in by], full), row) for _, row in table.iterrows()]
     known = [(name, row) for name, row in rows if np.isfinite(row["median"])]
     if not known:
         return [*said, "Unknown: no group has a median SNR."]
     few = "interval_from" in table and (table["interval_from"] == "each cell").any()
     best, row = known[0]
-    best = study.detector_name(best) if by == ["fda"] else best
     medians = [
         f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}" for name, one in known
     ]
@@ -148,7 +145,8 @@ def best_detector(study: Study) -> list[str]:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
     if tied := str(row["tied_with"]):
         what = "The cells' own intervals leave" if few else "The choice of cells leaves"
-        sentences.append(f"{what} open whether it beats {tied}.")
+        rivals = study.join_detectors(tied.split(", "), "or") if by == ["fda"] else tied
+        sentences.append(f"{what} open whether it beats {rivals}.")
     elif len(known) > 1 and few:
         sentences.append("Its interval lies above all others, at 95 %; other cells were not asked.")
     elif len(known) > 1:
@@ -178,7 +176,7 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
     by = list(study.config["scope"]["group_by"])
     asked = study.exact_scope(factor)
     left_out = [*study.withheld(), *study.upper()]
-    for name, rows in split_groups(asked[~asked["fda"].isin(left_out)], by):
+    for name, rows in split_groups(asked[~asked["fda"].isin(left_out)], by, study.detector_names()):
         cells = len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
         sigma, grid, count = count_matrix(rows, rows["passes"])
         share = float(rows["passes"].mean())
@@ -220,7 +218,7 @@ def tolerance_table(study: Study) -> pd.DataFrame:
 def effective_scope(study: Study) -> list[str]:
     """Answer to Q-3: a sentence for each factor that varies."""
     away = study.withheld()
-    sentences = [f"The answer is withheld for {join_words(away)}."] if away else []
+    sentences = [f"Withheld: {study.join_detectors(away)}."] if away else []
     p_f, p_d = study.config["scope"]["p_f"], study.config["scope"]["p_d"]
     for factor in study.config["scope"]["factors"]:
         found = tolerances(study, factor)

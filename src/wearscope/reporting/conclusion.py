@@ -43,7 +43,9 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
 
 def _caveat(study: Study, detector: str) -> str:
     """What would change the answer most, the first that applies."""
-    doubts = [text for text in trust.doubts(study) if f" of {detector}:" in text and detector]
+    doubts = [
+        text for text in trust.doubts(study) if detector and f" of {study.detector_name(detector)}:" in text
+    ]
     if first := [*doubts, *filter(None, [trust.contradicted(study, detector)])]:
         return first[0]
     if assumed := trust.assumed_robots(study):
@@ -60,9 +62,11 @@ def conclude(study: Study, one: Conclusion) -> str:
     if not one.detector:
         why = "none sees wear"
         if one.upper:
-            why = f"apart from {join_words(one.upper)}, which {_told(one)} the simulator's law, {why}"
+            why = (
+                f"apart from {study.join_detectors(one.upper)}, which {_told(one)} the simulator's law, {why}"
+            )
         if one.withheld:
-            why = f"the answers of {join_words(one.withheld)} are withheld"
+            why = f"the answers of {study.join_detectors(one.withheld)} are withheld"
         return f"{where}No detector can be recommended: {why}."
     name = study.detector_name(one.detector)
     if np.isnan(one.wear):
@@ -75,7 +79,7 @@ def conclude(study: Study, one: Conclusion) -> str:
     fault = study.factor("f")
     found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more"
     many = "" if one.cells_sure == one.cells else f", in {one.cells_sure} of {one.cells} cells"
-    others = join_words([study.detector_name(name) for name in one.tied_with], "or")
+    others = study.join_detectors(one.tied_with, "or")
     tie = f", not told apart from {others}" if others else ""
     return f"{where}Use {name}{tie}. {found}{tell_friction(study, one.wear, one.robot)}{many}."
 
@@ -138,22 +142,22 @@ def qualify(study: Study, one: Conclusion) -> list[str]:
     """What the conclusion leaves open."""
     said = []
     if one.tied_with:
-        names = join_words([study.detector_name(name) for name in [one.detector, *one.tied_with]])
+        names = study.join_detectors([one.detector, *one.tied_with])
         said.append(
-            f"The signal-to-noise ratios of {names} are not told apart at 95 %; of them {one.detector} is "
-            "sure on the largest part of what was simulated."
+            f"The signal-to-noise ratios of {names} are not told apart at 95 %; the first is sure on the "
+            "largest part of what was simulated."
         )
     if one.detector and not np.isnan(one.wear):
         said.append("One factor varies at a time, normally distributed; the ranges hold 95 % of it.")
     if one.upper:
-        names = join_words([study.detector_name(name) for name in one.upper])
+        names = study.join_detectors(one.upper)
         said.append(
             f"{names} {_told(one)} the friction law that the simulator itself uses: an upper bound, which no "
             "plant can have. It is neither ranked nor recommended."
         )
         said += trust.mismatch_outcome(study, one.upper)
     if one.withheld:
-        said.append(f"Withheld, as direct simulation contradicts them: {join_words(one.withheld)}.")
+        said.append(f"Withheld, as direct simulation contradicts them: {study.join_detectors(one.withheld)}.")
     elif study.audit is None:
         said.append("No direct simulation was run to check it.")
     return said

@@ -72,6 +72,8 @@ def detection_strip(found: Detections) -> Strip:
         answer = f"Alarm in {alarms} of {many}, at {join_words(where)}."
     rate = found.summary["setting"]["p_f"]
     sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
+    if not decided:
+        sure = "No verdict: the simulated thresholds are not shown to hold on this machine."
     caveat, kind = "A threshold holds along its own motion only.", "good"
     if decided < count:
         caveat, kind = "Some detectors could not be fitted or have no threshold.", "unsure"
@@ -177,5 +179,5 @@ def tell_factors(found: Detections) -> list[str]:
             verb = "moves" if len(idle) == 1 else "move"
             sentences.append(f"In the model {model}, {join_words(idle)} {verb} no torque of {motion}.")
         if "wear" in idle:
-            sentences.append("So no wear is given with a test quantity: the model has no effect wear.")
+            sentences.append("The model has no wear, so a test quantity is not told as wear.")
     return sentences

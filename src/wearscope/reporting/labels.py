@@ -90,19 +90,29 @@ def group_columns(table: pd.DataFrame) -> list[str]:
     return [name for name in CELL if name in table.columns]
 
 
-def group_name(by: Sequence[str], key: Sequence[object]) -> str:
-    """Name of a group: its values, with the word where a number alone would not say; "all" without any."""
-    parts = [f"axis {value}" if name == "axis" else str(value) for name, value in zip(by, key, strict=True)]
+def group_name(by: Sequence[str], key: Sequence[object], names: Mapping[str, str] | None = None) -> str:
+    """Name of a group: its values, a detector by one of `names`, an axis with its word; "all" without any."""
+    told = names or {}
+    parts = [
+        f"axis {value}"
+        if name == "axis"
+        else told.get(str(value), str(value))
+        if name == "fda"
+        else str(value)
+        for name, value in zip(by, key, strict=True)
+    ]
     return ", ".join(parts) or "all"
 
 
-def split_groups(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Groups of a table by name, sorted; one group called "all" where `by` is empty."""
+def split_groups(
+    table: pd.DataFrame, by: Sequence[str], names: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Groups of a table by name, sorted by key; one group called "all" where `by` is empty."""
     if not by:
         yield "all", table
         return
     for key, rows in table.groupby(list(by), sort=True, observed=True):
-        yield group_name(by, key if isinstance(key, tuple) else (key,)), rows
+        yield group_name(by, key if isinstance(key, tuple) else (key,), names), rows
 
 
 def count_text(n: int, singular: str, plural: str = "") -> str:

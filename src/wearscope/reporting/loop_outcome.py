@@ -23,6 +23,7 @@ from wearscope.reporting.loop_words import (
     tell_measurement,
     tell_sizes,
     tell_unexplained,
+    tell_why,
 )
 from wearscope.reporting.page import JOINT, format_number, render_part, render_table, render_template
 from wearscope.reporting.page_strip import Strip
@@ -74,8 +75,8 @@ def _caveat(loop: ClosedLoop) -> str:
         return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
     if left := list_unexplained(loop.verdict, small=False):
         worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
-        size = size_left(joints[worst])
-        return f"At {worst}, {f'{size} is left; ' if size else ''}{tell_left(joints[worst])}."
+        why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
+        return f"At {worst}, {size} is left: {why}."
     open_names = [
         f"{words(join_words([one['effect'], *one['equivalent']], 'or'))} at {one['joint']}"
         for one in loop.verdict["verdict"]

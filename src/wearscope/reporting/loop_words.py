@@ -224,11 +224,17 @@ def tell_left(one: Verdict) -> str:
     if one["state"] == "unexplained":
         noise = ", below the noise of a run" if is_small(one) else ""
         size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS of it{noise}"
-        # A reason that names signals repeats them by their codes.
-        if on := join_words([*map(name_signal, one["depends_on"])]):
-            return f"{size}{',' if noise else ''} depends on {on}"
-        return f"{size}: {one['reason'] or 'it depends on no known signal'}"
+        if one["depends_on"]:
+            return f"{size}{',' if noise else ''} {tell_why(one).removeprefix('it ')}"
+        return f"{size}: {tell_why(one)}"
     return str(one["reason"]) if one["state"] == "not_judged" else ""
+
+
+def tell_why(one: Verdict) -> str:
+    """How structure that is left was seen; a reason that names signals repeats them by their codes."""
+    if on := join_words([*map(name_signal, one["depends_on"])]):
+        return f"it depends on {on}"
+    return one["reason"] or "it depends on no known signal"
 
 
 def size_left(one: Verdict) -> str:

@@ -69,10 +69,10 @@ def _strip(one: Reevaluation) -> Strip:
 def snr_sides(one: Reevaluation) -> pd.DataFrame:
     """SNR of every detector on each side, for the chart."""
     rows = one.table[one.table["question"] == "snr"].sort_values(["cycle", "axis", "fda"], kind="stable")
-    places = zip(rows["fda"], rows["axis"], rows["cycle"], strict=True)
-    rows = rows.assign(
-        thing=[f"{one.names.get(fda, fda)}, axis {axis}, {words(cycle)}" for fda, axis, cycle in places]
-    )
+    thing = rows["fda"].replace(dict(one.names)) + ", axis " + rows["axis"].astype(str)
+    if rows["cycle"].nunique() > 1:
+        thing += ", " + rows["cycle"].map(words)
+    rows = rows.assign(thing=thing)
     parts = {
         side: rows.rename(columns={f"{side}{end}": f"snr{end}" for end in ("", "_low", "_high")})
         for side in list_sides(one)

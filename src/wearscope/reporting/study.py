@@ -1,13 +1,13 @@
 """Everything that a study's report is made from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from wearscope.reporting.labels import detector_name
+from wearscope.reporting.labels import detector_name, join_words
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
@@ -85,6 +85,10 @@ class Study:
     def detector_names(self) -> dict[str, str]:
         """Names of the detectors that have an SNR, by letter in order."""
         return {code: self.detector_name(code) for code in sorted(self.snr["fda"].unique())}
+
+    def join_detectors(self, codes: Iterable[str], last: str = "and") -> str:
+        """Names of detectors as words of a sentence."""
+        return join_words([self.detector_name(code) for code in codes], last)
 
     def upper(self) -> list[str]:
         """Detectors that are told the simulator's law: upper bounds."""

@@ -40,7 +40,7 @@ def render_trust(study: Study) -> Markup:
         fits=embed_chart(chart_fits(study)),
         chosen=_chosen(study),
         audited=[*trust.audit_outcome(study), *trust.direct_outcome(study), *trust.mismatch_outcome(study)],
-        failed=[*trust.failed_simulations(study), trust.failed_points(study)],
+        failed=[*trust.failed_simulations(study), trust.failed_points(study), *trust.ask_moved(study)],
         failures=[
             render_table(table.assign(cycle=table["cycle"].map(words)).rename(columns=COLUMNS), text)
             for table, text in told
@@ -56,11 +56,12 @@ def _chosen(study: Study) -> Markup:
     """The chosen surrogates by detector: kinds, fits, states."""
     if study.chosen is None:
         return Markup("")
-    records = []
+    records, cells = [], []
     for fda, rows in study.chosen.groupby("fda", sort=True):
         states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
+        cells.append({"fda": fda})
         records.append(
-            {"detector": fda, "cells": len(rows)}
+            {"detector": study.detector_name(str(fda)), "cells": len(rows)}
             | {state: int(states.get(state, 0)) for state in _STATES}
             | {
                 "median fit [%]": float(rows["fit"].median()),
@@ -74,7 +75,7 @@ def _chosen(study: Study) -> Markup:
         "The surrogate chosen for each cell by cross-validation, its fit on runs that no choice saw; "
         "ceiling: what the noise of a run, known from replicates, leaves."
     )
-    return render_table(records, note, filter_by={"detector": "fda"})
+    return render_table(records, note, cells=cells)
 
 
 def render_findings(findings: Sequence[Finding]) -> Markup:

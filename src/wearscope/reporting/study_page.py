@@ -110,7 +110,6 @@ def _summarise(study: Study) -> Markup:
         ("Can it be trusted?", trusted, "trust", "Fits, audit, assumptions"),
     ]
     open_points = qualify(study, study.conclusions[0]) if study.conclusions else []
-    failed = [] if study.failures.empty else [trust.failed_points(study)]
     note = (
         "Each robot by itself. Ranges hold 95 % of a factor that varies alone; ≥: the end of what was "
         "simulated. As friction: at a tenth of the joints' top speeds. Median SNR of the detector to "
@@ -119,7 +118,7 @@ def _summarise(study: Study) -> Markup:
     robots = [_compare(study, one) for one in study.conclusions if one.robot]
     return render_template(
         "study/summary.html",
-        qualifiers=[*open_points, *trust.ask_moved(study), *failed],
+        qualifiers=[*open_points, *trust.count_failed(study)],
         alarms=[*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)],
         cards=[(title, said[:MOST], link, more) for title, said, link, more in cards],
         robots=render_table(robots, note, filter_by={"robot": "robot"}) if robots else "",
@@ -169,14 +168,17 @@ def _detectors(study: Study) -> Markup:
     setting, fault = study.config["snr"], study.factor("f")
     ends = (setting["f0"], setting["f0"] + setting["delta"])
     low, high = (float(fault.to_natural(one)) for one in ends)
-    shown = study.ranking.drop(columns="interval_from", errors="ignore").rename(columns=COLUMNS)
+    shown, cells = study.ranking.drop(columns="interval_from", errors="ignore"), []
+    if "fda" in shown:
+        cells = shown[["fda"]].to_dict("records")
+        shown = shown.assign(fda=shown["fda"].map(study.detector_name))
     return render_template(
         "study/detectors.html",
         sentences=answers.best_detector(study),
         setting=f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
         "coded units",
         charts=embed_chart(chart_snr(study), chart_snr_cells(study)),
-        ranking=render_table(shown, filter_by={"detector": "fda"} if "detector" in shown else None),
+        ranking=render_table(shown.rename(columns=COLUMNS), cells=cells),
         sources=_sources(study),
     )
 

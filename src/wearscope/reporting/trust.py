@@ -37,12 +37,13 @@ def doubts(study: Study) -> list[str]:
             good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]["inside"]
             if withheld or (len(good) and good.mean() < 0.5):
                 reasons.append(f"the audit held {_share(good, 'value')}")
-        what = "Withheld is" if withheld else "Do not trust"
+        what = "Withheld are" if withheld else "Do not trust"
         if reasons:
-            sentences.append(f"{what} what Q-2 and Q-3 say of {fda}: {' and '.join(reasons)}.")
+            name = study.detector_name(fda)
+            sentences.append(f"{what} signal-to-noise ratio and scope of {name}: {' and '.join(reasons)}.")
     answers = study.audit_answers
     if answers is not None and (answers["answer"] == "not audited").any():
-        left = ", ".join(answers.loc[answers["answer"] == "not audited", "fda"])
+        left = study.join_detectors(answers.loc[answers["answer"] == "not audited", "fda"])
         sentences.append(f"Not audited, as every value failed: {left}.")
     return sentences
 
@@ -70,7 +71,9 @@ def audit_outcome(study: Study) -> list[str]:
         f"Simulated directly at {count_text(audit['point'].nunique(), 'point')}, "
         f"{_share(good['inside'], 'value')} lie within the surrogate's 95 % prediction interval{where}."
     ]
-    by_detector = [f"{fda} {_share(rows)}" for fda, rows in good.groupby("fda", sort=True)["inside"]]
+    by_detector = [
+        f"{study.detector_name(fda)} {_share(rows)}" for fda, rows in good.groupby("fda", sort=True)["inside"]
+    ]
     if len(by_detector) > 1:
         sentences.append(f"By detector: {', '.join(by_detector)}.")
     if len(failed):
@@ -102,7 +105,8 @@ def direct_outcome(study: Study) -> list[str]:
         return []
     known = table["agrees"].dropna().astype(bool)
     parts = [
-        f"{row.fda} {_tell_snr(row, 'direct')}, by the surrogate {_tell_snr(row, 'surrogate')}"
+        f"{study.detector_name(row.fda)} {_tell_snr(row, 'direct')}, by the surrogate "
+        f"{_tell_snr(row, 'surrogate')}"
         for row in table.itertuples()
     ]
     return [
@@ -165,10 +169,10 @@ def tell_moved(study: Study, detector: str) -> str:
     table = study.mismatch
     rows = table[table["fda"] == detector] if table is not None else None
     if rows is None or rows.empty:
-        return "Whether it moves if friction is doubled is not judged; the page's Conclusion has the command."
+        return "Whether it moves if friction is doubled is not judged; Can it be trusted? has the command."
     row = next(rows.itertuples())
     return (
-        f"With {tell_mismatch(study)}, {detector} has a signal-to-noise ratio of "
+        f"With {tell_mismatch(study)}, {study.detector_name(detector)} has a signal-to-noise ratio of "
         f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)} "
         f"({words(row.cycle)}, axis {row.axis})."
     )
@@ -222,16 +226,23 @@ def dropped_factors(study: Study) -> list[str]:
     ]
 
 
+def count_failed(study: Study) -> list[str]:
+    """How many points failed, in short; [] where none did."""
+    total = count_text(int(study.failures["failed"].sum()), "test quantity", "test quantities")
+    return [] if study.failures.empty else [f"{total} failed: left out, never counted as zero."]
+
+
 def failed_points(study: Study) -> str:
     """How many points failed for a detector, and where most."""
     if study.failures.empty:
         return "No detector failed at any point."
     worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
     total = int(study.failures["failed"].sum())
+    where = f"{study.detector_name(worst['fda'])}, {_tell_cell(worst)}, {worst['set']}"
     return (
         f"{count_text(total, 'test quantity', 'test quantities')} failed in "
-        f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {worst['fda']}, "
-        f"{_tell_cell(worst)}, {worst['set']}: {worst['failed']} of {worst['points']} "
+        f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {where}: "
+        f"{worst['failed']} of {worst['points']} "
         f"({worst['first_reason']}). Failed points are left out, never counted as zero."
     )
 
@@ -244,7 +255,9 @@ def surrogate_quality(study: Study) -> str:
         return f"The {model} has no fit on the {runs} runs in any cell."
     missing = f"; {count_text(len(rows) - good.size, 'cell')} n/a" if len(rows) > good.size else ""
     medians = [
-        f"{fda} {format_number(float(np.median(finite(fits))), 2)} %" if finite(fits).size else f"{fda} n/a"
+        f"{study.detector_name(fda)} {format_number(float(np.median(finite(fits))), 2)} %"
+        if finite(fits).size
+        else f"{study.detector_name(fda)} n/a"
         for fda, fits in rows.groupby("fda", sort=True)["fit"]
     ]
     text = f"The {model} fits the {runs} runs to these medians: {', '.join(medians)}; "
