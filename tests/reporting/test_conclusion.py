@@ -128,7 +128,7 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     arm = {"arm": ["URDF given; friction assumed"]}
     study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
     assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
-    assert "is not judged; Can it be trusted? has the command." in study_strip(study).caveat
+    assert "is not judged; the part on trust has the command." in study_strip(study).caveat
     row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     path = "effects.friction_wear_temperature.all.eta0 %"
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}

@@ -169,7 +169,7 @@ def tell_moved(study: Study, detector: str) -> str:
     table = study.mismatch
     rows = table[table["fda"] == detector] if table is not None else None
     if rows is None or rows.empty:
-        return "Whether it moves if friction is doubled is not judged; Can it be trusted? has the command."
+        return "Whether it moves if friction is doubled is not judged; the part on trust has the command."
     row = next(rows.itertuples())
     return (
         f"With {tell_mismatch(study)}, {study.detector_name(detector)} has a signal-to-noise ratio of "
