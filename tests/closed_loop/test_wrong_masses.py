@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from wearscope.closed_loop.model.inertials import inertial_scale, name_unbelievable_links
 from wearscope.closed_loop.run import close_loop
 
 PLANS = (
@@ -62,6 +64,15 @@ def test_a_load_that_links_could_hold_only_unbelievably_is_named(tmp_path):
             mass = truth["planted"][0]["parameters"]["mass"]["value"]
             low, high = verdict["verdict"][0]["parameters"]["mass"]["ci95"]
             assert low < mass < high < 0.0
+
+
+def test_links_that_nobody_would_believe_are_said(record, pose):
+    prepared = pose(record(runs=2, duration=4.0)).prepared
+    off = np.zeros((prepared.n, 10))
+    off[-1, 0] = -inertial_scale(prepared).reshape(-1, 10)[-1, 0]
+    assert name_unbelievable_links(prepared, 2.9 * off.ravel(), 3.0) == []
+    (said,) = name_unbelievable_links(prepared, 3.1 * off.ravel(), 3.0)
+    assert said.startswith(f"the link that {prepared.dataset.joints[-1]} moves") and "(mass -" in said
 
 
 def test_a_drive_s_inertia_that_links_could_hold_only_unbelievably_is_named(tmp_path):

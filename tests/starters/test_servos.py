@@ -11,8 +11,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from click.testing import CliRunner
 
 from wearscope import limits
+from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
@@ -254,6 +256,26 @@ def test_a_real_servo_from_its_own_columns(tmp_path):
     named = {entry["effect"]: entry for entry in diagnose(made).verdict["verdict"]}
     low, high = named["load_dependent_friction"]["parameters"]["coefficient"]["ci95"]
     assert 0.4 < low < high < 0.8
+
+
+@pytest.mark.slow
+def test_all_recordings_of_a_real_servo_have_the_documented_answer(tmp_path):
+    files = sorted((DATA / "servo_xl330").glob("*.csv"))
+    if not files:
+        pytest.skip("needs servo_xl330 in WEARSCOPE_DATA or ../shared/data")
+    urdf = tmp_path / "pendulum.urdf"
+    urdf.write_text(PENDULUM)
+    options = ["--urdf", str(urdf), "--servo", "xl330", "--name", "servo", "--in", str(tmp_path)]
+    options += ["--test", "sin_sin_kp200.csv", "--test", "up_and_down_kp400.csv"]
+    done = CliRunner().invoke(wearscope, ["new", "dataset", *map(str, files), *options])
+    assert done.exit_code == 0, done.output
+    verdict = diagnose(tmp_path / "servo").verdict
+    (entry,) = (one for one in verdict["verdict"] if one["effect"] == "load_dependent_friction")
+    assert entry["status"] == "confirmed"
+    assert entry["parameters"]["coefficient"]["value"] == pytest.approx(0.60, abs=0.02)
+    speed = verdict["servos"]["arm"]["speed_coefficient"]
+    assert speed["ci95"][0] < 0.042 < speed["ci95"][1] and speed["value"] == pytest.approx(0.043, abs=0.002)
+    assert max(after for _, after in verdict["joints"]["arm"]["relative_error_percent"].values()) < 11.0
 
 
 def test_registers_of_a_servo_are_brought_to_its_units(tmp_path):

@@ -27,11 +27,9 @@ from wearscope.closed_loop.model.possible import Impossible, keep_possible, list
 from wearscope.closed_loop.model.prediction import bootstrap_change, predict_reduced, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.status import Marked
+from wearscope.closed_loop.selection.status import SAME, Marked
 from wearscope.effects.rotor_inertia_error import EFFECT as OWN_INERTIA
 
-#: Growth of an error [%] that is none: figures of three digits agree.
-_SAME = 0.1
 _SEED = 31
 
 
@@ -111,7 +109,7 @@ def _find_worse(
         errors.append([(prepared.take_out_levels(r, e), r.keep) for r, e in zip(test, left, strict=True)])
     change, interval = bootstrap_change(errors[0], errors[1], max(4, int(4 * prepared.band.torque)), _SEED)
     for j in np.argsort(-np.nan_to_num(change)).tolist():
-        if not change[j] > _SAME:
+        if not change[j] > 100.0 * SAME:
             return -1, []
         own = [k for k, term in kept.items() if term.joint == j and not term.effect.spread]
         felt = [k for k, term in kept.items() if term.effect.spread]

@@ -15,8 +15,8 @@ from wearscope.closed_loop.model.terms import ModelTerm
 Status = Literal["confirmed", "not_confirmed", "refuted"]
 #: Draws of the bootstrap over blocks of the test runs, and its seed.
 _DRAWS, _SEED = 1000, 23
-#: Growth of the residual variance that is none: errors (RMS) of three digits agree.
-_SAME = 2e-3
+#: Growth of an error (RMS), of itself, that is none: figures of three digits agree.
+SAME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Marked:
     ----------
     status : str
         ``confirmed`` where the whole interval of `reduction` is above zero, ``refuted`` where it is
-        clearly below,
+        below what a growth of the error by `SAME` takes,
         ``not_confirmed`` else.
     reduction : float
         Share of the test runs' residual variance that the term removes at its joint (at all joints where it
@@ -70,7 +70,7 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
             continue
         drawn = 1.0 - best[pick].sum(axis=1) / np.maximum(own[pick].sum(axis=1), 1e-300)
         low, high = np.quantile(drawn, [0.025, 0.975])
-        status: Status = "confirmed" if low > 0.0 else "refuted" if high < -_SAME else "not_confirmed"
+        status: Status = "confirmed" if low > 0.0 else "refuted" if high < -2.0 * SAME else "not_confirmed"
         marked.append(Marked(status, 1.0 - float(best.sum() / max(own.sum(), 1e-300)), (low, high)))
     return marked
 
