@@ -115,10 +115,12 @@ def scale_currents(folder, rng):
 
 
 def exchange(kind):
-    """Fault: columns of the two joints with the largest torques exchanged."""
+    """Fault: columns of the two joints with the largest torques exchanged, where there are two."""
 
     def fault(folder, rng):
         size = [np.mean([t[name].std() for t in folder.tables.values()]) for name in folder.columns("tau")]
+        if len(size) == 1:
+            return None
         i, j = np.argsort(size)[-2:]
         names = [
             (folder.columns(one, i), folder.columns(one, j))
@@ -204,6 +206,25 @@ def load_undeclared(folder, rng):
     return folder.change(change)
 
 
+def shift(angle):
+    """Fault: another zero of the joint with the largest torque, where the torques depend on it."""
+
+    def fault(folder, rng):
+        name, body = folder.columns("q", folder.largest), folder.body()
+        q = next(iter(folder.tables.values()))[folder.columns("q")].to_numpy()
+        turned = q + angle * (np.arange(q.shape[1]) == folder.largest)
+        torques = [body.inverse_dynamics(x, 0.0 * x, 0.0 * x) for x in (q, turned)]
+        if folder._slides()[folder.largest] or np.ptp(torques[1] - torques[0]) < 0.3 * np.ptp(torques[0]):
+            return None
+
+        def change(table):
+            table[name] += angle
+
+        return folder.change(change)
+
+    return fault
+
+
 def wrap(folder, rng):
     """Fault: the widest joint's position wraps round in the middle of its range."""
     name = folder.columns("q", folder.widest)
@@ -240,6 +261,9 @@ FAULTS = {
     "torques exchanged": (exchange("tau"), ("exchanged tau",), False),
     "positions exchanged": (exchange("q"), ("exchanged q",), False),
     "positions in degrees": (scale("q", 180.0 / np.pi), ("degrees q",), False),
+    "zero a quarter turn off": (shift(np.pi / 2.0), ("zero q_{largest}",), False),
+    "zero 30 degrees off": (shift(np.pi / 6.0), ("zero q_{largest}",), False),
+    "all torques 1.4 times": (scale("tau", 1.4), ("times what the stated bodies need", "gain tau"), False),
     "10 ms late": (delay(0.010), ("late tau",), True),
     "20 ms late": (delay(0.020), ("late tau",), True),
     "40 ms late": (delay(0.040), ("late tau",), False),
@@ -319,7 +343,10 @@ def main(arguments=None):
                 rng = np.random.default_rng(given.seed)
                 other = Path(scratch) / "fault"
                 shutil.rmtree(other, ignore_errors=True)
-                fault(folder, rng).write(other)
+                changed = fault(folder, rng)
+                if changed is None:
+                    continue
+                changed.write(other)
                 words = [one.format(largest=folder.joints[folder.largest]) for one in told]
                 begun = time.process_time()
                 said, text = ask(other)

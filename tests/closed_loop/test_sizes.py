@@ -118,9 +118,24 @@ def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_pat
 def test_a_torque_constant_that_is_off_is_noted(tmp_path, n, joint, factor):
     factors = np.where(np.arange(n) == joint, factor, 1.0)
     notes = " ".join(Bench(tmp_path, n, seconds=9.0).record(torque(factors, mass=1.2)).accept())
-    said = re.search(r"'tau_j(\d)' is (\S+) times what the stated bodies need", notes)
+    said = re.search(r"torques at j(\d) are (\S+) times what the stated bodies need", notes)
     assert said is not None and int(said[1]) == joint + 1
     assert float(said[2]) == pytest.approx(factor, rel=0.15)
+
+
+@pytest.mark.parametrize(("n", "factor"), [(3, 0.72), (2, 1.4)])
+def test_a_factor_of_all_torques_is_noted_and_limits_the_verdict(tmp_path, n, factor):
+    """Masses that may differ hide a common factor from each joint by itself, and refitted ones take it."""
+    bench = Bench(tmp_path, n, seconds=9.0).record(torque([factor] * n, mass=1.2))
+    said = re.search(r"torques at all joints are (\S+) times", " ".join(bench.accept()))
+    assert said is not None and float(said[1]) == pytest.approx(factor, rel=0.1)
+    told = diagnose(tmp_path / "d").verdict["torque_factors"]
+    assert told == {f"j{k + 1}": pytest.approx(factor, rel=0.1) for k in range(n)}
+
+
+def test_torques_of_the_stated_masses_have_no_factor(tmp_path):
+    notes = Bench(tmp_path, 3, seconds=9.0).record(torque((1.0, 1.0, 1.0), mass=1.2)).accept()
+    assert not any("times what the stated bodies need" in one for one in notes)
 
 
 def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):

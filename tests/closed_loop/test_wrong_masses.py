@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
-from wearscope.closed_loop.model.inertials import inertial_scale, name_unbelievable_links
+from wearscope.closed_loop.model.inertials import inertial_scale, name_far_links
 from wearscope.closed_loop.run import close_loop
 
 PLANS = (
@@ -70,8 +70,8 @@ def test_links_that_nobody_would_believe_are_said(record, pose):
     prepared = pose(record(runs=2, duration=4.0)).prepared
     off = np.zeros((prepared.n, 10))
     off[-1, 0] = -inertial_scale(prepared).reshape(-1, 10)[-1, 0]
-    assert name_unbelievable_links(prepared, 2.9 * off.ravel(), 3.0) == []
-    (said,) = name_unbelievable_links(prepared, 3.1 * off.ravel(), 3.0)
+    assert name_far_links(prepared, 2.9 * off.ravel(), 3.0) == []
+    ((_, said),) = name_far_links(prepared, 3.1 * off.ravel(), 3.0)
     assert said.startswith(f"the link that {prepared.dataset.joints[-1]} moves") and "(mass -" in said
 
 

@@ -18,7 +18,7 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_outcome import describe_joint, draw_curves
+from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.reporting.page_strip import unbreak
 
@@ -359,6 +359,25 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
         nothing["joints"][joint]["state"] = "explained"
     write(tmp_path, nothing)
     assert conclude_loop(read_closed_loop(tmp_path).verdict)[0] == "good"
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({}, None),
+        ({"torque_factors": {"a": 1.3, "b": 1.3}}, "Torques are 1.3 times what the URDF's masses need"),
+        ({"torque_factors": {"a": 0.7}}, "Torques at a are 0.7 times what the URDF's masses need"),
+        ({"far_links": ["b"]}, "Masses were refitted far from the URDF at b"),
+    ],
+)
+def test_masses_that_nobody_believes_are_the_caveat_of_a_verdict_that_finds_nothing(said, told, tmp_path):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []} | said
+    for joint in JOINTS:
+        verdict["joints"][joint]["state"] = "explained"
+    write(tmp_path, verdict)
+    strip = loop_strip(read_closed_loop(tmp_path))
+    assert strip.kind == ("unsure" if told else "good")
+    assert strip.caveat.startswith(told or "Only 1 training run")
 
 
 @pytest.mark.parametrize(

@@ -99,6 +99,16 @@ def test_positions_of_another_zero_are_told_and_taken(tmp_path, by):
     bench.accept(*(word for one, size in said for word in ("--shift", f"{one}={size}")))
 
 
+def test_another_zero_is_told_though_friction_is_most_of_the_torque(tmp_path):
+    bench = Bench(tmp_path, 2, 2.0)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 2.0, 0.3) + rub(v, 8.0, 4.0) + rng.normal(0, 0.05, q.shape),
+        position=lambda q, k: q - [0.0, np.pi / 2.0],
+    )
+    said = re.search(r"--shift q_j2=(\S+?)[; ]", bench.refuse())
+    assert said is not None and float(said[1]) == pytest.approx(np.pi / 2.0, abs=0.05)
+
+
 @pytest.mark.parametrize(("sharp", "want"), [(1.0, np.pi / 2.0), (100.0, 1.64)])
 def test_a_quarter_turn_is_taken_where_it_leaves_about_as_little(monkeypatch, sharp, want):
     """Of light links the weight tells an angle within some degrees only."""

@@ -163,6 +163,8 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             for problem in found.problems[:-1]:
                 say(f"  wrong: {problem}")
             raise InputError(_name_option(found.problems[-1]))
+    for note in found.notes:
+        say(f"  {note.replace(str(made), str(target))}")
     say(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
 
 

@@ -10,7 +10,7 @@ from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.events import suggest_thresholds
-from wearscope.closed_loop.model.inertials import name_unbelievable_links
+from wearscope.closed_loop.model.inertials import name_far_links
 from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,
@@ -66,6 +66,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
     runs = [p.run for p in diagnosis.predicted]
     left = [p.run.measured - p.after for p in diagnosis.predicted]
     entries.sort(key=lambda entry: entry["status"] != "refuted")
+    far = list_far_links(diagnosis)
     return {
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
@@ -73,6 +74,8 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "events": diagnosis.events,
         "collision_thresholds": suggest_thresholds(runs, left, diagnosis.events, joints),
         "torque": prepared.torque_readings,
+        "torque_factors": prepared.torque_factors,
+        "far_links": [joint for joint, _ in far],
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
         "stopped": [
@@ -85,23 +88,28 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
-        "notes": prepared.notes + diagnosis.notes + list_unbelievable_links(diagnosis),
+        "notes": prepared.notes + diagnosis.notes + _note_held(diagnosis) + [told for _, told in far],
     }
 
 
-def list_unbelievable_links(diagnosis: Outcome) -> list[str]:
-    """What the refit made of the links, where nobody would believe it; nothing where they are trusted."""
-    after, policy = diagnosis.after, diagnosis.policy
-    if not after.inertial:
+def list_far_links(diagnosis: Outcome) -> list[tuple[str, str]]:
+    """Joints whose links the refit put far from the URDF, each with a sentence; none where it is trusted."""
+    if not diagnosis.after.inertial:
         return []
-    deviations = after.solve()[: 10 * diagnosis.prepared.n]
-    held = [
+    deviations = diagnosis.after.solve()[: 10 * diagnosis.prepared.n]
+    return name_far_links(diagnosis.prepared, deviations, diagnosis.policy.unexpected)
+
+
+def _note_held(diagnosis: Outcome) -> list[str]:
+    """A sentence on each name that changes no error, as refitted masses can hold it."""
+    return [
         f"{named.term.effect.name} is named because the links would be far from the URDF without it. "
         "Refitted masses can hold it, so that it changes no error."
         for named in diagnosis.attributions
-        if not named.term.effect.standard and rule.relieves(named.evidence, policy)
+        if diagnosis.after.inertial
+        and not named.term.effect.standard
+        and rule.relieves(named.evidence, diagnosis.policy)
     ]
-    return held + name_unbelievable_links(diagnosis.prepared, deviations, policy.unexpected)
 
 
 def summarise_joints(

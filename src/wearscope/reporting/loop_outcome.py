@@ -64,6 +64,8 @@ def loop_strip(loop: ClosedLoop) -> Strip:
     if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
         text_of = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
         action = text_of.format(advised[0]["table"], count_text(advised[0]["runs"], "run"))
+    if kind == "good" and _doubt_masses(loop):
+        kind = "unsure"
     return Strip(text, kind, sure, _caveat(loop), action)
 
 
@@ -84,6 +86,8 @@ def _caveat(loop: ClosedLoop) -> str:
     ]
     if open_names:
         return f"These runs do not separate {'; '.join(open_names)}."
+    if doubt := _doubt_masses(loop):
+        return doubt
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
     if small := tell_unexplained(loop.verdict, small=True):
@@ -92,6 +96,20 @@ def _caveat(loop: ClosedLoop) -> str:
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
     return "Names say which formula fits and carries over, not which part of the machine causes it."
+
+
+def _doubt_masses(loop: ClosedLoop) -> str:
+    """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
+    if factors := loop.verdict.get("torque_factors"):
+        low, high = min(factors.values()), max(factors.values())
+        size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
+        where = "" if len(factors) == len(loop.joints) else f" at {join_words(list(factors))}"
+        told = "torque constants or masses are off"
+        return f"Torques{where} are {size} times what the URDF's masses need: {told}."
+    if far := loop.verdict.get("far_links"):
+        told = "a load is undeclared, or the URDF is wrong"
+        return f"Masses were refitted far from the URDF at {join_words(far)}: {told}."
+    return ""
 
 
 def render_outcome(loop: ClosedLoop) -> Markup:

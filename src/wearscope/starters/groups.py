@@ -34,6 +34,12 @@ def choose_groups(
             groups[kind] = found[0]
     told = f"the columns are {', '.join(columns[:30])}"
     if "position" not in groups:
+        if len(joints) > 1 and find_groups(columns, joints[:1], "position"):
+            raise InputError(
+                f"{file}: has the columns of one joint, and the URDF moves {', '.join(joints)}; put joints "
+                f"that move together side by side in one file, as q_{joints[0]}, q_{joints[1]}, or give "
+                f"--joints with the one that this file is of; {told}."
+            )
         raise InputError(
             f"{file}: no column of positions is found for each of {', '.join(joints)}; name them with "
             f"--position 'NAME_*', or fewer joints with --joints; {told}."

@@ -181,6 +181,7 @@ def read_torque(
             f"{file}: has currents and no torques; give --torque-constant (N m/A at the motor) and "
             "--gear-ratio, or --torque-constant alone where it is N m/A at the joint."
         )
-    ratio = np.ones(n) if gear is None else take_ratios(gear, "--current", n)
-    told = "times --torque-constant" + ("" if gear is None else " and --gear-ratio")
+    geared = gear is not None or mapped.torque_side == "motor"
+    ratio = take_ratios(gear, "--torque-side motor", n) if geared else np.ones(n)
+    told = "times --torque-constant" + (" and --gear-ratio" if geared else "")
     return values["current"] * factor * ratio, [f"{file.name}: torques are the currents {told}."]

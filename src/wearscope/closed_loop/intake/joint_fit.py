@@ -31,7 +31,14 @@ LEAST_ROWS = 30
 WORTH = 0.05
 #: Share of a torque's variance that is none.
 NONE = 0.01
+#: What one reading leaves is clearly less where it is this share of what another does, and so much less.
+_CLEAR, _LEAST = 0.3, 0.005
 _HELD = 1e-9
+
+
+def is_clearly_less(total: float, other: float, by: float) -> bool:
+    """Whether a reading leaves less than another by a share of a torque's variance, or next to nothing."""
+    return total < other - by or (total < _CLEAR * other and total < other - _LEAST)
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ class Rows:
 
     def is_worth(self, total: float, any_size: bool = False) -> bool:
         """Whether a reading leaves clearly less than springs and balancers of all joints would."""
-        return total < replace(self, springs=True).products.miss(any_size) - WORTH
+        return is_clearly_less(total, replace(self, springs=True).products.miss(any_size), WORTH)
 
     def rivals_springs(self, total: float) -> bool:
         """Whether a reading does about as well as springs and balancers of all joints would."""

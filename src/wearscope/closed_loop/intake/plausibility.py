@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import interpolate
 
-from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
+from wearscope.closed_loop.intake.asked import Asked, Reading
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import find_reading, list_readings
+from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.signal_checks import check_signals
 from wearscope.closed_loop.intake.sizes import find_constants, find_impossible_sizes, leave, say_sizes
@@ -127,14 +127,19 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
 def _note_constants(prepared: Prepared, whole: Rows) -> None:
     """Torques by a constant that is off, or of masses that are: one fit does not tell them apart."""
     size = find_constants(whole.products)
-    at = np.flatnonzero(size != 1.0)
-    if len(at):
-        names = say_columns([f"tau_{prepared.dataset.joints[j]}" for j in at])
-        sizes = ", ".join(f"{one:.3g}" for one in size[at])
-        prepared.notes.append(
-            f"{names} {'are' if len(at) > 1 else 'is'} {sizes} times what the stated bodies need: masses or "
-            "torque constants are off, and friction is as far off as the constants are."
-        )
+    if np.all(size == 1.0):
+        size = find_constants(replace(whole, springs=True).products)
+    joints = prepared.dataset.joints
+    prepared.torque_factors = {joints[j]: float(size[j]) for j in np.flatnonzero(size != 1.0)}
+    if not prepared.torque_factors:
+        return
+    where, sizes = list(prepared.torque_factors), [f"{one:.3g}" for one in prepared.torque_factors.values()]
+    if len(where) == len(whole.products.heard) and len(set(sizes)) == 1:
+        where, sizes = ["all joints"], sizes[:1]
+    prepared.notes.append(
+        f"torques at {', '.join(where)} are {', '.join(sizes)} times what the stated bodies need: masses or "
+        "torque constants are off, and friction is as far off as the constants are."
+    )
 
 
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
@@ -148,8 +153,8 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
     taken: set[str] = {"late tau"} if TIME_DELAY.name in prepared.dataset.fields.declared_effects else set()
     for group in groups:
         asked = _ask(prepared, whole.pick(np.isin(whole.run, group)))
-        every = list_readings(asked)
-        while (found := find_reading(asked, every, frozenset(taken))) is not None:
+        every = Readings(asked)
+        while (found := find_reading(every, frozenset(taken))) is not None:
             taken.update(found.codes)
             if not _is_borne_out(prepared, whole, found, np.setdiff1d(doubtful, group)):
                 continue
@@ -164,7 +169,7 @@ def _is_borne_out(prepared: Prepared, whole: Rows, found: Reading, others: np.nd
     better = []
     for run in others.tolist():
         asked = _ask(prepared, whole.pick(whole.run == run))
-        own = find_reading(asked, list_readings(asked))
+        own = find_reading(Readings(asked))
         better.append(own is not None and own.codes == found.codes)
     return not better or bool(np.mean(better) >= 0.5)
 

@@ -95,6 +95,8 @@ class Prepared:
         Largest speed of each joint in the training runs [rad/s or m/s].
     link_side : frozenset of str
         Joints in whose torque there is no friction to be seen.
+    torque_factors : dict of str to float
+        By joint, torque over what the stated bodies need, where one clearly fits better than 1.
     levelled : tuple of int
         Joints whose torque is compared about its mean in each run, since its level is a drift's, perhaps.
     """
@@ -108,6 +110,7 @@ class Prepared:
     reversals: Reversals = field(default_factory=lambda: Reversals.over(np.zeros(0)))
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     link_side: frozenset[str] = frozenset()
+    torque_factors: dict[str, float] = field(default_factory=dict)
     levelled: tuple[int, ...] = ()
 
     @property

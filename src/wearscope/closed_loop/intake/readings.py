@@ -5,8 +5,9 @@ another joint's torque, a delayed channel. The one that clearly leaves least of 
 the data set's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from scipy import optimize
@@ -14,7 +15,7 @@ from scipy import optimize
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity, read_mount
-from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows, is_clearly_less
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
 
@@ -30,28 +31,51 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
 #: joint keeps, or its links cost, more than the last, two faults at once are asked for.
 _DOUBTFUL, _CLEAR, _ALIKE, _POOR = 0.015, 0.3, 0.02, 0.1
 #: Rows of a first look; least span of a position in degrees that is a motion.
-_FIRST_LOOK, _LEAST_DEGREES = 900, 1.0
+_FIRST_LOOK, _LEAST_DEGREES = 450, 1.0
 #: Longest delay that is sought, its step, and the least that is the recorder's [s];
 #: runs that must show it, at most; delays of two runs that differ by less are alike.
 _LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 
-def find_reading(asked: Asked, every: list[Reading], ignored: frozenset[str] = frozenset()) -> Reading | None:
+class Readings:
+    """What the columns may be in the place of what is stated, each asked for once and as far as needed.
+
+    There are none where the stated reading leaves next to nothing.
+    """
+
+    def __init__(self, asked: Asked) -> None:
+        self.asked, self._made = asked, list[Reading]()
+        stated = asked.rows.products.fit()
+        self._rest = iter(()) if stated.total < _DOUBTFUL else _list_readings(asked, stated)
+
+    def list_without(self, ignored: frozenset[str]) -> Iterator[Reading]:
+        """Those without some codes."""
+        k = 0
+        while True:
+            if k == len(self._made):
+                self._made.extend(islice(self._rest, 1))
+            if k == len(self._made):
+                return
+            if not set(self._made[k].codes) & ignored:
+                yield self._made[k]
+            k += 1
+
+
+def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Reading | None:
     """The reading that explains the torques clearly better than the stated one, if there is one.
 
     Parameters
     ----------
-    asked : Asked
-    every : list of Reading
-        From `list_readings`.
+    every : Readings
     ignored : frozenset of str
         Codes of readings that are not asked for.
     """
+    asked = every.asked
     stated = asked.rows.products.fit()
-    some = [one for one in every if not set(one.codes) & ignored]
-    best = _choose(some, stated, asked.rows.products.any_size)
-    if best is None and some and max(np.nanmax(stated.left), stated.cost) > _POOR:
+    best = _choose(every.list_without(ignored), stated, asked.rows.products.any_size)
+    some = list(every.list_without(ignored)) if best is None else []
+    if some and max(np.nanmax(stated.left), stated.cost) > _POOR:
         other = [one for one in some if not one.codes[0].startswith("gain ")]
         better = [one for one in other if one.fit.total < stated.total - _DOUBTFUL]
         heard = tuple(asked.rows.products.heard)
@@ -61,7 +85,7 @@ def find_reading(asked: Asked, every: list[Reading], ignored: frozenset[str] = f
     return best
 
 
-def _choose(readings: list[Reading], stated: Fit, rival: float) -> Reading | None:
+def _choose(readings: Iterable[Reading], stated: Fit, rival: float) -> Reading | None:
     """The first of those that clearly leave less than the stated reading and a body of any size."""
     best: Reading | None = None
     for reading in readings:
@@ -72,15 +96,11 @@ def _choose(readings: list[Reading], stated: Fit, rival: float) -> Reading | Non
         # What is removed of its torques is at most all that they vary: their misfit may be any size.
         if removed < _DOUBTFUL or kept > _CLEAR * min(removed, len(reading.joints)):
             continue
-        if best is None or reading.fit.total < best.fit.total - _ALIKE:
+        if best is None or is_clearly_less(reading.fit.total, best.fit.total, _ALIKE):
             best = reading
+            if not is_clearly_less(0.0, best.fit.total, _ALIKE):
+                break
     return best
-
-
-def list_readings(asked: Asked) -> list[Reading]:
-    """What the columns may be in the place of what is stated; nothing where that leaves next to nothing."""
-    stated = asked.rows.products.fit()
-    return [] if stated.total < _DOUBTFUL else list(_list_readings(asked, stated))
 
 
 def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:

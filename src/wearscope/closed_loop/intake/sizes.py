@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.joint_fit import NONE, Products, Rows
+from wearscope.closed_loop.intake.joint_fit import Products, Rows
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Torque over need beyond which a factor is no error of the model.
@@ -44,37 +44,42 @@ def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
 
 
 def find_constants(products: Products) -> np.ndarray:
-    """Torque over need (n,) by a constant that no drive's is off by; 1 where the fit asks for no other."""
-    size, stated = np.ones(products.scale.shape[-1]), products.fit().total
-    least = stated
-    for j in 2 * products.heard if stated > NONE else []:
+    """Torque over need (n,) by a constant that no drive's is off by; 1 where the fit asks for no other.
 
-        def miss(octave: float, j: int = j) -> float:
-            return products.resize(_at(size, j, 2.0**octave)).fit().total
-
-        if min(miss(-_NEAR), miss(_NEAR)) < least - _SOME * stated or size[j] != 1.0:
-            fine = optimize.minimize_scalar(
-                miss, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 0.01}
-            )
-            if fine.fun < least:
-                size[j], least = 2.0**fine.x, float(fine.fun)
-    low, high = TORQUE_CONSTANT.coefficients[0].bounds("rad", 1.0)
-    return _leave_out_idle(products, np.where((size - 1.0 < low) | (size - 1.0 > high), size, 1.0))
-
-
-def _leave_out_idle(products: Products, size: np.ndarray) -> np.ndarray:
-    """Those of the factors (n,) that are needed to leave little of what torques as stated leave."""
-    stated, size = products.fit().total, size.copy()
+    All joints by one factor are asked for before single ones: links that may differ hide a common factor from
+    each joint alone.
+    """
+    heard, stated = products.heard, products.fit().total
     most = min(_CLEAR * stated, stated - _LEAST)
-    for j in np.flatnonzero(size != 1.0).tolist():
-        if products.resize(_at(size, j, 1.0)).fit().total < most:
-            size[j] = 1.0
+    size = np.ones(products.scale.shape[-1])
+    if most <= 0.0:
+        return size
+
+    def miss(octave: float, some: list[int]) -> float:
+        return products.resize(_at(size, some, 2.0**octave)).fit().total
+
+    least = stated
+    for some in [heard, *([j] for j in 2 * heard)]:
+        if min(miss(-_NEAR, some), miss(_NEAR, some)) < least - _SOME * stated or np.any(size[some] != 1.0):
+            fine = optimize.minimize_scalar(
+                miss, bounds=(-1.0, 1.0), args=(some,), method="bounded", options={"xatol": 0.01}
+            )
+            # Where all by one factor leave little, no joint is asked for alone.
+            if fine.fun < (most if some is heard else least):
+                size, least = _at(size, some, 2.0**fine.x), float(fine.fun)
+        if some is heard and least < stated:
+            break
+    low, high = TORQUE_CONSTANT.coefficients[0].bounds("rad", 1.0)
+    size = np.where((size - 1.0 < low) | (size - 1.0 > high), size, 1.0)
+    for j in np.flatnonzero(size != 1.0).tolist() if len(np.unique(size)) > 1 else []:
+        if miss(0.0, [j]) < most:
+            size = _at(size, [j], 1.0)
     return size if products.resize(size).fit().total < most else np.ones(len(size))
 
 
-def _at(size: np.ndarray, j: int, one: float) -> np.ndarray:
+def _at(size: np.ndarray, some: list[int], one: float) -> np.ndarray:
     other = size.copy()
-    other[j] = one
+    other[some] = one
     return other
 
 
@@ -93,7 +98,7 @@ def find_sizes(products: Products) -> np.ndarray:
     size, free = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0), list(products.heard)
 
     def miss(octave: float, j: int) -> float:
-        return products.resize(_at(size, j, size[j] * 2.0**octave)).fit().total
+        return products.resize(_at(size, [j], size[j] * 2.0**octave)).fit().total
 
     least = products.resize(size).fit().total
     while free and least > _LEFT:

@@ -7,10 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import WORTH, Rows
+from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
 
-#: Rows on which shifts are sought; share of a torque's variance that the stated zeros must leave.
-_FEW, _LEFT = 300, 0.1
+#: Rows on which shifts are sought, and steps at which they are.
+_FEW = 300
 _STEP = np.pi / 4.0
 #: A quarter turn, by which conventions differ, is taken where it leaves at most this many times as much.
 _ALIKE = 1.05
@@ -21,15 +21,13 @@ def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     few, shift = asked.rows.thin(_FEW), np.zeros(asked.rows.n)
     turning = [j for j in few.products.heard if not asked.slides[j]]
     least = few.products.miss(any_size)
-    if asked.rows.products.miss(any_size) < _LEFT:
-        return
     for _ in turning:
         # A joint that was shifted for its parent's sake is turned back with it.
         ways = [np.eye(few.n)[j] for j in turning if not shift[j]]
         ways += [way - np.eye(few.n)[j] for way in ways for j in np.flatnonzero(shift)]
-        tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4)]
+        tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4, 0.5, -0.5)]
         totals = [_left(few, shift + by * way, any_size) for way, by in tried]
-        if not totals or min(totals) > least - WORTH:
+        if not totals or not is_clearly_less(min(totals), least, WORTH):
             break
         way, by = tried[int(np.argmin(totals))]
         shift = _refine(few, shift + by * way, any_size)

@@ -21,8 +21,8 @@ def inertial_scale(prepared: Prepared) -> np.ndarray:
     return USUAL_ERROR * scale.ravel()
 
 
-def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: float) -> list[str]:
-    """A sentence for each link whose refitted inertials are far from the URDF's.
+def name_far_links(prepared: Prepared, deviations: np.ndarray, errors: float) -> list[tuple[str, str]]:
+    """Each joint whose link's refitted inertials are far from the URDF's, and a sentence.
 
     Parameters
     ----------
@@ -35,16 +35,17 @@ def name_unbelievable_links(prepared: Prepared, deviations: np.ndarray, errors: 
     parameters = load_effect("payload_error").coefficients
     off = deviations.reshape(-1, 10)
     far = np.abs(off) > errors * inertial_scale(prepared).reshape(-1, 10)
-    sentences = []
+    found = []
     for joint, own, beyond in zip(prepared.dataset.joints, off, far, strict=True):
         changes = [f"{parameters[k].name} {own[k]:+.3g} {parameters[k].unit}" for k in np.flatnonzero(beyond)]
         if changes:
-            sentences.append(
+            told = (
                 f"the link that {joint} moves was refitted far from the URDF ({', '.join(changes)}: more "
                 f"than {errors:g} times {100 * USUAL_ERROR:g} % of its own scale); a load, balancer or "
-                "drive's inertia that is not declared may stand behind it."
+                "drive's inertia that is not declared may cause it."
             )
-    return sentences
+            found.append((joint, told))
+    return found
 
 
 def inertial_penalty(prepared: Prepared) -> np.ndarray:
