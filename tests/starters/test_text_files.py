@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.starters.columns import find_groups
+from wearscope.starters.columns import find_groups, find_time, match_pattern
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
@@ -99,11 +99,38 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
         (["est trq left", "est trq right", "trq left", "trq right"], "torque", "trq left"),
         (["motor_q_left", "motor_q_right", "link_q_left", "link_q_right"], "position", "link_q_left"),
         (["motor_vel_left", "motor_vel_right"], "velocity", "motor_vel_left"),
+        (["axisQCmd_A1", "axisQCmd_A2", "axisQMsr_A1", "axisQMsr_A2"], "position", "axisQMsr_A1"),
+        (["qpos_0", "qpos_1", "qvel_0", "qvel_1"], "position", "qpos_0"),
+        (["qfrc_actuator_0", "qfrc_actuator_1"], "torque", "qfrc_actuator_0"),
+        (["Axis1.PosDiff", "Axis2.PosDiff", "Axis1.ActVelo", "Axis2.ActVelo"], "velocity", "Axis1.ActVelo"),
+        (["FB PULSE AXIS1", "FB PULSE AXIS2"], "position", "FB PULSE AXIS1"),
     ],
 )  # fmt: skip
 def test_names_as_makers_write_them(columns, kind, first):
     groups = find_groups(columns, ["left_axis", "right_axis"], kind)
     assert groups[0].columns[0] == first
+
+
+@pytest.mark.parametrize(
+    ("columns", "time"),
+    [
+        (["Sec", "NanoSec", "measured_q_A1"], ("Sec", "NanoSec")),
+        (["header.stamp.sec", "header.stamp.nanosec", "q1"], ("header.stamp.sec", "header.stamp.nanosec")),
+        (["seconds", "q1"], ("seconds",)),
+        (["vel_rad_per_sec_1", "q1"], ()),
+    ],
+)
+def test_the_time_is_found_by_its_name(columns, time):
+    assert find_time(columns) == time
+
+
+def test_columns_without_a_pattern_are_given_as_a_list():
+    columns = ["shoulder", "elbow, left", "s_tau", "e_tau"]
+    assert match_pattern("s_tau, e_tau", columns, ["j1", "j2"], "torque").columns == ("s_tau", "e_tau")
+    assert match_pattern("elbow, left", columns, ["j1"], "position").columns == ("elbow, left",)
+    for wrong in ("s_tau", "s_tau,e", "s_tau,e_tau,shoulder"):
+        with pytest.raises(InputError, match="nor a column for each of j1, j2"):
+            match_pattern(wrong, columns, ["j1", "j2"], "torque")
 
 
 @pytest.mark.parametrize(

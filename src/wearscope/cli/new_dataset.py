@@ -15,8 +15,8 @@ READINGS = ("motor", "link", "without_gravity", "none")
 
 def _pattern(kind: str):  # type: ignore[no-untyped-def]
     left_out = ", or 'none'" if kind in ("velocity", "temperature") else ""
-    text = f"Columns of the {kind}, '*' for the joint's name or number{left_out}."
-    return click.option(f"--{kind}", metavar="'NAME_*'", help=text)
+    text = f"Columns of the {kind}: with '*' for the joint's name or number, or one for each joint{left_out}."
+    return click.option(f"--{kind}", metavar="'NAME_*'|A,B", help=text)
 
 
 @click.command()

@@ -14,11 +14,13 @@ from wearscope.robots.spatial import Array
 SHARES = ("%", "‰", "permille", "percent")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
-    "position": "q pos position positions angle angles ang theta phi winkel",
-    "velocity": "qd dq vel velocity velocities speed speeds spd omega geschwindigkeit drehzahl vitesse",
+    "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
+    "encoders pulse pulses",
+    "velocity": "qd dq vel velo velocity velocities speed speeds spd omega qvel "
+    "geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
     "torque": "tau torque torques trq effort efforts eff moment moments mom drehmoment couple force forces "
-    "kraft",
+    "qfrc kraft",
     "current": "i current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
@@ -35,9 +37,11 @@ _TARGET = set(
     "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne".split()
 )
 _OTHER = set(
-    "tcp tool pose cartesian error err limit max min std window raw ext external est estimated".split()
+    "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
+    "estimated".split()
 )
 _TIME = set("t time timestamp stamp clock datetime date epoch elapsed duration zeit zeitstempel ipoc".split())
+_SECONDS = set("sec secs second seconds sekunden".split())
 #: Turns by the minute, as drives' makers write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 #: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
@@ -88,7 +92,7 @@ class Group:
 
 def split_name(name: str) -> list[str]:
     """Words and numbers of a column's name, in small letters: ``actual_q_0`` -> actual, q, 0."""
-    spaced = re.sub(r"([a-z0-9])([A-Z])|([A-Z])([A-Z][a-z])", r"\1\3 \2\4", name)
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
     words = re.findall(r"[a-zµäöü]+|\d+|%", spaced.lower())
     return [part for word in words for part in _split_compound(word)]
 
@@ -278,10 +282,13 @@ def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], k
         Where it does not name one column a joint.
     """
     if "*" not in pattern:
-        if len(joints) == 1 and pattern in columns:
-            return Group(kind, (pattern,))
+        listed = tuple([pattern] if pattern in columns else [one.strip() for one in pattern.split(",")])
+        if len(listed) == len(joints) and set(listed) <= set(columns):
+            return Group(kind, listed)
         raise InputError(
-            f"--{kind} {pattern}: has no '*' for the joint's name or number; write e.g. 'actual_q_*'."
+            f"--{kind} {pattern}: is neither a pattern with '*' for the joint's name or number, as "
+            f"'actual_q_*', nor a column for each of {', '.join(joints)}, with commas between them; the "
+            f"columns are {', '.join(columns[:30])}."
         )
     for parts in (joints, [str(k) for k in range(len(joints))], [str(k + 1) for k in range(len(joints))]):
         chosen = tuple(pattern.replace("*", part) for part in parts)
@@ -298,15 +305,12 @@ def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], k
 def find_time(columns: Sequence[str]) -> tuple[str, ...]:
     """Column of the time, or the two of a stamp in seconds and nanoseconds; nothing where none is one."""
     words = {column: split_name(re.sub(r"[\[(][^\])]*[\])]", " ", column)) for column in columns}
-    seconds = [c for c, w in words.items() if w and w[-1] in ("sec", "secs") and set(w) & {"stamp", "header"}]
-    nanos = [
-        c
-        for c, w in words.items()
-        if w and w[-1] in ("nanosec", "nsec", "nsecs") and set(w) & {"stamp", "header"}
-    ]
+    parts = {column: "".join(w) for column, w in words.items()}
+    nanos = [c for c, text in parts.items() if text.endswith(("nanosec", "nsec", "nsecs", "nanosecs"))]
+    seconds = [c for c, text in parts.items() if text.endswith(("sec", "secs")) and c not in nanos]
     if seconds and nanos:
         return seconds[0], nanos[0]
-    exact = [c for c, w in words.items() if w and w[0] in _TIME and len(w) <= 2]
+    exact = [c for c, w in words.items() if w and (w[0] in _TIME or w[0] in _SECONDS) and len(w) <= 2]
     loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
     return tuple([*exact, *loose][:1])
 

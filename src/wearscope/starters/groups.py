@@ -42,7 +42,7 @@ def choose_groups(
             )
         raise InputError(
             f"{file}: no column of positions is found for each of {', '.join(joints)}; name them with "
-            f"--position 'NAME_*', or fewer joints with --joints; {told}."
+            f"--position 'NAME_*' or a list, or fewer joints with --joints; {told}."
         )
     if mapped.servo is not None:
         groups.pop("torque", None)
