@@ -1,6 +1,7 @@
 """Building blocks of test-cycles: postures as shares of a robot's own range, and moves within its limits."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,11 +113,7 @@ class MotionPlan:
             return
         trajectory = self._plan(target, top, acceleration)
 
-        def follow(times: Array) -> tuple[Array, Array, Array]:
-            samples = np.array([trajectory.at_time(time) for time in times.tolist()])
-            return samples[:, 0], samples[:, 1], samples[:, 2]
-
-        self.run(trajectory.duration, follow, target)
+        self.run(trajectory.duration, partial(_follow, trajectory), target)
 
     def _plan(self, target: Array, top: Array, acceleration: float) -> Trajectory:
         order = InputParameter(self.n)
@@ -168,3 +165,17 @@ class MotionPlan:
             if rows.start < rows.stop:
                 samples[:, rows] = motion(np.minimum(t[rows] - starts[index], duration))
         return Reference(t, samples[0], samples[1], samples[2])
+
+
+def _follow(trajectory: Trajectory, times: Array) -> tuple[Array, Array, Array]:
+    """Sample a trajectory from rest as its `at_time` does, to the last bit, at many times (k,) in one go."""
+    (profiles,) = trajectory.profiles
+    ends = np.cumsum([profile.t for profile in profiles], axis=1)
+    phase = np.sum(times[:, None, None] >= ends, axis=2)
+    phase[times >= trajectory.duration] = ends.shape[1]
+    joints = np.arange(len(profiles))
+    pick = lambda values: np.array(values)[joints, phase]  # noqa: E731
+    t = times[:, None] - pick([[0.0, *row] for row in ends.tolist()])
+    q, v, a = (pick([getattr(profile, name) for profile in profiles]) for name in ("p", "v", "a"))
+    jerk = pick([[*profile.j, 0.0] for profile in profiles])
+    return q + t * (v + t * (a / 2 + t * jerk / 6)), v + t * (a + t * jerk / 2), a + t * jerk

@@ -104,6 +104,8 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
     InputError
         Where the model has no such number, or cannot have this one.
     """
+    if not numbers:
+        return model
     fields = copy.deepcopy(model.to_mapping())
     inertias: dict[str, Inertia] = {}
     for number, level in numbers:
@@ -128,8 +130,6 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
                 f"'{number.path}' is no number of robot '{model.name}': {str(error).rstrip('.')}; correct "
                 "the path."
             ) from None
-    if not numbers:
-        return model
     for joint, inertia in inertias.items():
         if not inertia.mass > 0.0:
             raise InputError(
