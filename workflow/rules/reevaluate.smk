@@ -147,15 +147,15 @@ rule quantify_models:
 
 use rule choose_surrogates as choose_reevaluated with:
     input:
-        test_quantities=f"{RE}/parts/test_quantities/{{side}}.parquet",
+        test_quantities=expand("{RE}/parts/test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
         code=lambda w: code("choose_surrogates"),
     output:
-        f"{RE}/parts/chosen_surrogates/{{side}}.parquet",
+        f"{RE}/chosen_surrogates.parquet",
     log:
-        f"{R}/logs/choose_reevaluated/{{side}}.log",
+        f"{R}/logs/choose_reevaluated.log",
     priority: -1
     message:
-        "Choose the surrogates of side {wildcards.side}"
+        "Choose the surrogates before and after"
 
 
 rule compare_sides:
@@ -164,7 +164,7 @@ rule compare_sides:
         own=expand("{RE}/parts/test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
         drawn=expand("{RE}/parts/drawn_test_quantities/{side}.parquet", RE=RE, side=RE_SIDES),
         left_out=expand("{RE}/parts/left_out/{side}.parquet", RE=RE, side=RE_SIDES),
-        chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
+        chosen=f"{RE}/chosen_surrogates.parquet",
         code=lambda w: code("compare_sides"),
     output:
         table=f"{R}/reevaluation.parquet",
@@ -193,7 +193,7 @@ rule report_reevaluation:
     input:
         reevaluation=REEVALUATION,
         after=f"{RE}/models/after.yaml",
-        chosen=expand("{RE}/parts/chosen_surrogates/{side}.parquet", RE=RE, side=RE_SIDES),
+        chosen=f"{RE}/chosen_surrogates.parquet",
         code=lambda w: code("report_reevaluation"),
         style=REPORT_FILES,
     output:

@@ -53,14 +53,15 @@ rule validate_surrogates:
         "../scripts/validate_surrogates.py"
 
 
+# One job a robot: to import what surrogates are made by takes longer than to choose those of a test-cycle.
 rule choose_surrogates:
     input:
-        test_quantities=f"{R}/parts/test_quantities/{{robot}}/{{cycle}}.parquet",
+        test_quantities=[f"{R}/parts/test_quantities/{{robot}}/{cycle}.parquet" for cycle in CYCLES],
         code=lambda w: code("choose_surrogates"),
     output:
-        f"{R}/parts/chosen_surrogates/{{robot}}/{{cycle}}.parquet",
+        f"{R}/parts/chosen_surrogates/{{robot}}.parquet",
     log:
-        f"{R}/logs/choose_surrogates/{{robot}}/{{cycle}}.log",
+        f"{R}/logs/choose_surrogates/{{robot}}.log",
     conda:
         ENV
     params:
@@ -69,14 +70,14 @@ rule choose_surrogates:
         factors=FACTORS,
         max_failed_share=STUDY.max_failed_share,
     message:
-        "Choose the surrogates of {wildcards.robot}, {wildcards.cycle}"
+        "Choose the surrogates of {wildcards.robot}"
     script:
         "../scripts/choose_surrogates.py"
 
 
 rule join_chosen:
     input:
-        parts=parts("chosen_surrogates", "parts/chosen_surrogates", "{robot}", "{cycle}"),
+        parts=parts("chosen_surrogates", "parts/chosen_surrogates", "{robot}"),
         code=lambda w: code("join_chosen"),
     output:
         f"{R}/chosen_surrogates.parquet",

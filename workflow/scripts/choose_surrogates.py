@@ -1,4 +1,6 @@
-"""Chosen surrogate of every cell of one robot and test-cycle."""
+"""Chosen surrogate of every cell of one robot, or of the models of all sides."""
+
+import pandas as pd
 
 from job import run_job
 from wearscope import tables
@@ -7,13 +9,11 @@ from wearscope.surrogates.chosen import choose_surrogates
 
 with run_job(snakemake) as say:
     params = snakemake.params
-    table = choose_surrogates(
-        tables.read_table(snakemake.input.test_quantities),
-        [Factor(**one) for one in params.factors],
-        params.kinds,
-        params.goal,
-        params.max_failed_share,
-    )
+    factors = [Factor(**one) for one in params.factors]
+    parts = []
+    for part in tables.Parts(snakemake.input.test_quantities):
+        parts.append(choose_surrogates(part, factors, params.kinds, params.goal, params.max_failed_share))
+    table = pd.concat(parts, ignore_index=True)
     for state, rows in table.groupby("state"):
         say(f"{len(rows)} of {len(table)} cells: {state}")
     tables.write_table(snakemake.output[0], table, dict.fromkeys(["fit", "ceiling", "ceiling_low"], "%"))

@@ -16,7 +16,7 @@ with run_job(snakemake) as say:
     factors = [Factor(**one) for one in params.factors]
     asked = Questions(factors, params.model, params.snr, params.scope, params.seed)
     answers, models = {}, []
-    chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
+    chosen = tables.read_table(given.chosen)
     shared = share_surrogates(chosen)
     told = {name: why for name, why in json.loads(Path(given.models).read_text()).items() if why}
     for side, own, drawn, left_out in zip(params.sides, given.own, given.drawn, given.left_out, strict=True):

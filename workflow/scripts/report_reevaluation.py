@@ -1,7 +1,5 @@
 """The page of a reevaluation."""
 
-import pandas as pd
-
 from job import run_job
 from reevaluated import read_reevaluation
 from wearscope import tables
@@ -9,6 +7,6 @@ from wearscope.reporting.reevaluation_page import render_reevaluation
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params
-    chosen = pd.concat([tables.read_table(part) for part in given.chosen], ignore_index=True)
+    chosen = tables.read_table(given.chosen)
     found = read_reevaluation(given.reevaluation, given.after, params.factors, params.detectors)
     tables.write_text(snakemake.output[0], render_reevaluation(found, chosen))
