@@ -28,7 +28,7 @@ def time_plain(surrogate, runs, points=3):
             y = a + x * (b + c * x)
             counts, edges = np.histogram(y, 2048)
             centres = 0.5 * (edges[1:] + edges[:-1])
-            width = bandwidth_factor("silverman", runs) * y.std()
+            width = bandwidth_factor(runs) * y.std()
             assert width > 0 and counts.sum() == runs and centres.size == 2048
     return (time.perf_counter() - start) / points
 

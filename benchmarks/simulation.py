@@ -19,7 +19,9 @@ import numpy as np
 
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import RobotModel, load_model
+from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.study import Conditions, Simulator
+from wearscope.simulation.world import World
 
 ROBOTS = Path(__file__).parents[1] / "config" / "robots"
 WORN = Conditions(wear=(20.0, 20.0, 20.0), temperature=45.0, payload_mass_error=0.05)
@@ -42,6 +44,13 @@ def time_in_turns(tasks: dict[str, Callable[[], None]], turns: int) -> dict[str,
     return best
 
 
+def step_bare(world: World, steps: int) -> None:
+    """Step without touching the torques: what a step of PyBullet costs by itself."""
+    step, client = pybullet.stepSimulation, world.client
+    for _ in range(steps):
+        step(client)
+
+
 def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[str, float]:
     """Microseconds a step: all of a run, the same without effects, and PyBullet's step alone.
 
@@ -58,7 +67,7 @@ def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[s
                 "run": lambda: full.run(reference, WORN, 1),
                 "run_of_new_payload": lambda: full.run(reference, next(payloads), 1),
                 "run_without_effects": lambda: without.run(reference, WORN, 1),
-                "bare_step": lambda: full.world.step_bare(steps),
+                "bare_step": lambda: step_bare(full.world, steps),
             },
             turns,
         )

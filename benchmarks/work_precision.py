@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pybullet
-from simulation import ROBOTS, WORN, take_start, time_in_turns
+from simulation import ROBOTS, WORN, step_bare, take_start, time_in_turns
 
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import RobotModel, load_model
@@ -175,7 +175,7 @@ class Case:
         world.body = -1
         world.load(write_plant_urdf(self.body), self.body.names, self.body.gravity, dt)
         count = len(self.reference(dt).t)
-        return lambda: world.step_bare(count)
+        return lambda: step_bare(world, count)
 
 
 def find_error(torque: np.ndarray, exact: np.ndarray) -> float:

@@ -49,9 +49,8 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
     }
 
 
-def list_platform_files(root: str | Path = ".") -> list[Path]:
+def list_platform_files() -> list[Path]:
     """Source files of the whole platform, as paths from the repository's root, sorted."""
-    root = Path(root)
     patterns = (
         "Snakefile",
         "src/**/*.*",
@@ -60,7 +59,7 @@ def list_platform_files(root: str | Path = ".") -> list[Path]:
         "profiles/**/*.yaml",
         "pyproject.toml",
     )
-    found = {file.relative_to(root) for pattern in patterns for file in root.glob(pattern) if file.is_file()}
+    found = {file for pattern in patterns for file in Path().glob(pattern) if file.is_file()}
     left_out = {"__pycache__", "wearscope.egg-info"}
     return sorted(file for file in found if not left_out & set(file.parts))
 

@@ -92,8 +92,7 @@ def _detect(
         return empty, np.zeros((len(sigmas), len(deltas), len(wanted)))
     if isinstance(surrogate, ChosenSurrogate):
         return _detect_tabulated(surrogate, factor, levels, f0, deltas, sigmas, wanted)
-    centre = 0.0  # as `wearscope.evaluation.scope.scope_table` has it
-    null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels, centre)
+    null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels)
     scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
     fixed = spread(null) <= scale
     level = null[..., 0] + scale

@@ -121,7 +121,6 @@ def tabulated_kde(
     false_alarm: float,
     runs: int,
     seed: int,
-    bandwidth: str = "silverman",
     centre: float = 0.0,
 ) -> Array:
     """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`."""
@@ -130,7 +129,7 @@ def tabulated_kde(
         at, weights0, weights1 = draw_runs(seed, s, runs)
         left, share = interpolation(nodes, centre + sigma * at)
         y = values[:, left] + share * (values[:, left + 1] - values[:, left])
-        result[s] = detection_probabilities(y[0], y[1:], weights0, weights1, runs, false_alarm, bandwidth)
+        result[s] = detection_probabilities(y[0], y[1:], weights0, weights1, runs, false_alarm)
     return result
 
 
@@ -172,7 +171,6 @@ def sampled_scope_table(
     detection: float = 0.99,
     runs: int = 100_000,
     seed: int = 0,
-    bandwidth: str = "silverman",
     draws: int = 60,
 ) -> pd.DataFrame:
     """Scope matrices of every cell's chosen surrogate, long form.
@@ -186,7 +184,7 @@ def sampled_scope_table(
         Coded nominal levels, where the nuisances are held and about which the varying one scatters.
     factors : sequence of str
     deltas, sigmas : array (J,), (S,)
-    f0, methods, false_alarm, detection, runs, seed, bandwidth
+    f0, methods, false_alarm, detection, runs, seed
         As in `wearscope.evaluation.scope.scope_table`.
     draws : int
         Response functions for ``confidence``.
@@ -202,7 +200,7 @@ def sampled_scope_table(
         As there.
     """
     deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
-    check_setting(deltas, sigmas, methods, false_alarm, detection, runs, bandwidth)
+    check_setting(deltas, sigmas, methods, false_alarm, detection, runs)
     blocks = []
     for key, surrogate in chosen:
         names = surrogate.names
@@ -236,6 +234,6 @@ def sampled_scope_table(
                         )  # fmt: skip
                         sure = passes.mean(axis=0)
                 else:
-                    p_d = tabulated_kde(mean, nodes, sigmas, false_alarm, runs, seed, bandwidth, centre)
+                    p_d = tabulated_kde(mean, nodes, sigmas, false_alarm, runs, seed, centre)
                 blocks.append(((*key, CHOSEN), factor, method, status, p_d, sure))
     return long_table(blocks, deltas, sigmas, detection)

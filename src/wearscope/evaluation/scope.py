@@ -1,6 +1,6 @@
 """Where a detector works (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and their groups."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,6 @@ def scope_quadratics(
     sigmas: np.ndarray,
     f0: float = -2.0,
     levels: Mapping[str, float] | None = None,
-    centre: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients A, B, C of y in a standard normal under the hypotheses (15).
 
@@ -38,14 +37,12 @@ def scope_quadratics(
     ----------
     surrogate : Surrogate
     factor : str
-        The nuisance that varies, w ~ N(centre, sigma^2).
+        The nuisance that varies, w ~ N(0, sigma^2).
     deltas : array (J,)
     sigmas : array (S,)
     f0 : float
     levels : mapping, optional
         Coded levels of the other factors; default the nominal point (18).
-    centre : float
-        Coded mean of the varying factor; the paper's is 0.
 
     Returns
     -------
@@ -56,8 +53,8 @@ def scope_quadratics(
     null = surrogate.along(factor, {**held, FAULT: f0})
     alternatives = np.stack([surrogate.along(factor, {**held, FAULT: f0 + d}) for d in deltas])
     return (
-        standardise(null, sigmas, centre),
-        standardise(alternatives[None, :, :], sigmas[:, None], centre),
+        standardise(null, sigmas),
+        standardise(alternatives[None, :, :], sigmas[:, None]),
     )
 
 
@@ -72,7 +69,6 @@ def kde_scope(
     false_alarm: float = 0.01,
     runs: int = 100_000,
     seed: int = 0,
-    bandwidth: str = "silverman",
 ) -> np.ndarray:
     """P_d (14) on the grid by Monte Carlo and kernel density estimates.
 
@@ -85,7 +81,6 @@ def kde_scope(
         Draws for each sigma and hypothesis; all fault changes at one sigma share those of H1, and all cells
         and factors the same runs.
     seed : int
-    bandwidth : {"silverman", "scott"}
 
     Returns
     -------
@@ -98,7 +93,7 @@ def kde_scope(
         x, weights0, weights1 = draw_runs(seed, s, runs)
         powers = np.stack([np.ones_like(x), x, x * x])
         result[s] = detection_probabilities(
-            null[s] @ powers, alternatives[s] @ powers, weights0, weights1, runs, false_alarm, bandwidth
+            null[s] @ powers, alternatives[s] @ powers, weights0, weights1, runs, false_alarm
         )
     return result
 
@@ -112,14 +107,11 @@ def scope_table(
     sigmas: Sequence[float] | None = None,
     f0: float = -2.0,
     levels: Mapping[str, float] | None = None,
-    centres: Mapping[str, float] | None = None,
     false_alarm: float = 0.01,
     detection: float = 0.99,
     runs: int = 100_000,
     seed: int = 0,
-    bandwidth: str = "silverman",
     draws: int = 200,
-    report: Callable[[int], None] | None = None,
 ) -> pd.DataFrame:
     """Scope matrices of every cell, long form.
 
@@ -139,16 +131,12 @@ def scope_table(
         Coded fault level of H0.
     levels : mapping, optional
         Coded levels at which the other nuisances are held; default the nominal point (18).
-    centres : mapping, optional
-        Coded mean of a varying factor; default 0, as in the paper.
     false_alarm, detection : float
         P_f', P_d'.
-    runs, seed, bandwidth
+    runs, seed
         See `kde_scope`.
     draws : int
         Coefficient draws for ``confidence``; 0 for none.
-    report : callable, optional
-        Called with the number of cells done, after each.
 
     Returns
     -------
@@ -166,29 +154,25 @@ def scope_table(
     grid_d, grid_s = paper_grid()
     grid_d = grid_d if deltas is None else np.asarray(deltas, dtype=float)
     grid_s = grid_s if sigmas is None else np.asarray(sigmas, dtype=float)
-    check_setting(grid_d, grid_s, methods, false_alarm, detection, runs, bandwidth)
+    check_setting(grid_d, grid_s, methods, false_alarm, detection, runs)
     held = nominal_levels(PAPER_FACTORS) if levels is None else dict(levels)
     blocks = []
-    for done, (key, surrogate) in enumerate(surrogates_of(surrogates, model), start=1):
+    for key, surrogate in surrogates_of(surrogates, model):
         for factor in factors:
             if factor not in surrogate.names or factor == FAULT:
                 raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(surrogate.names[1:])}.")
-            centre = (centres or {}).get(factor, 0.0)
-            null, alternatives = scope_quadratics(surrogate, factor, grid_d, grid_s, f0, held, centre)
+            null, alternatives = scope_quadratics(surrogate, factor, grid_d, grid_s, f0, held)
             for method in methods:
                 if method == "exact":
                     p_d = exact_scope(null, alternatives, false_alarm)
                     stream = generator_for(seed, "scope confidence", cell_name(key), factor)
                     sure = pass_confidence(
-                        surrogate, factor, grid_d, grid_s, held, stream, draws, f0, centre, false_alarm,
-                        detection,
+                        surrogate, factor, grid_d, grid_s, held, stream, draws, f0, false_alarm, detection
                     )  # fmt: skip
                 else:
-                    p_d = kde_scope(null, alternatives, false_alarm, runs, seed, bandwidth)
+                    p_d = kde_scope(null, alternatives, false_alarm, runs, seed)
                     sure = np.full(p_d.shape, np.nan)
                 blocks.append((key, factor, method, output_status(surrogate), p_d, sure))
-        if report is not None:
-            report(done)
     return long_table(blocks, grid_d, grid_s, detection)
 
 
@@ -199,7 +183,6 @@ def check_setting(
     p_f: float,
     p_d: float,
     runs: int,
-    rule: str,
 ) -> None:
     """Refuse a grid, methods or probabilities that no scope can be computed with, by InputError."""
     if deltas.size == 0 or sigmas.size == 0 or not np.all(sigmas > 0):
@@ -211,8 +194,8 @@ def check_setting(
         raise InputError(f"scope: methods {list(methods)}; choose among {', '.join(METHODS)}.")
     if not 0 < p_f < p_d < 1:
         raise InputError(f"scope: P_f' {p_f} and P_d' {p_d} must lie between 0 and 1, in that order.")
-    if "kde" in methods and (runs < 100 or rule not in ("silverman", "scott")):
-        raise InputError(f"scope: {runs} runs with bandwidth '{rule}'; use at least 100, silverman or scott.")
+    if "kde" in methods and runs < 100:
+        raise InputError(f"scope: {runs} runs; use at least 100.")
 
 
 def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:

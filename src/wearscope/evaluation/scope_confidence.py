@@ -36,7 +36,6 @@ def pass_confidence(
     rng: np.random.Generator,
     draws: int = 200,
     f0: float = -2.0,
-    centre: float = 0.0,
     false_alarm: float = 0.01,
     detection: float = 0.99,
 ) -> Array:
@@ -54,7 +53,7 @@ def pass_confidence(
     draws : int
         Coefficient vectors, see `Surrogate.draw_coefficients`; the share has a standard error of at most
         0.5 / sqrt(draws).
-    f0, centre, false_alarm, detection : float
+    f0, false_alarm, detection : float
         As in `wearscope.evaluation.scope.scope_table`.
 
     Returns
@@ -70,7 +69,7 @@ def pass_confidence(
     theta = surrogate.draw_coefficients(rng, draws)
     maps = along_operator(surrogate, factor, levels, f0 + np.concatenate([[0.0], deltas]))
     along = np.einsum("dp,jpc->jdc", theta, maps)
-    null = standardise(along[0], sigmas[:, None], centre)
-    worn = standardise(along[1:], sigmas[:, None, None], centre)
+    null = standardise(along[0], sigmas[:, None])
+    worn = standardise(along[1:], sigmas[:, None, None])
     p_d = detection_probability(null[:, None], worn, false_alarm)
     return np.mean(p_d >= detection, axis=-1)

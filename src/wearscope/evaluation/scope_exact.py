@@ -1,6 +1,6 @@
 """Exact detection probabilities of a test quantity that is quadratic in one Gaussian nuisance.
 
-With w = m + s x, x standard normal, y = a + b w + c w^2 is A + B x + C x^2, and P(y >= h) is a difference of
+With w = s x, x standard normal, y = a + b w + c w^2 is A + B x + C x^2, and P(y >= h) is a difference of
 two normal distribution functions at the roots of A + B x + C x^2 = h.
 """
 
@@ -14,15 +14,14 @@ _REACH = 9.0
 _CROWDED = 0.9
 
 
-def standardise(coefficients: ArrayLike, sigma: ArrayLike, centre: float = 0.0) -> Array:
-    """Coefficients in x of y = a + b w + c w^2, w = centre + sigma x.
+def standardise(coefficients: ArrayLike, sigma: ArrayLike) -> Array:
+    """Coefficients in x of y = a + b w + c w^2, w = sigma x.
 
     Parameters
     ----------
     coefficients : array (..., 3)
         a, b, c.
     sigma : array (...,)
-    centre : float
 
     Returns
     -------
@@ -32,7 +31,7 @@ def standardise(coefficients: ArrayLike, sigma: ArrayLike, centre: float = 0.0) 
     a, b, c = np.moveaxis(np.asarray(coefficients, dtype=float), -1, 0)
     s = np.asarray(sigma, dtype=float)
     a, b, c, s = np.broadcast_arrays(a, b, c, s)
-    return np.stack([a + centre * (b + c * centre), (b + 2 * c * centre) * s, c * s * s], axis=-1)
+    return np.stack([a, b * s, c * s * s], axis=-1)
 
 
 def tail_probability(quadratic: ArrayLike, h: ArrayLike) -> Array:

@@ -17,7 +17,6 @@ from wearscope.designs.seeds import generator_for
 
 Array = NDArray[np.float64]
 NODES = 2048
-BANDWIDTHS = {"scott": 1.0, "silverman": (4.0 / 3.0) ** 0.2}
 
 
 @numba.njit(cache=True)
@@ -124,12 +123,9 @@ def _detect(
             result[j] = _tail(y, weights1, factor * deviation, h, np.inf)
 
 
-def bandwidth_factor(rule: str, runs: int) -> float:
-    """Kernel bandwidth over the sample's standard deviation.
-
-    ``scott``: n^(-1/5); ``silverman``: (3 n / 4)^(-1/5), the optimum for a normal density.
-    """
-    return BANDWIDTHS[rule] * runs ** (-0.2)
+def bandwidth_factor(runs: int) -> float:
+    """Silverman's bandwidth over the sample's standard deviation, the optimum for a normal density."""
+    return (4.0 / 3.0) ** 0.2 * runs ** (-0.2)
 
 
 def detection_probabilities(
@@ -139,7 +135,6 @@ def detection_probabilities(
     weights1: Array,
     runs: int,
     false_alarm: float = 0.01,
-    rule: str = "silverman",
 ) -> Array:
     """P_d (14) at the threshold that P_f' sets, from kernel density estimates of Monte Carlo runs.
 
@@ -154,8 +149,6 @@ def detection_probabilities(
         How many were binned.
     false_alarm : float
         P_f'.
-    rule : {"silverman", "scott"}
-        Bandwidth, see `bandwidth_factor`.
 
     Returns
     -------
@@ -166,6 +159,6 @@ def detection_probabilities(
     scale = 1e-12 * float(np.abs(null).max())
     _detect(
         np.ascontiguousarray(null), np.ascontiguousarray(alternatives), weights0, weights1,
-        bandwidth_factor(rule, runs), false_alarm, scale, result,
+        bandwidth_factor(runs), false_alarm, scale, result,
     )  # fmt: skip
     return result

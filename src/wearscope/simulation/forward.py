@@ -63,8 +63,6 @@ def simulate_forward(
     controller_temperature: Array | float = 50.0,
     friction_feedforward: bool = True,
     sample_rate: float | None = None,
-    seed: int | np.random.SeedSequence | None = None,
-    quantise: bool = False,
     longest_step: float = LONGEST_STEP,
     feedforward: Array | None = None,
 ) -> Recording:
@@ -88,10 +86,6 @@ def simulate_forward(
         Whether declared friction is fed forward.
     sample_rate : float, optional
         Of the recording [Hz]; that of the reference by default.
-    seed : int or SeedSequence or None
-        Of torque noise as the model's sensors have it; None is without.
-    quantise : bool
-        Whether the encoder's steps are recorded.
     longest_step : float
         The reference's step is divided until it is no longer than this [s].
     feedforward : array (N, n), optional
@@ -101,6 +95,7 @@ def simulate_forward(
     Returns
     -------
     Recording
+        Without noise and encoder steps.
 
     Raises
     ------
@@ -123,16 +118,8 @@ def simulate_forward(
     rate = 1.0 / find_step(reference.t) if sample_rate is None else sample_rate
     find_stride(dt, rate)
     plant = build_plant(model)
-    return record(
-        trace,
-        dt,
-        rate,
-        model.encoder_resolution if quantise else np.zeros(model.n),
-        model.torque_noise,
-        plant.torque_gain,
-        plant.torque_delay,
-        seed,
-    )
+    exact = np.zeros(model.n)
+    return record(trace, dt, rate, exact, exact, plant.torque_gain, plant.torque_delay, None)
 
 
 def trace_forward(

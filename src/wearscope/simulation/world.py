@@ -124,12 +124,6 @@ class World:
             apply(body, indices, mode, row, row, row, row, row, client)
             step(client)
 
-    def step_bare(self, count: int) -> None:
-        """Step without touching the torques: what a step of PyBullet costs by itself."""
-        step, client = pb.stepSimulation, self.client
-        for _ in range(count):
-            step(client)
-
     def close(self) -> None:
         """End the client."""
         if self.client >= 0:
