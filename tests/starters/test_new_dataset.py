@@ -18,7 +18,7 @@ from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
-from wearscope.starters.stamps import find_rate, order_rows, to_seconds
+from wearscope.starters.stamps import find_rate, find_restarts, order_rows, to_seconds
 
 URDF = Path(__file__).parents[2] / "config" / "robots" / "medium" / "robot.urdf"
 JOINTS = [f"axis_{k}" for k in range(1, 7)]
@@ -436,3 +436,30 @@ def test_what_is_named_twice_is_told(truth, tmp_path):
         convert(tmp_path / "log.csv", patterns={"torque": "q*"})
     with pytest.raises(InputError, match="--joints names a joint twice"):
         convert_recordings([tmp_path / "log.csv"], URDF, Mapped(joints=JOINTS[:1] * 2))
+
+
+@pytest.mark.parametrize("stamp", ["seconds", "dates"])
+def test_a_file_whose_clock_restarts_holds_several_recordings(truth, tmp_path, stamp):
+    one = table(truth, "time", "q_axis_{}", "tau_axis_{}")
+    parts = [one.iloc[:900], one.iloc[:700], one.iloc[:800]]
+    whole_file = pd.concat(parts, ignore_index=True)
+    if stamp == "dates":
+        stamps = pd.Timestamp("2026-03-01") + pd.to_timedelta(whole_file["time"], unit="s")
+        whole_file["time"] = stamps.dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
+    whole_file.to_csv(tmp_path / "log.csv", index=False)
+    converted = convert(tmp_path / "log.csv")
+    assert [run.name for run in converted.runs] == ["log-1", "log-2", "log-3"]
+    assert [run.use for run in converted.runs] == ["train", "train", "test"]
+    for run, part in zip(converted.runs, parts, strict=True):
+        np.testing.assert_allclose(run.frame["q_axis_1"], part["q_axis_1"], rtol=1e-9)
+        np.testing.assert_allclose(run.frame["t"], part["time"], atol=1e-6)
+    assert "log.csv: its clock restarts, so that it is taken as 3 recordings." in converted.notes
+
+
+def test_rows_out_of_order_are_no_other_recording(truth, tmp_path):
+    one = table(truth, "time", "q_axis_{}", "tau_axis_{}")
+    order = np.arange(len(one))
+    order[[400, 401]] = [401, 400]
+    one.iloc[order].to_csv(tmp_path / "log.csv", index=False)
+    assert find_restarts(one["time"].iloc[order]) == []
+    assert any("out of order were sorted" in note for note in convert(tmp_path / "log.csv").notes)

@@ -117,6 +117,27 @@ def test_a_quarter_turn_is_taken_where_it_leaves_about_as_little(monkeypatch, sh
     np.testing.assert_allclose(found, [0.0, want], atol=2e-3)
 
 
+def test_torques_without_their_sign_are_told_so(tmp_path):
+    bench = Bench(tmp_path, 2, 2.0)
+    bench.record(lambda q, v, a, rng, t: np.abs(chain(q, v, a, 2.0, 0.3) + rub(v, 0.6, 0.5)))
+    text = bench.refuse()
+    assert "'tau_j1' and 'tau_j2' are never negative, as torques without their sign" in text
+    bench.accept("--accept", "unsigned tau", "--accept", "sign q_j1", "--accept", "sign q_j2",
+                 "--accept", "unrelated tau")  # fmt: skip
+
+
+@pytest.mark.parametrize("zeroed", [True, False])
+def test_positions_that_count_from_the_start_of_each_run_are_noted(tmp_path, zeroed):
+    bench = Bench(tmp_path, 2, 2.0)
+    home = np.array([0.6, -0.5])
+    bench.record(
+        lambda q, v, a, rng, t: chain(q + home, v, a, 2.0, 0.3) + rub(v, 4.0, 4.0),
+        position=lambda q, k: q - q[0] if zeroed else q + home,
+    )
+    notes = bench.accept(*(("--accept", "zero q_j1", "--accept", "zero q_j2") if zeroed else ()))
+    assert any("all positions are 0 at the start of every run" in note for note in notes) == zeroed
+
+
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
     bench = Bench(tmp_path, 2, 4.0)
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 4.0, 0.3, gravity=0.0) + rng.normal(0, 0.02, q.shape))

@@ -75,6 +75,8 @@ def _caveat(loop: ClosedLoop) -> str:
     if unjudged := joints_in(loop.verdict, "not_judged"):
         reason = joints[unjudged[0]].get("reason", "")
         return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
+    if doubt := _doubt_masses(loop):
+        return doubt
     if left := list_unexplained(loop.verdict, small=False):
         worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
         why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
@@ -86,8 +88,6 @@ def _caveat(loop: ClosedLoop) -> str:
     ]
     if open_names:
         return f"These runs do not separate {'; '.join(open_names)}."
-    if doubt := _doubt_masses(loop):
-        return doubt
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
     if small := tell_unexplained(loop.verdict, small=True):

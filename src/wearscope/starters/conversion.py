@@ -1,7 +1,8 @@
 """Recordings as they come, in the platform's columns: names, units, sides and clocks guessed and said."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
-from wearscope.starters.stamps import find_rate, order_rows, to_seconds
+from wearscope.starters.stamps import find_rate, find_restarts, order_rows, to_seconds
 from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
 from wearscope.starters.uses import Recorded, choose_uses, take_common_rate
 
@@ -76,27 +77,48 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     runs: list[Recorded] = []
     rates: list[float] = []
     opened: list[Path] = []
-    read = list(open_recordings(files, mapped.topic, mapped.servo is not None))
+    read = _split_restarts(open_recordings(files, mapped.topic, mapped.servo is not None), mapped)
     if not mapped.joints and "position" not in mapped.patterns:
         _propose_joints(urdf, joints, read)
     mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
-    for file, frame, told in read:
-        opened.append(file)
-        run, rate = _convert(file, frame, ordered, mapped, told)
-        _note(notes, told, file.name)
+    for file, part, frame, told in read:
+        opened.append(part)
+        run, rate = _convert(part, frame, ordered, mapped, told)
+        _note(notes, told, part.name)
         rates.append(rate)
-        runs.append(Recorded(_name_run(file, runs), run, file=file.name))
+        runs.append(Recorded(_name_run(part, runs), run, file=file.name))
     rate, told = take_common_rate(runs, rates, opened, mapped.rate)
     notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."), *told]
     notes += choose_uses(runs, opened, mapped.test, rate)
     return Converted(joints, prismatic, rate, runs, notes)
 
 
+def _split_restarts(
+    read: Iterable[tuple[Path, pd.DataFrame, list[str]]], mapped: Mapped
+) -> list[tuple[Path, Path, pd.DataFrame, list[str]]]:
+    """Each recording with its file, a name, its table and notes; several where a file's clock restarts."""
+    parts = []
+    for file, frame, told in read:
+        names = (mapped.time,) if mapped.time else find_time([str(c) for c in frame.columns])
+        starts = find_restarts(frame[names[0]]) if names and names[0] in frame else []
+        if not starts:
+            parts.append((file, file, frame, told))
+            continue
+        told = [
+            f"{file.name}: its clock restarts, so that it is taken as {len(starts) + 1} recordings.",
+            *told,
+        ]
+        for k, (first, end) in enumerate(pairwise([0, *starts, len(frame)])):
+            part = file.with_stem(f"{file.stem}-{k + 1}")
+            parts.append((file, part, frame.iloc[first:end].reset_index(drop=True), list(told)))
+    return parts
+
+
 def _propose_joints(
-    urdf: Path, joints: Sequence[str], read: Sequence[tuple[Path, pd.DataFrame, Any]]
+    urdf: Path, joints: Sequence[str], read: Sequence[tuple[Path, Path, pd.DataFrame, Any]]
 ) -> None:
     """Refuse a URDF with more joints than the columns, with those that the columns have."""
-    file, frame, _ = read[0]
+    file, _, frame, _ = read[0]
     columns = [str(column) for column in frame.columns]
     if find_groups(columns, joints, "position"):
         return

@@ -21,6 +21,8 @@ _SLOWEST, _FASTEST = 5.0, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
 _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6
+#: Share of a recording's time by which a clock that restarts goes back, and fewest rows of a recording.
+_BACK, _FEWEST = 0.5, 50
 #: Share of a column that must be numbers for the rest to be rows without a time.
 _NUMBERS = 0.5
 
@@ -97,6 +99,24 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
         f"{where}: steps by {step:.6g}, which gives no robot's rate in s, ms, us or ns; name another column "
         "with --time, or give --rate."
     )
+
+
+def find_restarts(stamps: pd.Series) -> list[int]:
+    """Rows at which a clock restarts, as where several recordings stand in one file.
+
+    Rows that are merely out of order go back by little of what was recorded until then.
+    """
+    numbers = pd.to_numeric(stamps, errors="coerce")
+    if numbers.notna().sum() <= _NUMBERS * len(stamps):
+        dates = pd.to_datetime(stamps, format="mixed", utc=True, errors="coerce")
+        numbers = (dates - dates.min()).dt.total_seconds()
+    rows = np.flatnonzero(np.isfinite(numbers.to_numpy(dtype=float)))
+    t, starts = numbers.to_numpy(dtype=float)[rows], [0]
+    for k in (np.flatnonzero(np.diff(t) < 0.0) + 1).tolist():
+        part = t[starts[-1] : k]
+        if len(part) >= _FEWEST and part[-1] - t[k] > _BACK * np.ptp(part):
+            starts.append(k)
+    return rows[starts[1:]].tolist() if len(t) - starts[-1] >= _FEWEST else []
 
 
 def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:

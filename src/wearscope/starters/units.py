@@ -39,7 +39,7 @@ _COUNTS = 1440.0
 
 
 def choose_units(
-    read: Sequence[tuple[Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
+    read: Sequence[tuple[Path, Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
 ) -> tuple[str, ...]:
     """Units of the positions of all recordings, where their size tells them of some: a recorder has one."""
     units = tuple(mapped.position_units)
@@ -49,7 +49,7 @@ def choose_units(
         if stated or mapped.side != "joint" or mapped.counts_per_turn or not own:
             continue
         small, largest = [], []
-        for file, frame, _ in read:
+        for file, _, frame, _ in read:
             group = choose_groups(
                 file, [str(c) for c in frame.columns], [one.name for one in ordered], mapped
             )

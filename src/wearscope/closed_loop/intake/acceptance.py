@@ -39,6 +39,7 @@ _OVERALL = (
     "sign gravity",
     "size gravity",
     "unrelated tau",
+    "unsigned tau",
     "without_gravity tau",
     "late tau",
 )

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import interpolate
 
-from wearscope.closed_loop.intake.asked import Asked, Reading
+from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
-from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Rows
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
@@ -52,6 +52,7 @@ def check_plausibility(prepared: Prepared) -> None:
     left = np.array([asked.pick(asked.run == run).products.fit().left for run in range(len(prepared.runs))])
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
+    _check_signs(prepared, asked)
     _check_readings(prepared, asked, left)
     _check_sizes(prepared, asked)
     _note_constants(prepared, asked)
@@ -108,6 +109,26 @@ def ask_runs(prepared: Prepared) -> Rows:
 def _pick(run: PreparedRun, runs: int) -> slice:
     most = min(_MOST_OF_RUN, max(_MOST_ROWS // runs, 3 * LEAST_ROWS))
     return slice(None, None, max(1, len(run.t) // most))
+
+
+def _check_signs(prepared: Prepared, whole: Rows) -> None:
+    """Torques without their signs; positions that count from where each run starts."""
+    left = whole.products.fit().left
+    heard, joints = whole.products.heard, prepared.dataset.joints
+    if np.nan_to_num(left).max(initial=0.0) < WORTH:
+        return
+    records = [record.load() for record in prepared.dataset.runs]
+    both_ways = all(np.ptp(np.sign(whole.v[whole.counts[:, j], j])) == 2.0 for j in heard)
+    lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
+    if both_ways and heard and np.all(lowest[heard] >= 0.0) and np.nanmax(left) > _DOUBTFUL:
+        names = say_columns([f"tau_{joints[j]}" for j in heard])
+        told = f"{names} are never negative, as torques without their sign; record them with their sign."
+        prepared.refuse(str(prepared.dataset.folder), told, "unsigned tau")
+    if all(np.all(record.q[0] == 0.0) for record in records):
+        prepared.notes.append(
+            "all positions are 0 at the start of every run, and the stated bodies leave much of the torque: "
+            "where the controller counts from there, give absolute positions."
+        )
 
 
 def _check_sizes(prepared: Prepared, whole: Rows) -> None:
