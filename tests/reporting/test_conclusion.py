@@ -44,7 +44,7 @@ def told(study):
 def test_the_conclusion_is_plain_sentences_with_units(told, found):
     assert conclude(told, found) == ("Use Friction fit (C). It finds wear of 20 or more.")
     assert tell_sure(told, found).endswith(
-        "This holds while temperature stays within ±4 °C or payload error stays within at least ±9.8 %."
+        "This holds while one factor varies: temperature within ±4 °C or payload error within ±9.8 % or more."
     )
     assert certainty(found) == "good"
 
@@ -58,6 +58,22 @@ def test_it_is_only_as_certain_as_its_parts(told, found):
     guess = replace(found, shown_sure=False)
     assert "(C). By the estimates alone, it finds" in conclude(told, guess)
     assert certainty(guess) == "unsure" and "not counted" in tell_sure(told, guess)
+
+
+def test_a_better_detector_that_is_withheld_is_told_on_top(told, found):
+    """The second best is recommended then: the strip is unsure, and says whose SNR is larger."""
+    medians = [("", "C", 2.0), ("", "A", 3.0), ("", "B", 1.0), ("large", "B", 9.0)]
+    ranked = replace(told, rankings=pd.DataFrame(medians, columns=["robot", "fda", "median"]))
+
+    def top(withheld):
+        return study_strip(replace(ranked, conclusions=[replace(found, withheld=withheld)]))
+
+    assert top(["A"]).kind == "unsure"
+    assert top(["A", "B"]).caveat == (
+        "Residual energy (A) has a larger signal-to-noise ratio and is withheld: direct simulation "
+        "contradicts its surrogate."
+    )
+    assert top(["B"]).kind == "good" and "withheld" not in top(["B"]).caveat
 
 
 def test_nothing_found_and_nothing_recommended_are_answers(told, found):

@@ -11,7 +11,8 @@ from reporting.browser import open_page
 from wearscope import tables
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
-from wearscope.reporting.page_strip import read_strip
+from wearscope.reporting.page import render_page
+from wearscope.reporting.page_strip import Strip, read_strip
 
 
 def call(*arguments):
@@ -60,6 +61,32 @@ def test_what_differs_is_said_first(studies):
     strip = read_strip(studies)
     assert strip.answer.startswith("C has the highest median SNR in may/arm.") and strip.kind == "unsure"
     assert strip.caveat == "No setting that both record differs." and strip.action == "See Conclusions."
+
+
+def test_two_answers_are_told_first(tmp_path):
+    """The recommendation may change while the ranking does not, as where the best detector is withheld."""
+    sides = [write_study(tmp_path / name, {"A": 2.0, "C": 5.5}) for name in ("may", "june")]
+    for side, detector in zip(sides, "CA", strict=True):
+        shown = render_page("t", [], strip=Strip(f"Use {detector}.", "good", "s", "c", "n"))
+        (side / "report.html").write_text(shown)
+        (side / ".study.json").write_text(json.dumps({"detectors": {"C": {"use": "friction_fit"}}}))
+    outcome = call("compare", *sides, "--page", tmp_path / "both.html")
+    assert outcome.output.startswith("The answers differ.\nmay: Use C.\njune: Use A.\n")
+    assert "Friction fit (C) has the highest median SNR in both." in outcome.output
+    strip = read_strip(tmp_path / "both.html")
+    assert strip.answer == "The answers differ. may: Use C. june: Use A." and strip.kind == "unsure"
+    assert call("compare", sides[0], sides[0]).output.startswith("Both answer: Use C.\n")
+
+
+def test_factors_of_conclusions_are_told_by_their_description(tmp_path):
+    sides = [write_study(tmp_path / name, {"A": 2.0}) for name in ("may", "june")]
+    for side, passes in zip(sides, (True, False), strict=True):
+        row = {"robot": "r", "cycle": "c", "axis": 2, "fda": "A", "factor": "w3", "passes_direct": passes}
+        tables.write_table(side / "audit_verdicts.parquet", pd.DataFrame([row | {"agrees": True}]))
+        settings = {"factors": {"w3": {"description": "temperature"}}}
+        (side / ".study.json").write_text(json.dumps(settings))
+    told = "r, c, axis 2, A, temperature: passes by simulation and surrogate against fails by simulation and"
+    assert told in call("compare", *sides).output
 
 
 def test_equal_studies_differ_in_nothing(tmp_path):

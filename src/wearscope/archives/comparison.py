@@ -24,7 +24,7 @@ def _tell_rank(row: Mapping[str, Any]) -> str:
 
 def _tell_audit(row: Mapping[str, Any]) -> str:
     passes = "passes" if row["passes_direct"] else "fails"
-    return f"{passes} when simulated, {'as' if row['agrees'] else 'unlike what'} the surrogate says"
+    return f"{passes} by {'simulation and surrogate' if row['agrees'] else 'simulation alone'}"
 
 
 #: Table, what names a conclusion, columns that say it, and how they are put in words.
@@ -160,10 +160,23 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
             except (TypeError, ValueError):
                 told = f"{content.path}: {name}: a row holds no {' or '.join(says)}"
                 raise InputError(f"{told}; run the study again.") from None
-            yield f"{stem}: {', '.join(str(row[key]) for key in keys)}", said
+            named = {key: str(row[key]) for key in keys}
+            if "factor" in named:
+                named["factor"] = _name_factor(content, named["factor"])
+            if "axis" in named:
+                named["axis"] = f"axis {row['axis']}"
+            yield f"{stem}: {', '.join(named.values())}", said
     for name in sorted(content.digests):
         if PurePosixPath(name).name == "verdict.json":
             yield from _conclude_loop(content, name)
+
+
+def _name_factor(content: Content, code: str) -> str:
+    """A factor by its description, by its code where the settings have none."""
+    try:
+        return str(content.describe("config")["factors"][code]["description"])
+    except (KeyError, TypeError):
+        return code
 
 
 def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:

@@ -87,8 +87,11 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
     ]
     names = _name(left, right)
     from wearscope.reporting.differences_page import render_study_differences, tell_studies
+    from wearscope.reporting.page_strip import read_strip
 
-    _say(tell_studies(names, (rankings[0], rankings[1]), differences))
+    strips = [read_strip(side / "report.html") for side in (left, right)]
+    answers = (strips[0].answer if strips[0] else "", strips[1].answer if strips[1] else "")
+    _say(tell_studies(names, (rankings[0], rankings[1]), differences, answers))
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
@@ -97,16 +100,20 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
         print_table(list(differences.columns), rows)
 
     def write() -> str:
-        return render_study_differences(names, (rankings[0], rankings[1]), found)
+        return render_study_differences(names, (rankings[0], rankings[1]), found, answers)
 
     return write
 
 
 def _read_ranking(path: Path) -> "pd.DataFrame":
-    """Detectors by median SNR; empty where the study is packed, or did not come so far."""
+    """Detectors, by their full names where the settings tell, by median SNR.
+
+    Empty where the study is packed, or did not come so far.
+    """
     import pandas as pd
 
     from wearscope import tables
+    from wearscope.checksums import SETTINGS
 
     if not path.is_file():
         return pd.DataFrame()
@@ -115,7 +122,19 @@ def _read_ranking(path: Path) -> "pd.DataFrame":
     for name in ("rank", "median", "median_low", "median_high"):
         if name not in table or not pd.api.types.is_numeric_dtype(table[name]) or "fda" not in table:
             raise InputError(f"{path}: is no ranking of detectors (column {name}); run the study again.")
-    return table.astype({"fda": str})
+    return table.assign(fda=table["fda"].astype(str).replace(_name_detectors(path.with_name(SETTINGS))))
+
+
+def _name_detectors(settings: Path) -> dict[str, str]:
+    """Full names of detectors by their codes, of a study's settings; empty where they have none."""
+    from wearscope.files import load_json
+    from wearscope.reporting.labels import detector_name
+
+    try:
+        known = load_json(settings.read_bytes())["detectors"]
+        return {code: detector_name(code, one["use"]) for code, one in known.items()}
+    except (OSError, AttributeError, KeyError, TypeError):
+        return {}
 
 
 def _compare_loops(left: Path, right: Path) -> Callable[[], str]:

@@ -38,7 +38,25 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
         action = Markup('See <a href="#robots">each robot\'s own page</a>.')
     caveat = "" if pages else _caveat(study, one.detector)
     answer = " ".join(filter(None, [conclude(study, one), trust.tell_basis(study)]))
-    return Strip(answer, certainty(one), tell_sure(study, one), caveat, action)
+    kind = certainty(one)
+    if better := tell_withheld(study, one):
+        kind, caveat = "unsure" if kind == "good" else kind, better
+    return Strip(answer, kind, tell_sure(study, one), caveat, action)
+
+
+def tell_withheld(study: Study, one: Conclusion) -> str:
+    """That a withheld detector has a larger median SNR than the recommended one; else empty."""
+    if study.rankings is None or not one.detector:
+        return ""
+    own = study.rankings[study.rankings["robot"] == one.robot].set_index("fda")["median"]
+    better = [name for name in one.withheld if own.get(name, 0.0) > own.get(one.detector, np.inf)]
+    if not better:
+        return ""
+    has, what = ("has", "its surrogate") if len(better) == 1 else ("have", "their surrogates")
+    return (
+        f"{study.join_detectors(better)} {has} a larger signal-to-noise ratio and "
+        f"{'is' if len(better) == 1 else 'are'} withheld: direct simulation contradicts {what}."
+    )
 
 
 def _caveat(study: Study, detector: str) -> str:
@@ -132,10 +150,10 @@ def tell_sure(study: Study, one: Conclusion) -> str:
         text += " by the estimates; the surrogates' uncertainty was not counted."
     bounds = []
     for bound in one.bounds:
-        factor, most = study.factor(bound.factor), "at least " if bound.largest else ""
+        factor, more = study.factor(bound.factor), " or more" if bound.largest else ""
         size = quantity_text(1.96 * bound.sigma, factor.unit)
-        bounds.append(f"{factor_name(factor)} stays within {most}±{size}")
-    return f"{text} This holds while {join_words(bounds, 'or')}." if bounds else text
+        bounds.append(f"{factor_name(factor)} within ±{size}{more}")
+    return f"{text} This holds while one factor varies: {join_words(bounds, 'or')}." if bounds else text
 
 
 def qualify(study: Study, one: Conclusion) -> list[str]:

@@ -25,7 +25,7 @@ _KINDS = {
 
 
 def render_study_differences(
-    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
+    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame, answers: Names
 ) -> str:
     """Page of two studies.
 
@@ -37,14 +37,17 @@ def render_study_differences(
         ``ranking.parquet`` of each; empty where there is none.
     differences : DataFrame
         As `wearscope.archives.comparison.compare_archives` returns it.
+    answers : tuple of str
+        What each page answers; empty where there is none.
     """
     differences = differences[~differences["outcome"].isin(["same bytes", "same values"])]
-    told = tell_studies(names, rankings, differences)
+    told = tell_studies(names, rankings, differences, answers)
+    top = tell_answers(names, answers) or told[:2]
     settings = int((differences["what"] == "setting").sum())
     caveat = f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
     kinds = [kind for kind in _KINDS if kind in set(differences["what"])]
     strip = Strip(
-        " ".join(told[:2]),
+        " ".join(top),
         "unsure" if len(differences) else "good",
         "Every table was compared by its values; settings and versions where both record them.",
         caveat if settings else "No setting that both record differs.",
@@ -123,15 +126,26 @@ def _fold(rows: pd.DataFrame) -> Markup:
     return render_part(parts=[table] if len(left) else []) + render_part(notes=notes)
 
 
+def tell_answers(names: Names, answers: Names) -> list[str]:
+    """What both pages answer, in sentences; [] where one has no answer."""
+    if not all(answers):
+        return []
+    if answers[0] == answers[1]:
+        return [f"Both answer: {answers[0]}"]
+    told = [f"{name}: {answer}" for name, answer in zip(names, answers, strict=True)]
+    return ["The answers differ.", *told]
+
+
 def tell_studies(
-    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
+    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame, answers: Names
 ) -> list[str]:
-    """What differs between two studies, in sentences, conclusions first."""
+    """What differs between two studies, in sentences, their answers first, then conclusions."""
     best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
     pairs = [(one, name) for one, name in zip(best, names, strict=True) if one]
     if len(pairs) == 2 and best[0] == best[1]:
         pairs = [(str(best[0]), "both")]
-    told = [f"{one} has the highest median SNR in {name}." for one, name in pairs]
+    told = tell_answers(names, answers)
+    told += [f"{one} has the highest median SNR in {name}." for one, name in pairs]
     concluded = differences[differences["what"] == "conclusion"]
     changed = concluded[concluded["outcome"] == "differs"]
     told += [f"{words(row.item).rstrip('.')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
