@@ -76,7 +76,8 @@ def state_tracking(folder: Path) -> tuple[list[str], list[float]]:
     """Names and numbers that a tracked machine's answer must have."""
     outcome = json.loads((folder / "tracking.json").read_text(encoding="utf-8"))
     last = outcome["sessions"][-1]
-    changes = [f"{one['effect'].replace('_', ' ')} at {one['joint']}" for one in last["changes"]]
+    changes = [one["effect"].replace("_", " ") for one in last["changes"]]
+    changes += [f"at {one['joint']}" for one in last["changes"]]
     return [last["session"], *(changes or ["Nothing changed"])], [100 * outcome["false_alarm_rate"]]
 
 
@@ -104,7 +105,7 @@ def check_top(folder: Path, top: dict[str, Any]) -> list[str]:
     state = next(ask for file, ask in STATES.items() if (folder / file).is_file())
     names, numbers = state(folder)
     text = re.sub(r"\s+", " ", f"{top['answer']} {top['rest']}")
-    wrong = [f"does not name {name}" for name in names if name not in text]
+    wrong = [f"does not name {name}" for name in names if name.lower() not in text.lower()]
     stated = numbers_in(text)
     wrong += [
         f"does not state {n:g}" for n in numbers if not any(abs(n - s) <= 1e-9 + 0.005 * n for s in stated)

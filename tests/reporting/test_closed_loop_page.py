@@ -174,7 +174,7 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "The test runs confirm it: it removes 62 % (95 %: 55 to 70) of the residual variance at a." in text
     assert "The test runs refute it: it adds 12 % (95 %: 4 to 20) to the residual variance at b." in text
     assert "Depends on speed of a and direction of a." in text
-    assert "cannot be told from concave viscous on these runs" in text
+    assert "cannot be told from concave viscous friction on these runs" in text
     assert "Structure that no named effect explains. Depends on position of a and direction of b." in text
     assert "8 heights of a spline −3 to 4" in text
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
@@ -184,7 +184,7 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "30 % of the rows of a do not count" in text
     assert "move slowly" in text and "record for longer" in text
     assert "Stopped. a: the most terms that are asked for (8) are named" in text
-    assert "wearscope 1.2.3 (abc)" in text
+    assert "closed by wearscope 1.2.3." in text and "abc" not in text
 
 
 def test_refuted_effects_come_first_and_in_red(tmp_path):
@@ -199,7 +199,7 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
     cards = re.findall(r'<div class="card (\w+)"><h3>(\w+): <span class="badge (\w+)">([\w ]+)<', html)
     assert cards == [
         ("bad", "b", "bad", "unknown"),
-        ("good", "a", "good", "stribeck"),
+        ("good", "a", "good", "Stribeck friction"),
         ("unsure", "a", "unsure", "viscous asymmetry"),
     ]
     said = "The test runs neither confirm nor refute it: it removes 0.4 % (95 %: −1.0 to 2.0)"
@@ -336,8 +336,8 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     write(tmp_path, VERDICT)
     kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "unsure" and text == (
-        "The declared model lacks stribeck or concave viscous at a. With it the error on the test runs falls "
-        "by up to 50 %, at a from 2 to 1 N m, but grows by 7 % at b."
+        "The declared model lacks Stribeck friction or concave viscous friction at a. With it, the error "
+        "on the test runs falls by up to 50 %, at a from 2 to 1 N m, but grows by 7 % at b."
     )
     sure = copy.deepcopy(VERDICT) | {"verdict": [ENTRY | {"equivalent": []}]}
     sure["joints"]["b"] |= {"rms_after": 1.5}
@@ -348,8 +348,8 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     sure["joints"]["b"]["state"] = "unexplained"
     write(tmp_path, sure)
     kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)
-    assert kind == "unsure" and "stribeck at a (not confirmed)" in text
-    assert text.endswith("; 3 % of the torque is left at b, part of it unexplained.")
+    assert kind == "unsure" and "Stribeck friction at a (not confirmed)" in text
+    assert text.endswith(". 3 % of the torque is left at b, part of it unexplained.")
     refuted = sure | {"verdict": [ENTRY | {"status": "refuted"}]}
     write(tmp_path, refuted)
     kind, text = conclude_loop(read_closed_loop(tmp_path).verdict)

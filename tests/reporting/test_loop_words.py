@@ -2,6 +2,8 @@ import copy
 
 import pytest
 
+from wearscope.effects.vocabulary import list_effects
+from wearscope.reporting.labels import EFFECTS, PARAMETERS, effect_name, parameter_name
 from wearscope.reporting.loop_words import list_alarms, say_share, size_left, tell_left, tell_planted
 
 ENTRY = {
@@ -35,6 +37,17 @@ def test_nothing_planted_is_a_null():
     assert tell_planted(none, planted()).endswith("did not find.")
     assert tell_planted(none, {"planted": []}) == "Nothing was planted: so it should be."
     assert tell_planted(VERDICT, {"planted": []}) == "Nothing was planted: a false alarm."
+
+
+def test_effects_and_parameters_are_called_what_people_call_them():
+    """Codes that say too little have a name; own ones are told as text. A whole is never rounded up."""
+    assert effect_name("stribeck") == "Stribeck friction" and effect_name("hose_drag") == "hose drag"
+    assert parameter_name("sine1") == "amplitude of the sine of position"
+    assert set(EFFECTS) <= {one.name for one in list_effects()}
+    known = {part.name for one in list_effects() for part in (*one.coefficients, *one.shape)}
+    assert set(PARAMETERS) <= known
+    nearly = ENTRY | {"error_reduction": 0.9964, "error_reduction_ci95": [0.995, 0.998]}
+    assert say_share(nearly) == "it removes 99.6 % (95 %: 99.5 to 99.8) of the residual variance"
 
 
 def test_shares_of_the_residual():

@@ -21,6 +21,7 @@ from wearscope.reporting.conclusion import study_strip
 from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import find_answers, render_history, trend_table
+from wearscope.reporting.labels import effect_name
 from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
@@ -121,9 +122,7 @@ def test_a_loop_s_strip_is_its_verdict(entries, tmp_path):
     strip = shown(loop_strip(read_closed_loop(tmp_path)), tmp_path)
     held = [one for one in verdict["verdict"] if one["status"] != "refuted"]
     for one in held:
-        assert (
-            f"{one['effect'].replace('_', ' ')} or" in strip.answer and f"at {one['joint']}" in strip.answer
-        )
+        assert f"{effect_name(one['effect'])} or" in strip.answer and f"at {one['joint']}" in strip.answer
     if not held:
         assert strip.answer.startswith("The declared model suffices") and strip.kind == "good"
         return
@@ -148,7 +147,7 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
     strip = read_strip(tmp_path / "report.html")
     last = OUTCOME["sessions"][-1]
     assert (
-        strip.answer == f"Session {last['session']}: Changed: coulomb at a by +0.6 N m since d3."
+        strip.answer == f"Session {last['session']}: Changed: Coulomb friction at a by +0.6 N m since d3."
         and strip.kind == "bad"
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]

@@ -58,7 +58,8 @@ def write(folder, outcome=OUTCOME):
 def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     text = re.sub(r"<[^>]+>", "", write(tmp_path))
     assert (
-        "coulomb of a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; viscous would explain it as well." in text
+        "Coulomb friction of a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; "
+        "viscous friction would explain it as well." in text
     )
     assert "Earlier sessions with a change: d3." in text
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text

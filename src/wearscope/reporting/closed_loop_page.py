@@ -18,7 +18,7 @@ from wearscope.reporting.charts.loop import (
     loop_tables,
 )
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded, number, read_closed_loop
-from wearscope.reporting.labels import count_text, join_words, words
+from wearscope.reporting.labels import count_text, effect_name, join_words
 from wearscope.reporting.loop_outcome import loop_strip, render_events, render_measurement, render_outcome
 from wearscope.reporting.page import (
     JOINT,
@@ -60,7 +60,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
         f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
         "runs, errors from the test runs.",
-        f"Made from the tables of a loop closed by wearscope {loop.verdict['version']}.",
+        f"Made from the tables of a loop closed by wearscope {loop.verdict['version'].partition(' (')[0]}.",
         loop_filters(loop),
         drawn,
         loop_labels(loop),
@@ -76,7 +76,8 @@ def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
         for stage in STAGES:
             value = number(one.get(f"rms_{stage}"))
             record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"))
-        records.append(record | {"noise floor": number(one.get("noise_floor"))})
+        floor = number(one.get("noise_floor"))
+        records.append(record | ({"noise floor": floor} if floor == floor else {}))
         for run, values in one.get("relative_error_percent", {}).items():
             before, after = map(number, values)
             same = not np.isfinite([before, after]).all() or abs(after - before) < 1e-9 * max(before, 1.0)
@@ -84,7 +85,7 @@ def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
             told = badge("same") if same else badge(word, kind)
             row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after, "error": told}
             relative.append(row)
-    note = "100 |residual| / |torque| over the rows that count."
+    note = "RMS of the residual over RMS of the torque, in the rows that count."
     rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
     return render_part(
         parts=[embed_chart(chart_errors(loop, drawn)), render_table(records, filter_by=JOINT)],
@@ -132,9 +133,8 @@ def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
         records.append(record | {"motion in": "mm" if unit == "N" else "mrad"})
     text = (
         "Both models follow the measured motion of the test runs in PyBullet under the same controller. "
-        "Torque: the controller feeds forward what the model before needs, so the measured torque has no "
-        "part in it. Motion: it feeds forward the torque that was measured, and a model that is right "
-        "stays on the measured motion."
+        "Torque: its feedforward is computed from the model before; the measured torque has no part in it. "
+        "Motion: its feedforward is the measured torque, and a right model stays on the measured motion."
     )
     note = "RMS error against the measurement on the test runs (95 %)."
     chart = embed_chart(chart_forward(loop.foremost())) if drawn else ""
@@ -151,7 +151,8 @@ def _undetermined(loop: ClosedLoop) -> Markup:
     for one in loop.verdict.get("undetermined") or []:
         grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
     rows = [
-        {"joints": _where(loop, joints), "effect": words(effect), "why not": reason, "would help": motion}
+        {"joints": _where(loop, joints), "effect": effect_name(effect)}
+        | {"why not": reason, "would help": motion}
         for (effect, reason, motion), joints in grouped.items()
     ]
     motions = []
@@ -159,12 +160,16 @@ def _undetermined(loop: ClosedLoop) -> Markup:
         pairs: dict[str, list[str]] = {}
         for pair in one["separates"]:
             joint, _, names = pair.partition(": ")
-            pairs.setdefault(words(names).replace(" / ", " from "), []).append(joint)
+            pairs.setdefault(" from ".join(map(effect_name, names.split(" / "))), []).append(joint)
         said = [f"{names} ({_where(loop, joints)})" for names, joints in pairs.items()]
         more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
         motions.append({"motion": one["motion"], "separates": "; ".join([*said[:MOST_SHOWN], *more])})
-    told = ((rows, "What could not be tested."), (motions, "Motions that would separate effects."))
-    return render_part(parts=[render_table(table, text) for table, text in told if table])
+    untested = render_table(rows, "What could not be tested.") if rows else Markup("")
+    parts = [render_table(motions, "Motions that would separate effects.")] if motions else []
+    if len(rows) <= MOST_SHOWN:
+        return render_part(parts=[untested, *parts]) if rows or parts else Markup("")
+    summary = f"{len(rows)} effects that could not be tested"
+    return render_part(parts=parts, folded=[(summary, False, untested)])
 
 
 def _where(loop: ClosedLoop, joints: list[str]) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.charts.sides import chart_sides, side_table
-from wearscope.reporting.labels import count_text, join_words, words
+from wearscope.reporting.labels import count_text, effect_name, join_words, words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
 from wearscope.reporting.page_strip import Strip
 
@@ -77,7 +77,7 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
             effects.setdefault(entry["joint"], []).append(entry["effect"])
         named_by.append(effects)
         for joint, errors in verdict["joints"].items():
-            named = words(join_words(sorted(effects[joint]))) or "nothing"
+            named = join_words([*map(effect_name, sorted(effects[joint]))]) or "nothing"
             rows.append(dict(errors) | {"side": side, "joint": joint, "named": named})
     table = pd.DataFrame(rows)
     sides = {name: table[table["side"] == name] for name in names}
@@ -164,7 +164,7 @@ def tell_loops(names: Names, left: Mapping[str, list[str]], right: Mapping[str, 
     found: dict[str, list[str]] = {}
     for joint in dict.fromkeys([*left, *right]):
         only = [
-            f"{words(join_words(gone))} in {name} only"
+            f"{join_words([*map(effect_name, gone)])} in {name} only"
             for name, one, other in zip(names, (left, right), (right, left), strict=True)
             if (gone := sorted(set(one.get(joint, [])) - set(other.get(joint, []))))
         ]

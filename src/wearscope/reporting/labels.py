@@ -20,6 +20,19 @@ COLUMNS = {
     "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
     "first_reason": "first reason",
 }  # fmt: skip
+#: Effects and parameters whose code alone would say too little, as people call them.
+EFFECTS = {
+    "stribeck": "Stribeck friction", "coulomb": "Coulomb friction", "viscous": "viscous friction",
+    "concave_viscous": "concave viscous friction", "quadratic_viscous": "quadratic viscous friction",
+    "coulomb_asymmetry": "Coulomb asymmetry",
+}  # fmt: skip
+PARAMETERS = {
+    "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
+    "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
+    "alpha": "an exponent of low-speed friction", "sine1": "amplitude of the sine of position",
+    "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
+    "cosine2": "amplitude of the cosine of twice the position",
+}  # fmt: skip
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
 
@@ -31,6 +44,16 @@ def term_label(term: str) -> str:
 def words(value: object) -> str:
     """A name of the configuration as text: point_to_point is point to point."""
     return str(value).replace("_", " ")
+
+
+def effect_name(code: str) -> str:
+    """An effect as people call it: ``Stribeck friction``; an own one by its code as text."""
+    return EFFECTS.get(code, words(code))
+
+
+def parameter_name(code: str) -> str:
+    """A parameter of an effect as people call it."""
+    return PARAMETERS.get(code, words(code))
 
 
 def detector_name(code: str, use: str) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
-from wearscope.reporting.labels import UNKNOWN, count_text, join_words, unit_text, words
+from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words, parameter_name, unit_text
 from wearscope.reporting.loop_words import (
     PROMISED,
     STATUSES,
@@ -82,7 +82,7 @@ def _caveat(loop: ClosedLoop) -> str:
         why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
         return f"At {worst}, {size} is left: {why}."
     open_names = [
-        f"{words(join_words([one['effect'], *one['equivalent']], 'or'))} at {one['joint']}"
+        f"{join_words([*map(effect_name, (one['effect'], *one['equivalent']))], 'or')} at {one['joint']}"
         for one in loop.verdict["verdict"]
         if one["equivalent"]
     ]
@@ -140,7 +140,7 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     one, shared = loop.verdict["joints"][joint], list_shared()
     own = [entry["effect"] for entry in loop.entries_at(joint)]
     others = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in shared - set(own)]
-    named = [*map(words, own), *(f"{words(name)} of the robot" for name in others)]
+    named = [*map(effect_name, own), *(f"{effect_name(name)} of the robot" for name in others)]
     kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
     change = told = one["error"] or "n/a"
     if change == "larger":
@@ -164,15 +164,16 @@ def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
     lines = [f"{STATUSES[entry['status']].sentence}: {say_share(entry)} at {where}."]
     sizes = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")][:1]
     lines += [
-        f"{row['parameter'].capitalize()}: {row['value']} {row['unit']} (95 %: {row['95 % interval']})."
+        f"{(name := row['parameter'])[:1].upper()}{name[1:]}: {row['value']} {row['unit']} "
+        f"(95 %: {row['95 % interval']})."
         for row in sizes
     ]
     if entry["effect"] == UNKNOWN:
         lines.append("Structure that no named effect explains.")
     if entry["depends_on"]:
         lines.append(f"Depends on {join_words([*map(name_signal, entry['depends_on'])])}.")
-    names = {"joint": entry["joint"], "effect": words(entry["effect"])}
-    return names | {"lines": lines, "equivalent": words(join_words(entry["equivalent"], "or"))}
+    names = {"joint": entry["joint"], "effect": effect_name(entry["effect"])}
+    return names | {"lines": lines, "equivalent": join_words([*map(effect_name, entry["equivalent"])], "or")}
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -180,13 +181,15 @@ def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
     rows = []
     for name, one in entry["parameters"].items():
         ends = " to ".join(format_number(number(end)) for end in one["ci95"])
-        rows.append((words(name), format_number(number(one["value"])), ends, unit_text(one["unit"])))
-    rows += [(words(name), format_number(number(v)), "fixed", "") for name, v in entry["fixed"].items()]
+        value = format_number(number(one["value"]))
+        rows.append((parameter_name(name), value, ends, unit_text(one["unit"])))
+    fixed = {parameter_name(name): format_number(number(value)) for name, value in entry["fixed"].items()}
+    rows += [(name, value, "fixed", "") for name, value in fixed.items()]
     heights = [one["value"] for name, one in entry["parameters"].items() if name.startswith("height")]
     if entry["effect"] == UNKNOWN and heights:
         told = f"{format_number(min(heights))} to {format_number(max(heights))}"
         rows = [(f"{len(heights)} heights of a spline", told, "n/a", rows[0][-1])]
-    where = {"joint": entry["joint"], "effect": words(entry["effect"])}
+    where = {"joint": entry["joint"], "effect": effect_name(entry["effect"])}
     names = ("parameter", "value", "95 % interval", "unit")
     return [where | dict(zip(names, row, strict=True)) for row in rows]
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wearscope.reporting.closed_loop import name_signal, number
-from wearscope.reporting.labels import UNKNOWN, count_text, join_words, words
+from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words
 from wearscope.reporting.page import format_number
 
 Verdict = Mapping[str, Any]
@@ -87,16 +87,18 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     named: dict[tuple[str, bool], list[str]] = {}
     for one in held:
-        key = words(join_words([one["effect"], *one["equivalent"]], "or")), one["status"] == "confirmed"
+        names = [effect_name(name) for name in (one["effect"], *one["equivalent"])]
+        key = join_words(names, "or"), one["status"] == "confirmed"
         named.setdefault(key, []).append("" if one["effect"] in list_shared() else one["joint"])
     lacks = "; ".join(
         f"{name} {_tell_where(verdict, joints)}{'' if confirmed else ' (not confirmed)'}"
         for (name, confirmed), joints in named.items()
     )
-    text = f"The declared model lacks {lacks}. {_tell_gain(verdict)}"
+    text = f"The declared model lacks {lacks}. {_tell_gain(verdict, len(named) > 1)}"
     grown = _tell_growth(verdict)
     sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
-    return ("good" if sure and not said else "unsure"), f"{text}{grown}{f'; {rest}' if said else ''}."
+    more = f" {rest.replace('at most', 'At most', 1)}." if said else ""
+    return ("good" if sure and not said else "unsure"), f"{text}{grown}.{more}"
 
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
@@ -131,16 +133,17 @@ def _tell_growth(verdict: Verdict) -> str:
     return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
 
 
-def _tell_gain(verdict: Verdict) -> str:
-    """Where the error on the test runs falls most."""
+def _tell_gain(verdict: Verdict, several: bool) -> str:
+    """With one effect or several, where the error on the test runs falls most."""
     found = _changes(verdict)
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
     ratio, joint, before, after, unit = min(found)
     if ratio > 0.995:
         return "On the test runs no joint's error falls by more than half a percent"
+    with_it = "With them" if several else "With it"
     return (
-        f"With it the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
+        f"{with_it}, the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
         f"{format_number(before)} to {format_number(after)} {unit}"
     )
 
@@ -181,8 +184,8 @@ def say_share(entry: Verdict) -> str:
 
 
 def _percent(share: float, low: float, high: float) -> str:
-    """``48 % (95 %: 36 to 55)``, with a digit more where the share is small."""
-    digits = 0 if abs(share) >= 0.095 else 1
+    """``48 % (95 %: 36 to 55)``, with a digit more near none and all."""
+    digits = 0 if 0.095 <= abs(share) < 0.995 else 1
     share, low, high = (round(100 * value, digits) + 0.0 for value in (share, low, high))
     text = f"{share:.{digits}f} % (95 %: {low:.{digits}f} to {high:.{digits}f})"
     return text.replace("-", "\N{MINUS SIGN}").replace("nan", "n/a")
@@ -203,8 +206,8 @@ def tell_planted(verdict: Verdict, planted: Verdict) -> str:
         ]
         right += hits
         found = "found" if hits else "did not find"
-        parts.append(f"{words(one['effect'])} at {one['joint']}, which the loop {found}")
-    wrong = [f"{words(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
+        parts.append(f"{effect_name(one['effect'])} at {one['joint']}, which the loop {found}")
+    wrong = [f"{effect_name(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
     tail = f" It named what was not planted: {join_words(wrong)}." if wrong else ""
     return f"Planted was {join_words(parts)}.{tail}"
 
@@ -245,7 +248,7 @@ def size_left(one: Verdict) -> str:
 
 def tell_measurement(entry: Verdict) -> str:
     """Advice on what to record next in a sentence or two."""
-    first, *others = map(words, entry["names"])
+    first, *others = map(effect_name, entry["names"])
     rivals, runs = join_words(others, "or"), count_text(entry["runs"], "run")
     power = "more than 0.99" if entry["power"] > 0.99 else format_number(entry["power"], 2)
     if entry["power"] < PROMISED:

@@ -12,7 +12,15 @@ from markupsafe import Markup
 from wearscope import tables
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
-from wearscope.reporting.labels import count_text, join_words, unit_text, with_unit, words
+from wearscope.reporting.labels import (
+    count_text,
+    effect_name,
+    join_words,
+    parameter_name,
+    unit_text,
+    with_unit,
+    words,
+)
 from wearscope.reporting.page import (
     JOINT,
     Section,
@@ -123,7 +131,7 @@ def tracking_strip(outcome: Mapping[str, Any]) -> Strip:
     """What changed on a machine, in its last session."""
     last = outcome["sessions"][-1]
     changes = [
-        f"{words(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
+        f"{effect_name(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
         for one in last["changes"]
     ]
     answer = "Nothing changed since the machine was healthy."
@@ -154,10 +162,10 @@ def _ends(ends: Any) -> str:
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    said = f"{words(entry['effect'])} of {entry['joint']}: {words(entry['parameter'])} {_size(entry)}"
-    said += f" (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
+    said = f"{effect_name(entry['effect'])} of {entry['joint']}: {parameter_name(entry['parameter'])} "
+    said += f"{_size(entry)} (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
     if entry["equivalent"]:
-        said += f"; {words(join_words(entry['equivalent'], 'or'))} would explain it as well"
+        said += f"; {join_words([*map(effect_name, entry['equivalent'])], 'or')} would explain it as well"
     return said + "."
 
 

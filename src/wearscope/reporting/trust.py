@@ -7,17 +7,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.labels import count_text, factor_name, finite, join_words, words
+from wearscope.reporting.labels import PARAMETERS, count_text, factor_name, finite, join_words, words
 from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 CHOSEN = "chosen"
-#: Parameters of eq. (17) as people call them.
-FRICTION = {
-    "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
-    "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
-    "alpha": "an exponent of low-speed friction",
-}  # fmt: skip
 #: Path of the number that own studies double (`starters.study`), with the study's direct question.
 _COULOMB = "effects.friction_wear_temperature.all.eta0 %"
 POOR_FIT = 50.0
@@ -126,7 +120,7 @@ def tell_mismatch(study: Study) -> str:
     told = []
     for path, value in study.config["direct"]["mismatch"].items():
         parts = path.removesuffix(" %").split(".")
-        name = FRICTION.get(parts[-1], words(f"{parts[-1]} of {parts[1]}"))
+        name = PARAMETERS.get(parts[-1], words(f"{parts[-1]} of {parts[1]}"))
         size = f"changed by {value:+g} %" if path.endswith(" %") else f"of {value:g}"
         told.append(f"{name} {size.replace('-', chr(0x2212))}")
     return join_words(told)

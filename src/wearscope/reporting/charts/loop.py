@@ -16,7 +16,7 @@ from wearscope.reporting.closed_loop import (
     label_signal,
     number,
 )
-from wearscope.reporting.labels import words
+from wearscope.reporting.labels import effect_name
 
 #: Rows that all joints and runs share in the charts over time, points over a signal, candidates of a step.
 MOST_ROWS, MOST_POINTS, MOST_CANDIDATES = 40_000, 600, 16
@@ -133,7 +133,7 @@ def _rank_candidates(table: pd.DataFrame) -> pd.DataFrame:
     best = table.sort_values([*order], ascending=[*order.values()])
     best = best.drop_duplicates(["step", "joint", "effect"]).groupby("step").head(MOST_CANDIDATES)
     best = best.assign(
-        label=best["joint"] + ": " + best["effect"].map(words),
+        label=best["joint"] + ": " + best["effect"].map(effect_name),
         gain=100.0 * best["cv_gain"],
         taken=np.where(best["taken"], "taken", "left"),
     )
