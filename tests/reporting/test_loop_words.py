@@ -40,7 +40,7 @@ def test_nothing_planted_is_a_null():
 
 
 def test_effects_and_parameters_are_called_what_people_call_them():
-    """Codes that say too little have a name; own ones are told as text. A whole is never rounded up."""
+    """Codes that say too little have a name; own ones are told as text. A share near all has a digit more."""
     assert effect_name("stribeck") == "Stribeck friction" and effect_name("hose_drag") == "hose drag"
     assert parameter_name("sine1") == "amplitude of the sine of position"
     assert set(EFFECTS) <= {one.name for one in list_effects()}
