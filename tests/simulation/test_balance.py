@@ -422,3 +422,25 @@ def test_a_part_is_balanced_in_one_correction_and_looked_at_again_unless_that_is
     np.testing.assert_allclose(asked, [2.0, wanted][:evaluations])
     # How often a rate was trusted since it was last looked at.
     assert state.pace[1] == (pace[1] + 1.0 if evaluations == 1 else 0.0)
+
+
+@pytest.mark.parametrize("loaded", [True, False])
+def test_a_slope_that_the_load_made_is_asked_for_again(monkeypatch, loaded):
+    """A load that changes next to a small change of speed looks like a slope at which nothing moves."""
+
+    def evaluate(rows, terms, mode, before, slope, jacobian, motion, low, high, *_):
+        low[:] = high[:] = 5.0 * motion.speed
+        slope[np.isnan(slope)] = 5.0
+
+    monkeypatch.setattr(balance, "evaluate_terms", evaluate)
+    state, work, motion = make_state(1), make_work(1), make_motion(1)
+    state.mode[:], state.slope[:], state.v[:], state.y[:], h = 1, 1e12, 2.0, 2.0, 0.1
+    law = make_law(1, 1, feedforward=np.full((1, 1), 70.0))
+    scratch = SimpleNamespace(mass_matrix=np.full((1, 1), 2.0), bias=np.zeros(1))
+    share = balance.balance_part(
+        None, coupled_terms(0)._replace(loaded=np.array([loaded])), law, make_gears(1, armature=np.ones(1)),
+        state, work, motion, scratch, 0, 0.0, h, 0.0, 0.2, 0, 0, False, False,
+    )  # fmt: skip
+    assert share == (balance.WHOLE if loaded else balance.NO_BALANCE)
+    if loaded:
+        assert motion.speed[0] == pytest.approx((2.0 + h * 70.0 / 3.0) / (1.0 + h * 5.0 / 3.0), rel=1e-12)

@@ -23,7 +23,8 @@ from wearscope.simulation.gear import deflection_slope, invert_deflection
 from wearscope.simulation.terms import evaluate_terms
 
 MAX_ITERATIONS = 80
-#: After these iterations only the joint that is furthest beyond break-away is released at a time.
+#: After these iterations only the joint that is furthest beyond break-away is released at a time, and torques
+#: that depend on the load have their slopes probed: between two iterates the load may have changed them.
 PATIENCE = 25
 #: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
 #: convergence still holds; that is looked at after this many steps at the latest.
@@ -70,6 +71,15 @@ def _learn_slopes(terms, state, work, motion):
         if mode[j] != 0 and work.old_mode[j] == mode[j] and abs(moved) > 1e-9 and not terms.coupled[j]:
             state.slope[j] = (work.high[j] - work.old_torque[j]) / moved
         work.old_speed[j], work.old_torque[j], work.old_mode[j] = y[j], work.high[j], mode[j]
+
+
+@njit(**INNER)
+def _forget_slopes(terms, state, work):
+    """Ask for the slopes of torques that depend on the load."""
+    for j in range(len(state.mode)):
+        if terms.loaded[j] and state.mode[j] != 0:
+            state.slope[j] = np.nan
+            work.old_mode[j] = 0
 
 
 @njit(**INNER)
@@ -318,6 +328,8 @@ def balance_part(
     before = 0.0
     for iteration in range(MAX_ITERATIONS):
         _load_links(state, work, motion, w, h)
+        if iteration > PATIENCE:
+            _forget_slopes(terms, state, work)
         evaluate_terms(
             rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
             t, h, temperature, wear,
