@@ -26,6 +26,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 
 EFFECT = Effect(
     name="concave_viscous",
+    title="concave viscous friction",
     form="level abs(v) (v^2 + speed^2)^((exponent - 1)/2) sign(v)",
     coefficients=(Parameter("level", "{torque} s^b/{position}^b", lower=0.0),),
     source="Carreau 1972, Trans. Soc. Rheol. 16(1); Grotjahn and Heimann 2001: power law, with speed 0",

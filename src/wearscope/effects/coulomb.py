@@ -11,6 +11,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="coulomb",
+    title="Coulomb friction",
     form="level sign(v)",
     coefficients=(Parameter("level", "{torque}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",

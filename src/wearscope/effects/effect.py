@@ -103,6 +103,8 @@ class Effect:
         Motion that shows it best.
     excitation_alone : str
         The same on a robot of a single joint; `excitation` where empty.
+    title : str
+        What people call it, where the name as text says too little.
     separated_by : mapping of str to str
         Motion that separates it from another effect, by that one's name, where that is neither's excitation.
     name_driver : callable or None
@@ -164,6 +166,7 @@ class Effect:
     opposes_gravity: bool = False
     excitation: str = motions.OTHERS
     excitation_alone: str = ""
+    title: str = ""
     separated_by: Mapping[str, str] = field(default_factory=dict)
     name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None
     limit_temperature: Callable[[Mapping[str, float]], tuple[float, float]] | None = None

@@ -11,6 +11,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="viscous",
+    title="viscous friction",
     form="slope v",
     coefficients=(Parameter("slope", "{torque} s/{position}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",

@@ -20,12 +20,7 @@ COLUMNS = {
     "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
     "first_reason": "first reason",
 }  # fmt: skip
-#: Effects and parameters whose code alone would say too little, as people call them.
-EFFECTS = {
-    "stribeck": "Stribeck friction", "coulomb": "Coulomb friction", "viscous": "viscous friction",
-    "concave_viscous": "concave viscous friction", "quadratic_viscous": "quadratic viscous friction",
-    "coulomb_asymmetry": "Coulomb asymmetry",
-}  # fmt: skip
+#: Parameters whose code alone would say too little, as people call them.
 PARAMETERS = {
     "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
     "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
@@ -48,7 +43,9 @@ def words(value: object) -> str:
 
 def effect_name(code: str) -> str:
     """An effect as people call it: ``Stribeck friction``; an own one by its code as text."""
-    return EFFECTS.get(code, words(code))
+    from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
+
+    return next((one.title for one in list_effects() if one.name == code and one.title), words(code))
 
 
 def parameter_name(code: str) -> str:
