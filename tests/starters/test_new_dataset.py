@@ -454,6 +454,10 @@ def test_a_file_whose_clock_restarts_holds_several_recordings(truth, tmp_path, s
         np.testing.assert_allclose(run.frame["q_axis_1"], part["q_axis_1"], rtol=1e-9)
         np.testing.assert_allclose(run.frame["t"], part["time"], atol=1e-6)
     assert "log.csv: its clock restarts, so that it is taken as 3 recordings." in converted.notes
+    one.to_csv(tmp_path / "other.csv", index=False)
+    files, mapped = [tmp_path / "other.csv", tmp_path / "log.csv"], Mapped(joints=JOINTS, test=["log.csv"])
+    uses = [run.use for run in convert_recordings(files, URDF, mapped).runs]
+    assert uses == ["train", "test", "test", "test"]
 
 
 def test_rows_out_of_order_are_no_other_recording(truth, tmp_path):

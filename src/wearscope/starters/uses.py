@@ -70,11 +70,11 @@ def choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str]
             f"test: the last {100 * (1 - _TRAINING):.0f} % of the one recording; a second one would say more."
         ]
     chosen = {Path(one).name for one in test} or {files[-1].name}
-    unknown = chosen - {file.name for file in files}
+    unknown = chosen - {file.name for file in files} - {run.file for run in runs}
     if unknown:
         raise InputError(f"--test {sorted(unknown)[0]}: is none of the recordings; name one of them.")
     for run, file in zip(runs, files, strict=True):
-        run.use = "test" if file.name in chosen else "train"
+        run.use = "test" if chosen & {file.name, run.file} else "train"
     if all(run.use == "test" for run in runs):
         raise InputError("--test: names every recording; leave one for training.")
     return [f"test: {', '.join(sorted(chosen))}" + ("." if test else ", the last one, as none was named.")]
