@@ -121,7 +121,7 @@ def test_torques_without_their_sign_are_told_so(tmp_path):
     bench = Bench(tmp_path, 2, 2.0)
     bench.record(lambda q, v, a, rng, t: np.abs(chain(q, v, a, 2.0, 0.3) + rub(v, 0.6, 0.5)))
     text = bench.refuse()
-    assert "'tau_j1' and 'tau_j2' are never negative, as torques without their sign" in text
+    assert "'tau_j1' and 'tau_j2' are never negative, as torques without sign" in text
     bench.accept("--accept", "unsigned tau", "--accept", "sign q_j1", "--accept", "sign q_j2",
                  "--accept", "unrelated tau")  # fmt: skip
 

@@ -122,7 +122,8 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
     lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
     if both_ways and heard and np.all(lowest[heard] >= 0.0) and np.nanmax(left) > _DOUBTFUL:
         names = say_columns([f"tau_{joints[j]}" for j in heard])
-        told = f"{names} are never negative, as torques without their sign; record them with their sign."
+        verb, one = ("are", "torques") if len(heard) > 1 else ("is", "a torque")
+        told = f"{names} {verb} never negative, as {one} without sign; record the torque with its sign."
         prepared.refuse(str(prepared.dataset.folder), told, "unsigned tau")
     if all(np.all(record.q[0] == 0.0) for record in records):
         prepared.notes.append(
