@@ -18,6 +18,7 @@ from wearscope.reporting.labels import (
     term_factors,
     term_name,
     unit_text,
+    upper_first,
 )
 from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
@@ -73,7 +74,7 @@ def relevant_factors(study: Study) -> list[str]:
     names, verb = join_words(quiet), "matters" if len(quiet) == 1 else "matter"
     return [
         *sentences,
-        f"{names[:1].upper()}{names[1:]} hardly {verb} to any of them: the median coefficient is below "
+        f"{upper_first(names)} hardly {verb} to any of them: the median coefficient is below "
         f"{SMALL:g} of that of wear.",
     ]
 

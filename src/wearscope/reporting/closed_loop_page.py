@@ -19,7 +19,13 @@ from wearscope.reporting.charts.loop import (
 )
 from wearscope.reporting.closed_loop import STAGES, ClosedLoop, bounded, number, read_closed_loop
 from wearscope.reporting.labels import count_text, effect_name, join_words
-from wearscope.reporting.loop_outcome import loop_strip, render_events, render_measurement, render_outcome
+from wearscope.reporting.loop_outcome import (
+    loop_strip,
+    render_events,
+    render_measurement,
+    render_outcome,
+    render_parameters,
+)
 from wearscope.reporting.page import (
     JOINT,
     Section,
@@ -46,6 +52,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Outcome", render_outcome(loop), "outcome"),
         Section("The next measurement", render_measurement(loop), "next-measurement"),
         Section("Errors on the test runs", _errors(loop, drawn["errors"]), "errors"),
+        Section("Parameters", render_parameters(loop), "parameters"),
         Section("Events", render_events(loop), "events"),
         Section("Residual", _residual(loop), "residual"),
         Section("Candidates", _candidates(drawn.get("candidates")), "candidates"),

@@ -21,7 +21,7 @@ from wearscope.reporting.detection import (
     tell_scatter,
     write_quantity,
 )
-from wearscope.reporting.labels import count_text, join_words
+from wearscope.reporting.labels import count_text, join_words, upper_first
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -222,6 +222,7 @@ def _setting(found: Detections) -> Markup:
         f"that of {summary['torque_noise_from']}. Recorded and simulated runs were filtered alike.",
     ]
     for motion, one in summary["motions"].items():
-        name = f"{motion[0].upper()}{motion[1:]}"
-        sentences.append(f"{name}, {format_number(one['seconds'])} s: nominal {', '.join(one['nominal'])}.")
+        sentences.append(
+            f"{upper_first(motion)}, {format_number(one['seconds'])} s: nominal {', '.join(one['nominal'])}."
+        )
     return render_part(told=sentences)

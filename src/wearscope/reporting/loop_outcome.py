@@ -7,7 +7,15 @@ import numpy as np
 from markupsafe import Markup
 
 from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
-from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words, parameter_name, unit_text
+from wearscope.reporting.labels import (
+    UNKNOWN,
+    count_text,
+    effect_name,
+    join_words,
+    parameter_name,
+    unit_text,
+    upper_first,
+)
 from wearscope.reporting.loop_words import (
     PROMISED,
     STATUSES,
@@ -53,20 +61,27 @@ def loop_strip(loop: ClosedLoop) -> Strip:
     sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
     if not statuses:
         sure = "Every effect of the vocabulary was tried at every joint that moves."
-    action = Markup("Keep the declared model; record another motion if you doubt it.")
-    if len(statuses) > refuted:
-        action = Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
-    if any(one.get("in_model", one["status"] != "refuted") for one in loop.verdict["verdict"]):
-        action = Markup(
-            'Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>: as a robot of a '
-            "study, or by <code>wearscope export</code>."
-        )
-    if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
-        text_of = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
-        action = text_of.format(advised[0]["table"], count_text(advised[0]["runs"], "run"))
     if kind == "good" and _doubt_masses(loop):
         kind = "unsure"
-    return Strip(text, kind, sure, _caveat(loop), action)
+    return Strip(text, kind, sure, _caveat(loop), _advise(loop))
+
+
+def _advise(loop: ClosedLoop) -> Markup:
+    """What to do next: to record what separates names, else to use the model that is the better one."""
+    entries = loop.verdict["verdict"]
+    kept = any(one.get("in_model", one["status"] != "refuted") for one in entries)
+    if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
+        text = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
+        until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
+        return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run")) + until
+    if kept:
+        text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
+        if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
+            return text + Markup(". <code>wearscope diagnose</code> says what to record to tell names apart.")
+        return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
+    if any(one["status"] != "refuted" for one in entries):
+        return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
+    return Markup("Keep the declared model; record another motion if you doubt it.")
 
 
 def _caveat(loop: ClosedLoop) -> str:
@@ -91,7 +106,7 @@ def _caveat(loop: ClosedLoop) -> str:
     if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
     if small := tell_unexplained(loop.verdict, small=True):
-        return f"{small[:1].upper()}{small[1:]}."
+        return f"{upper_first(small)}."
     runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
@@ -113,42 +128,40 @@ def _doubt_masses(loop: ClosedLoop) -> str:
 
 
 def render_outcome(loop: ClosedLoop) -> Markup:
-    """What was named, what the test runs say of it, what is left at each joint, the rule."""
-    records = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
-    text = (
-        "Parameters of what was added; the models hold them all. The interval of one parameter may hold "
-        "zero where those of its effect together do not."
-    )
-    groups = []
-    for status, said in STATUSES.items():
-        own = [one for joint in loop.joints for one in loop.entries_at(joint) if one["status"] == status]
-        own.sort(key=lambda entry: entry["effect"] == UNKNOWN)
-        groups.append({"heading": said.heading, "kind": said.kind, "cards": [_card(one) for one in own]})
+    """A card for what the robot has once and for each joint, the worst first."""
+    once = [one for one in loop.verdict["verdict"] if one["effect"] in list_shared()]
+    cards = [{"title": "The robot", "joint": "", "effects": _tell_effects(once)}] if once else []
+    cards += [describe_joint(loop, joint) for joint in loop.joints]
+    cards = [card | {"kind": _colour(card)} for card in cards]
     return render_template(
         "loop/outcome.html",
-        groups=groups,
         alarms=list_alarms(loop.verdict),
         named=bool(loop.verdict["verdict"]),
-        joints=[describe_joint(loop, joint) for joint in loop.joints],
-        count=len(records),
-        parameters=render_table(records, text, filter_by=JOINT) if records else "",
+        cards=sorted(cards, key=lambda card: card["kind"] != "bad"),
     )
+
+
+def render_parameters(loop: ClosedLoop) -> Markup:
+    """Parameters of what was added; nothing where nothing was."""
+    records = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
+    text = (
+        "The models hold them all. The interval of one parameter may hold zero where those of its effect "
+        "together do not."
+    )
+    return render_table(records, text, filter_by=JOINT) if records else Markup("")
 
 
 def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     """Card of a joint: what was named there, what became of the error, what is left, small curves."""
-    one, shared = loop.verdict["joints"][joint], list_shared()
-    own = [entry["effect"] for entry in loop.entries_at(joint)]
-    others = [e["effect"] for e in loop.verdict["verdict"] if e["effect"] in shared - set(own)]
-    named = [*map(effect_name, own), *(f"{effect_name(name)} of the robot" for name in others)]
+    one = loop.verdict["joints"][joint]
     kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
     change = told = one["error"] or "n/a"
     if change == "larger":
         told = f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
     return {
+        "title": joint,
         "joint": joint,
-        "named": join_words(named) or "nothing added",
-        "kind": "bad" if change == "larger" else kind,
+        "effects": _tell_effects([e for e in loop.entries_at(joint) if e["effect"] not in list_shared()]),
         "change": told,
         "change_kind": _CHANGES.get(change, "neutral"),
         "sizes": tell_sizes(one),
@@ -159,21 +172,34 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     }
 
 
-def _card(entry: Mapping[str, Any]) -> dict[str, Any]:
-    where = "all joints together" if entry["effect"] in list_shared() else entry["joint"]
-    lines = [f"{STATUSES[entry['status']].sentence}: {say_share(entry)} at {where}."]
-    sizes = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")][:1]
-    lines += [
-        f"{(name := row['parameter'])[:1].upper()}{name[1:]}: {row['value']} {row['unit']} "
-        f"(95 %: {row['95 % interval']})."
-        for row in sizes
-    ]
-    if entry["effect"] == UNKNOWN:
-        lines.append("Structure that no named effect explains.")
-    if entry["depends_on"]:
-        lines.append(f"Depends on {join_words([*map(name_signal, entry['depends_on'])])}.")
-    names = {"joint": entry["joint"], "effect": effect_name(entry["effect"])}
-    return names | {"lines": lines, "equivalent": join_words([*map(effect_name, entry["equivalent"])], "or")}
+def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Each effect: its name, what the test runs say, its first fitted parameter."""
+    told = []
+    for entry in entries:
+        rivals = join_words([*map(effect_name, entry["equivalent"])], "or")
+        sentences = [f"Or {rivals}: these runs do not tell."] if rivals else []
+        where = " at all joints together" if entry["effect"] in list_shared() else ""
+        sentences.append(f"{upper_first(say_share(entry))}{where}.")
+        fitted = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")]
+        sentences += [
+            f"{upper_first(row['parameter'])}: {row['value']} {row['unit']} (95 %: {row['95 % interval']})."
+            for row in fitted[:1]
+        ]
+        if entry["effect"] == UNKNOWN:
+            on = join_words([*map(name_signal, entry["depends_on"])])
+            sentences.append(f"No named effect explains it{f'; it depends on {on}' if on else ''}.")
+        status = entry["status"]
+        told.append(
+            {"name": upper_first(effect_name(entry["effect"])), "kind": STATUSES[status]}
+            | {"status": status.replace("_", " "), "text": " ".join(sentences)}
+        )
+    return told
+
+
+def _colour(card: Mapping[str, Any]) -> str:
+    """Colour of a card: that of its worst part."""
+    kinds = [one["kind"] for one in card["effects"]] + [card.get("left_kind"), card.get("change_kind")]
+    return next(kind for kind in ("bad", "unsure", "good") if kind in kinds)
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:

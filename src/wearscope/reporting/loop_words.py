@@ -1,7 +1,7 @@
 """The outcome of a closed loop in words: the verdict, its effects, the joints, the next measurement."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,20 +17,8 @@ PROMISED = 0.9
 SMALL = 1.0
 
 
-class Status(NamedTuple):
-    """What the test runs say of an effect: heading of a group, start of a sentence, colour."""
-
-    heading: str
-    sentence: str
-    kind: str
-
-
-#: In the order in which they are told.
-STATUSES = {
-    "refuted": Status("Refuted by the test runs", "The test runs refute it", "bad"),
-    "confirmed": Status("Confirmed by the test runs", "The test runs confirm it", "good"),
-    "not_confirmed": Status("Not confirmed", "The test runs neither confirm nor refute it", "unsure"),
-}
+#: Colour of what the test runs say of an effect.
+STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
 
 def list_shared() -> set[str]:

@@ -283,7 +283,7 @@ def chart_candidates(table: pd.DataFrame) -> Chart:
     bars = named("candidates").mark_bar(cornerRadius=2)
     spec = bars.encode(
         y=rows("label:N", 240),
-        x=alt.X("gain:Q", title="held-out loss removed [%]"),
+        x=alt.X("gain:Q", title="held-out loss removed [%]", scale=alt.Scale(domainMax=100, clamp=True)),
         color=tint("taken:N", {"taken": "var(--after)", "left": "var(--soft)"}),
         opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
         tooltip=tips("label:N|candidate; gain:Q|gain [%]|.3; p_value:Q|p|.2; reason:N"),
@@ -293,6 +293,7 @@ def chart_candidates(table: pd.DataFrame) -> Chart:
         "Candidates at each step",
         spec.properties(width="container", height={"step": 20}),
         {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
-        "Loss: in % of the joint's. The pointer tells why a candidate was not taken.",
+        "In % of the joint's own loss. A bar that ends at 100 % may gain more, at the joints that the first "
+        "one moves. The pointer tells its gain, and why it was not taken.",
         [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
     )

@@ -345,7 +345,7 @@ const wearscope = (() => {
   }
 
   function filterTables() {
-    for (const row of document.querySelectorAll("tr[data-cell]")) {
+    for (const row of document.querySelectorAll("[data-cell]")) {
       const own = JSON.parse(row.dataset.cell);
       row.hidden = Object.entries(own).some(([key, value]) => state[key] && !same(state[key], value));
     }
