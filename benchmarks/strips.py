@@ -78,7 +78,8 @@ def state_tracking(folder: Path) -> tuple[list[str], list[float]]:
     last = outcome["sessions"][-1]
     changes = [one["effect"].replace("_", " ") for one in last["changes"]]
     changes += [f"at {one['joint']}" for one in last["changes"]]
-    return [last["session"], *(changes or ["Nothing changed"])], [100 * outcome["false_alarm_rate"]]
+    quiet = "No change is sure" if last["cannot_tell"] else "Nothing changed"
+    return [last["session"], *(changes or [quiet])], [100 * outcome["false_alarm_rate"]]
 
 
 def state_detection(folder: Path) -> tuple[list[str], list[float]]:

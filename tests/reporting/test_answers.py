@@ -123,16 +123,16 @@ def test_scope_sentences_rank_the_detectors(study, change):
     scope["passes"] = (scope["fda"] == "B") | ((scope["fda"] == "A") & (scope["delta"] > 2))
     said = effective_scope(change(scope=scope))
     assert "Distribution distance (B) 100 %, Residual energy (A) 40 %, Friction fit (C) 0 %" in said[0]
-    assert said[1] == (
-        "With a change of wear of 50, half the cells of Distribution distance (B) tolerate σ up to 10 °C, "
-        "the end of the grid."
+    assert said[2] == (
+        "With a change of wear of 50, half the cells of Distribution distance (B) tolerate a temperature "
+        "with σ up to 10 °C, the end of the grid."
     )
 
 
 def test_a_best_detector_that_reaches_nothing_says_so(study, change):
     scope = study.scope.copy()
     scope["passes"] = (scope["fda"] == "B") & (scope["robot"] == "large") & (scope["axis"] == 1)
-    assert effective_scope(change(scope=scope))[1].startswith(
+    assert effective_scope(change(scope=scope))[2].startswith(
         "Even Distribution distance (B), with a change of wear of 50, does not"
     )
 

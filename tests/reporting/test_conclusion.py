@@ -54,7 +54,10 @@ def test_it_is_only_as_certain_as_its_parts(told, found):
     assert "Friction fit (C), not told apart from Residual energy (A). It finds" in conclude(told, tied)
     assert certainty(tied) == "unsure" and "not told apart at 95 %" in qualify(told, tied)[0]
     some = replace(found, cells_sure=5)
-    assert "20 or more, in 5 of 8 cells." in conclude(told, some) and certainty(some) == "unsure"
+    assert (
+        "20 or more, in 5 of 8 combinations of robot, test-cycle and axis." in conclude(told, some)
+        and certainty(some) == "unsure"
+    )
     guess = replace(found, shown_sure=False)
     assert "(C). By the estimates alone, it finds" in conclude(told, guess)
     assert certainty(guess) == "unsure" and "not counted" in tell_sure(told, guess)

@@ -172,8 +172,18 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
     outcome["sessions"][-1] |= {"events": [event] * 3, "cannot_tell": [], "changes": []}
     write_tracking(tmp_path, outcome)
     strip = read_strip(tmp_path / "report.html")
-    assert strip.answer.endswith("Nothing changed since the machine was healthy.") and strip.kind == "good"
+    said = "Nothing changed since the machine was healthy."
+    assert strip.answer.endswith(f"{said} Changes were seen in d3.") and strip.kind == "unsure"
     assert strip.caveat.startswith("3 short events left out; they are no change.")
+    outcome["sessions"][0] |= {"changes": []}
+    write_tracking(tmp_path, outcome)
+    strip = read_strip(tmp_path / "report.html")
+    assert strip.answer.endswith(said) and strip.kind == "good"
+    outcome["sessions"][-1] |= {"cannot_tell": ["The friction of a may have changed. Measure it."]}
+    write_tracking(tmp_path, outcome)
+    strip = read_strip(tmp_path / "report.html")
+    assert strip.answer.endswith("No change is sure, and some cannot be told.") and strip.kind == "unsure"
+    assert strip.caveat.endswith("The friction of a may have changed.")
 
 
 @pytest.mark.parametrize(
@@ -188,7 +198,8 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
 )
 def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
     rows = [
-        {"run": f"r{k}", "kind": "judged", "joint": "a", "verdict": one} for k, one in enumerate(verdicts)
+        {"run": f"r{k}", "kind": "judged", "joint": "a", "fda": "C", "verdict": one}
+        for k, one in enumerate(verdicts)
     ]
     found = Detections({"setting": {"p_f": 0.02}}, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
     strip = shown(detection_strip(found), tmp_path)
@@ -199,7 +210,7 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
         1: "No alarm in 1 recording; 1 could not be judged.",
         2: "No alarm in 2 recordings.",
     }[decided]
-    told = f"Alarm in {alarms} of 2 recordings, at a." if alarms else told
+    told = f"Alarm in {alarms} of 2 recordings, at a, by C." if alarms else told
     assert strip.answer == told and numbers_of(strip.sure) == ([2.0] if decided else [])
     assert (strip.kind == "good") == (not alarms and decided == 2)
     assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)

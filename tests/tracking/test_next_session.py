@@ -26,7 +26,7 @@ def test_far_warmer_session_is_to_be_repeated_at_a_temperature_of_the_reference(
     for one, text in zip(last["next_measurement"], last["cannot_tell"], strict=True):
         assert 25.0 <= one["start_temperature"] <= 47.0
         assert one["sees"] < 0.5 * one["sees_now"]
-        assert f"{one['cycle']} started at {one['start_temperature']:.0f} deg C would show" in text
+        assert f"next measurement, started at {one['start_temperature']:.0f} °C, would show" in text
 
 
 def test_sessions_that_are_told_need_no_plan(told):

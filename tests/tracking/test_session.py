@@ -73,8 +73,8 @@ def test_a_change_of_the_machine_is_no_event(sessions, reference):
 def test_far_warmer_session_cannot_be_told(said):
     entries, hidden = said["s9"]
     assert entries == []
-    assert len(hidden) == 2 and all(text.startswith("wear / temperature:") for text in hidden)
-    assert "the reference at 25 to 47" in hidden[0] and "measure healthy sessions" in hidden[0]
+    assert len(hidden) == 2 and all("by wear or by its temperature:" in text for text in hidden)
+    assert "the reference at 25 to 47" in hidden[0] and "Measure healthy sessions" in hidden[0]
 
 
 def test_use_of_a_later_run_does_not_matter(sessions, reference, machine, tmp_path):
@@ -119,8 +119,8 @@ def test_without_a_thermometer_friction_cannot_be_told_but_a_load_can(write):
     worn, loaded = (assess_session(sessions, session, reference) for session in ("s3", "s4"))
     assert worn.named == []
     (text,) = worn.cannot_tell
-    assert text.startswith("wear / temperature: the friction of a changed by +1")
-    assert "records no temp_a; record temp_a" in text
+    assert text.startswith("The friction of a changed by +1")
+    assert "records no temp_a. Record it" in text
     assert worn.plans == []
     assert [n.change.name for n in loaded.named] == ["payload_error"] and loaded.cannot_tell == []
 

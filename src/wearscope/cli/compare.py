@@ -86,12 +86,12 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
         for one in rankings
     ]
     names = _name(left, right)
-    from wearscope.reporting.differences_page import render_study_differences, tell_studies
+    from wearscope.reporting.differences_page import render_study_differences, tell_answers, tell_studies
     from wearscope.reporting.page_strip import read_strip
 
     strips = [read_strip(side / "report.html") for side in (left, right)]
     answers = (strips[0].answer if strips[0] else "", strips[1].answer if strips[1] else "")
-    _say(tell_studies(names, (rankings[0], rankings[1]), differences, answers))
+    _say([*tell_answers(names, answers), *tell_studies(names, (rankings[0], rankings[1]), differences)])
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
@@ -114,6 +114,7 @@ def _read_ranking(path: Path) -> "pd.DataFrame":
 
     from wearscope import tables
     from wearscope.checksums import SETTINGS
+    from wearscope.reporting.labels import read_detector_names
 
     if not path.is_file():
         return pd.DataFrame()
@@ -122,25 +123,14 @@ def _read_ranking(path: Path) -> "pd.DataFrame":
     for name in ("rank", "median", "median_low", "median_high"):
         if name not in table or not pd.api.types.is_numeric_dtype(table[name]) or "fda" not in table:
             raise InputError(f"{path}: is no ranking of detectors (column {name}); run the study again.")
-    return table.assign(fda=table["fda"].astype(str).replace(_name_detectors(path.with_name(SETTINGS))))
-
-
-def _name_detectors(settings: Path) -> dict[str, str]:
-    """Full names of detectors by their codes, of a study's settings; empty where they have none."""
-    from wearscope.files import load_json
-    from wearscope.reporting.labels import detector_name
-
-    try:
-        known = load_json(settings.read_bytes())["detectors"]
-        return {code: detector_name(code, one["use"]) for code, one in known.items()}
-    except (OSError, AttributeError, KeyError, TypeError):
-        return {}
+    return table.assign(fda=table["fda"].astype(str).replace(read_detector_names(path.with_name(SETTINGS))))
 
 
 def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
     """Show both joint by joint; return what writes a page of it."""
     from wearscope.cli.tables import format_value
     from wearscope.reporting.differences_page import render_loop_differences, tell_loops
+    from wearscope.reporting.labels import effect_name
     from wearscope.verdicts import read_verdict
 
     verdicts = [read_verdict(one / "verdict.json") for one in (left, right)]
@@ -160,7 +150,7 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
         for verdict, named in zip(verdicts, named_by, strict=True):
             errors = verdict["joints"].get(joint, {})
             both = (errors.get("rms_before"), errors.get("rms_after"))
-            row += [*map(format_value, both), ", ".join(named[joint])]
+            row += [*map(format_value, both), ", ".join(map(effect_name, named[joint]))]
         rows.append(row)
     print_table(headers, rows)
 

@@ -51,14 +51,13 @@ class Tolerance:
 
 
 def relevant_factors(study: Study) -> list[str]:
-    """Answer to Q-1: a sentence for each group on what outweighs wear, and one on what hardly matters."""
+    """Answer to Q-1: what outweighs wear by group, the detector to use first, and what hardly matters."""
     table = study.sensitivity
     by = group_columns(table)
     confirmed = _confirmed_terms(study, by)
-    sentences = [
-        _outweighing(study, name, rows, confirmed.get(name))
-        for name, rows in split_groups(table, by, study.detector_names())
-    ]
+    used = study.detector_name(study.recommended()) if study.recommended() else ""
+    groups = sorted(split_groups(table, by, study.detector_names()), key=lambda one: one[0] != used)
+    sentences = [_outweighing(study, name, rows, confirmed.get(name)) for name, rows in groups]
     main = table[~table["term"].str.contains(r"[:^]", regex=True) & (table["term"] != "f")]
     quiet = [
         term_name(str(term), study.factors)
@@ -67,10 +66,7 @@ def relevant_factors(study: Study) -> list[str]:
         and not any(term in term_factors(one) for terms in confirmed.values() for one in terms)
     ]
     if not quiet:
-        return [
-            *sentences,
-            f"No factor has a median coefficient below {SMALL:g} of that of wear everywhere.",
-        ]
+        return sentences
     names, verb = join_words(quiet), "matters" if len(quiet) == 1 else "matter"
     return [
         *sentences,
@@ -217,8 +213,8 @@ def tolerance_table(study: Study) -> pd.DataFrame:
 
 
 def effective_scope(study: Study) -> list[str]:
-    """Answer to Q-3: a sentence for each factor that varies."""
-    away = study.withheld()
+    """Answer to Q-3: on what share of the grid, by factor that varies, then how much the best tolerates."""
+    away, sizes = study.withheld(), []
     sentences = [f"Withheld: {study.join_detectors(away)}."] if away else []
     p_f, p_d = study.config["scope"]["p_f"], study.config["scope"]["p_d"]
     for factor in study.config["scope"]["factors"]:
@@ -239,8 +235,8 @@ def effective_scope(study: Study) -> list[str]:
             f"{said} {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
             f"alarms on these shares of the grid, {listed}."
         )
-        sentences.append(_largest_change(study, factor, ranked[0], found))
-    return sentences
+        sizes.append(_largest_change(study, factor, ranked[0], found))
+    return [*sentences, *sizes]
 
 
 def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance]) -> str:
@@ -250,8 +246,10 @@ def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance
     if np.isnan(one.sigma):
         return (
             f"Even {group}, with a change of wear of {change}, does not reach it in half of its cells at "
-            "the smallest variation of the grid."
+            f"the smallest variation of {factor_name(study.factor(factor))} on the grid."
         )
     size = f"{format_number(one.sigma * step, 2)} {unit_text(study.factor(factor).unit)}".strip()
     end = ", the end of the grid" if one.largest else ""
-    return f"With a change of wear of {change}, half the cells of {group} tolerate σ up to {size}{end}."
+    name = factor_name(study.factor(factor))
+    told = f"half the cells of {group} tolerate a {name} with σ up to {size}{end}"
+    return f"With a change of wear of {change}, {told}."

@@ -12,6 +12,8 @@ from wearscope.reporting.study import Study
 
 #: Share of a joint's top speed at which a wear level is told as friction.
 SPEED = 0.1
+#: What a combination is that has a verdict of the detector to use.
+_CELLS = "of robot, test-cycle and axis"
 #: Where nothing else limits a study's answer more.
 SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
 
@@ -29,7 +31,7 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
         return None
     one = study.conclusions[0]
     action = Markup(
-        'Take the <a href="#thresholds">alarm threshold of each cell</a>, then judge recordings: '
+        'Take the <a href="#thresholds">alarm thresholds</a>, then judge recordings: '
         "<code>wearscope detect DATA</code>."
     )
     if not one.detector or np.isnan(one.wear):
@@ -91,12 +93,17 @@ def conclude(study: Study, one: Conclusion) -> str:
         return (
             f"{where}{name} sees wear best, but no change of wear that was simulated is "
             f"{'surely ' if one.shown_sure else ''}found: not in half of its "
-            f"{count_text(one.cells, 'cell')}, even at the smallest variation of the other factors."
+            f"{count_text(one.cells, 'combination')} {_CELLS}, even at the smallest variation of the other "
+            "factors."
         )
     finds = "It finds" if one.shown_sure else "By the estimates alone, it finds"
     fault = study.factor("f")
     found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more"
-    many = "" if one.cells_sure == one.cells else f", in {one.cells_sure} of {one.cells} cells"
+    many = (
+        ""
+        if one.cells_sure == one.cells
+        else f", in {one.cells_sure} of {count_text(one.cells, 'combination')} {_CELLS}"
+    )
     others = study.join_detectors(one.tied_with, "or")
     tie = f", not told apart from {others}" if others else ""
     return f"{where}Use {name}{tie}. {found}{tell_friction(study, one.wear, one.robot)}{many}."
@@ -144,8 +151,11 @@ def tell_sure(study: Study, one: Conclusion) -> str:
         return "Nothing is recommended that was not found."
     text = f"At most {100 * one.p_f:g} % false alarms and at least {100 * one.p_d:g} % detection"
     if one.shown_sure:
-        cells = "every cell" if one.cells_sure == one.cells else f"{one.cells_sure} of {one.cells} cells"
-        text += f" in {cells}, with 95 % confidence in the surrogates."
+        every = one.cells_sure == one.cells
+        cells = (
+            "for every robot, test-cycle and axis" if every else f"in {one.cells_sure} of {one.cells} of them"
+        )
+        text += f" {cells}, with 95 % confidence in the surrogates."
     else:
         text += " by the estimates; the surrogates' uncertainty was not counted."
     bounds = []

@@ -68,8 +68,10 @@ def detection_strip(found: Detections) -> Strip:
     if not decided:
         answer = f"None of {many} could be judged."
     if alarms:
-        where = sorted(judged.loc[judged["verdict"] == "alarm", "joint"].astype(str).unique())
-        answer = f"Alarm in {alarms} of {many}, at {join_words(where)}."
+        own = judged[judged["verdict"] == "alarm"]
+        where = join_words(sorted(own["joint"].astype(str).unique()))
+        by = join_words(sorted(own["fda"].unique()))
+        answer = f"Alarm in {alarms} of {many}, at {where}, by {by}."
     rate = found.summary["setting"]["p_f"]
     sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
     if not decided:
@@ -102,8 +104,7 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
         alarms = rows[rows["verdict"] == "alarm"]
         kind, outcome = "notice", "not decided."
         if len(alarms):
-            told = "; ".join(_tell_alarm(row) for row in alarms.to_dict("records"))
-            kind, outcome = "alarm", f"alarm. {told}.{_tell_warmth(alarms)}"
+            kind, outcome = "alarm", f"alarm. {_tell_alarms(alarms)}.{_tell_warmth(alarms)}"
         elif (rows["verdict"] == "no alarm").any():
             kind, outcome = "plain", "no alarm."
         said.setdefault((kind, f"{outcome}{_tell_rest(rows)}"), []).append(name)
@@ -111,14 +112,16 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
     return sorted(sentences, key=lambda one: ("alarm", "notice", "plain").index(one[0]))
 
 
-def _tell_alarm(row: Mapping[Any, Any]) -> str:
-    text = (
-        f"{row['fda']} at {row['joint']}: {write_quantity(row)}, threshold {write_quantity(row, 'threshold')}"
-    )
-    if not np.isfinite(row["wear"]):
-        return text
-    low, middle, high = (format_number(float(row[name]), 2) for name in ("wear_low", "wear", "wear_high"))
-    return f"{text}, as simulated at wear {middle} (95 %: {low} to {high})"
+def _tell_alarms(alarms: pd.DataFrame) -> str:
+    """Which detectors alarm at which joints, and the wear that gives such values where it is simulated."""
+    told = []
+    for fda, rows in alarms.groupby("fda", sort=True):
+        likes = [
+            f" (as at wear {format_number(float(one), 2)})" * bool(np.isfinite(one)) for one in rows["wear"]
+        ]
+        places = [f"{joint}{like}" for joint, like in zip(rows["joint"], likes, strict=True)]
+        told.append(f"{fda} at {join_words(places)}")
+    return "; ".join(told)
 
 
 def _tell_warmth(alarms: pd.DataFrame) -> str:

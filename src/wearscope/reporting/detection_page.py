@@ -129,7 +129,7 @@ def chart_axis() -> Chart:
         named("points")
         .mark_circle(size=45, opacity=0.8)
         .encode(
-            x=symlog("place:Q", "0: healthy in simulation, 1: alarm threshold"),
+            x=symlog("place:Q", "0: healthy, 1: alarm threshold"),
             tooltip=tips("run:N|recording; cell:N; verdict:N; y:Q||.4; unit:N"),
             **look,
         ),

@@ -1,5 +1,6 @@
 """The page of two results side by side: studies or loops, what differs first."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,13 +8,15 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.charts.sides import chart_sides, side_table
-from wearscope.reporting.labels import count_text, effect_name, join_words, words
+from wearscope.reporting.labels import count_text, effect_name, join_words, upper_first, words
 from wearscope.reporting.page import Section, embed_chart, render_page, render_part, render_table
 from wearscope.reporting.page_strip import Strip
 
 Names = tuple[str, str]
 #: Rows above which a table is folded, and conclusions that are told in sentences.
 _LONG, _TOLD = 25, 5
+#: What a conclusion is of, by the table that has it.
+_TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
 #: What differs, by what the comparison calls it.
 _KINDS = {
     "conclusion": "Conclusions",
@@ -41,8 +44,8 @@ def render_study_differences(
         What each page answers; empty where there is none.
     """
     differences = differences[~differences["outcome"].isin(["same bytes", "same values"])]
-    told = tell_studies(names, rankings, differences, answers)
-    top = tell_answers(names, answers) or told[:2]
+    top, told = tell_answers(names, answers), tell_studies(names, rankings, differences)
+    top, told = (top, told) if top else (told[:2], told[2:])
     settings = int((differences["what"] == "setting").sum())
     caveat = f"{count_text(settings, 'setting')} differ{'s' if settings == 1 else ''} too, and may be why."
     kinds = [kind for kind in _KINDS if kind in set(differences["what"])]
@@ -63,7 +66,12 @@ def render_study_differences(
         sections.append(Section("Detectors", shown, "detectors"))
     for kind in kinds:
         rows = differences[differences["what"] == kind].drop(columns="what")
-        sections.append(Section(_KINDS[kind], _fold(rows), kind))
+        if kind == "conclusion":
+            rows = rows.assign(item=rows["item"].map(_name_item), detail=rows["detail"].map(words))
+        else:  # long names may break after a point
+            rows = rows.assign(item=rows["item"].str.replace(".", ".\N{ZERO WIDTH SPACE}", regex=False))
+        sides_named = {"only in a": f"only in {names[0]}", "only in b": f"only in {names[1]}"}
+        sections.append(Section(_KINDS[kind], _fold(rows.replace({"outcome": sides_named})), kind))
     drawn = {"sides": side_table(sides, "fda", "median")} if sides else {}
     return _render(names, told, sections, drawn, strip)
 
@@ -98,7 +106,14 @@ def render_loop_differences(names: Names, verdicts: tuple[Mapping[str, Any], Map
     )
     columns = "side|in; joint; rms_before|before; rms_after|after; unit; named"
     joints = Section("Joints", embed_chart(chart) + render_table(table, columns=columns), "joints")
-    return _render(names, told, [joints], {"sides": side_table(sides, "joint", "rms_after")}, strip)
+    return _render(names, told[2:], [joints], {"sides": side_table(sides, "joint", "rms_after")}, strip)
+
+
+def _name_item(item: str) -> str:
+    """What a conclusion is of, in words."""
+    table, _, rest = item.partition(": ")
+    rest = re.sub(r"^Q-\d, ", "", words(rest)).rstrip(".")
+    return f"{_TABLES.get(table, upper_first(words(table)))}: {rest}"
 
 
 def _link(anchor: str, title: str) -> Markup:
@@ -108,7 +123,7 @@ def _link(anchor: str, title: str) -> Markup:
 def _render(
     names: Names, told: list[str], sections: list[Section], drawn: Mapping[str, pd.DataFrame], strip: Strip
 ) -> str:
-    first = Section("What differs", render_part(listed=told), "summary")
+    first = Section("What differs", render_part(listed=told) if told else "", "summary")
     labels = {"column": {"thing": "name", "low": "95 % from", "high": "to"}}
     title = f"{names[0]} and {names[1]}"
     parts = [first, *sections]
@@ -137,20 +152,20 @@ def tell_answers(names: Names, answers: Names) -> list[str]:
 
 
 def tell_studies(
-    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame, answers: Names
+    names: Names, rankings: tuple[pd.DataFrame, pd.DataFrame], differences: pd.DataFrame
 ) -> list[str]:
-    """What differs between two studies, in sentences, their answers first, then conclusions."""
+    """What differs between two studies, in sentences, conclusions first."""
     best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
     pairs = [(one, name) for one, name in zip(best, names, strict=True) if one]
     if len(pairs) == 2 and best[0] == best[1]:
         pairs = [(str(best[0]), "both")]
-    told = tell_answers(names, answers)
-    told += [f"{one} has the highest median SNR in {name}." for one, name in pairs]
+    told = [f"{one} has the highest median SNR in {name}." for one, name in pairs]
     concluded = differences[differences["what"] == "conclusion"]
     changed = concluded[concluded["outcome"] == "differs"]
-    told += [f"{words(row.item).rstrip('.')}: {row.detail}." for row in changed.head(_TOLD).itertuples()]
+    told += [f"{_name_item(row.item)}: {words(row.detail)}." for row in changed.head(_TOLD).itertuples()]
     if len(changed) > _TOLD:
-        told.append(f"{len(changed) - _TOLD} more conclusions differ.")
+        more = len(changed) - _TOLD
+        told.append(f"{count_text(more, 'more conclusion')} differ{'s' if more == 1 else ''}.")
     for name, outcome in zip(names, ("only in a", "only in b"), strict=True):
         if count := int((concluded["outcome"] == outcome).sum()):
             told.append(f"{count_text(count, 'conclusion')} in {name} only.")

@@ -1,6 +1,6 @@
 """The paper's findings and this study's, line by line; every sentence is made from the tables."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 
@@ -83,17 +83,23 @@ def read_findings(table: pd.DataFrame) -> list[Finding]:
 
 
 def estimate_text(one: Estimate, unit: str = "") -> str:
-    """``2.1 (1.8 to 2.5)`` with unit; n/a where unknown; says so where there is no interval."""
+    """``2.1 (1.8 to 2.5)`` with unit; n/a where unknown; alone where there is no interval."""
     if np.isnan(one.value):
         return "n/a"
     told = f"{format_number(one.value)}{f' {unit}' if unit else ''}"
     if np.isnan(one.low):
-        return f"{told} (no interval, {count_text(one.n, 'cell')})"
+        return told
     return f"{told} ({format_number(one.low)} to {format_number(one.high)})"
 
 
 def _listed(estimates: dict[str, Estimate], names: Sequence[str], unit: str = "") -> str:
     return ", ".join(f"{name} {estimate_text(estimates[name], unit)}" for name in names)
+
+
+def _tell_few(estimates: Iterable[Estimate]) -> str:
+    """That some estimates have no interval, as they have so few cells; empty where all have one."""
+    few = [one.n for one in estimates if np.isfinite(one.value) and np.isnan(one.low)]
+    return f" {count_text(min(few), 'cell')}: too few for an interval." if few else ""
 
 
 def _absent(question: str, paper: str) -> Finding:
@@ -116,7 +122,8 @@ def _judge(
     outcomes += [known[name].above(limit) for name in shown] if limit is not None else []
     told = [f"{what}: {_listed(known, shown, units[0])}{note}"]
     told += [f"{name} {estimate_text(gap, units[1])}" for name, gap in gaps]
-    return Finding(question, paper, "; ".join(told) + ".", decide(outcomes))
+    few = _tell_few([*(known[name] for name in shown), *(gap for _, gap in gaps)])
+    return Finding(question, paper, f"{'; '.join(told)}.{few}", decide(outcomes))
 
 
 def _pairs(names: dict[str, str], pairs: Sequence[str]) -> list[tuple[str, str]]:
@@ -166,6 +173,7 @@ def _quiet_finding(study: Study, names: dict[str, str]) -> Finding:
         for one, known in medians.items()
     ]
     here = f"Median |θ̃| of {'; '.join(parts)}; insignificant up to {SMALL:g}."
+    here += _tell_few(one[name] for one in medians.values() for name in names.values())
     outcomes = [known[name].below(SMALL) for known in medians.values() for name in names.values()]
     return Finding("Q-1", paper, here, decide(outcomes))
 

@@ -10,9 +10,10 @@ import pyarrow as pa
 from markupsafe import Markup
 
 from wearscope import tables
+from wearscope.checksums import SETTINGS
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
-from wearscope.reporting.labels import count_text
+from wearscope.reporting.labels import count_text, read_detector_names
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.verdicts import read_verdict
@@ -105,7 +106,9 @@ def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
             elif one.kind == "study":
                 tables.check_unpacked(place / "ranking.parquet")
                 ranking = tables.read_table(place / "ranking.parquet")
-                own = dict(zip(ranking["fda"].astype(str), ranking["median"].astype(float), strict=True))
+                names = read_detector_names(place / SETTINGS)
+                codes = ranking["fda"].astype(str).replace(names)
+                own = dict(zip(codes, ranking["median"].astype(float), strict=True))
             else:
                 continue
         except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):

@@ -1,10 +1,13 @@
 """Words and symbols of tables as figures and pages say them."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+
+from wearscope.files import load_json
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
@@ -61,6 +64,15 @@ def detector_name(code: str, use: str) -> str:
     """
     stem = use.rpartition("/")[2].removesuffix(".py")
     return f"{words(stem).capitalize()} ({code})"
+
+
+def read_detector_names(settings: Path) -> dict[str, str]:
+    """Full names of detectors by their codes, of a study's settings; empty where they have none."""
+    try:
+        known = load_json(settings.read_bytes())["detectors"]
+        return {code: detector_name(code, one["use"]) for code, one in known.items()}
+    except (OSError, AttributeError, KeyError, TypeError, ValueError):
+        return {}
 
 
 def factor_name(factor: "Factor") -> str:

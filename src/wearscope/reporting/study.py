@@ -90,6 +90,10 @@ class Study:
         """Names of detectors as words of a sentence."""
         return join_words([self.detector_name(code) for code in codes], last)
 
+    def recommended(self) -> str:
+        """The detector to use on all robots; empty where there is none."""
+        return self.conclusions[0].detector if self.conclusions else ""
+
     def upper(self) -> list[str]:
         """Detectors that are told the simulator's law: upper bounds."""
         return self.conclusions[0].upper if self.conclusions else []

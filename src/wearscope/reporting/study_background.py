@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import yaml
 from markupsafe import Markup
 
-from wearscope.reporting import trust
 from wearscope.reporting.charts.questions import chart_fits
 from wearscope.reporting.charts.robots import chart_friction, chart_motion
 from wearscope.reporting.findings import PAPER_MODULES, Finding
@@ -26,8 +25,8 @@ VERDICT_KINDS = {
 _STATES = ("reached", "at ceiling", "short", "constant")
 
 
-def render_trust(study: Study) -> Markup:
-    """Fits, audit, direct simulation, failed points, the design."""
+def render_trust(study: Study, sentences: Sequence[str]) -> Markup:
+    """Fits, sentences that the conclusion leaves out, failed points, the design."""
     columns = ["model", "points", "terms", "rank", "condition", "dof", "resolution", "variance_centre"]
     checks = study.checks[[*columns, "variance_nominal", "nominal_outside"]]
     told = (
@@ -36,11 +35,9 @@ def render_trust(study: Study) -> Markup:
     )
     return render_template(
         "study/trust.html",
-        quality=trust.surrogate_quality(study),
         fits=embed_chart(chart_fits(study)),
         chosen=_chosen(study),
-        audited=[*trust.audit_outcome(study), *trust.direct_outcome(study), *trust.mismatch_outcome(study)],
-        failed=[*trust.failed_simulations(study), trust.failed_points(study), *trust.ask_moved(study)],
+        sentences=sentences,
         failures=[
             render_table(table.assign(cycle=table["cycle"].map(words)).rename(columns=COLUMNS), text)
             for table, text in told
@@ -109,10 +106,9 @@ def render_simulated(study: Study) -> Markup:
 
 def _assumptions(study: Study) -> list[tuple[str, str]]:
     """Assumptions as pairs of what they are about and a sentence or two."""
-    named = ", ".join(f"{name} is {one['use']}" for name, one in study.config["detectors"].items()) + "."
-    followers = [name for module in PAPER_MODULES.values() if (name := study.detector_of(module)) is not None]
-    if followers:
-        named += f" The paper's detectors are confidential; {join_words(followers)} follow its description."
+    own = [name for module in PAPER_MODULES.values() if (name := study.detector_of(module)) is not None]
+    told = f"The paper's are confidential; {study.join_detectors(own)} follow its description."
+    detectors = [("Detectors", told)] if own else []
     robots = []
     for robot, texts in study.sources.items():  # what several numbers have as their source is said once
         parts = dict.fromkeys(part.strip() for text in texts for part in text.split(";"))
@@ -122,7 +118,7 @@ def _assumptions(study: Study) -> list[tuple[str, str]]:
         for one in study.factors
     )
     snr, scope = study.config["snr"], study.config["scope"]
-    told = {
+    facts = {
         "Factors": f"{levels}. Each is constant within a test-cycle; temperature is the same in every joint. "
         "The controller believes in the declared payload mass; the robot carries it over (1 + error).",
         "Distribution of the factors": "Normal about the middle of each range, in coded units. SNR: all "
@@ -134,8 +130,8 @@ def _assumptions(study: Study) -> list[tuple[str, str]]:
         "have Wilson intervals; those of the surrogates assume independent normal residuals.",
         "Reality": "All is simulated. Only measured data say how well, see the closed loop.",
     }
-    signed = [(name, text.replace(" -", " −")) for name, text in told.items()]
-    return [("Detectors", named), *robots, *signed]
+    signed = [(name, text.replace(" -", " −")) for name, text in facts.items()]
+    return [*detectors, *robots, *signed]
 
 
 def _extrapolation(study: Study) -> str:

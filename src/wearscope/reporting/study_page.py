@@ -1,6 +1,6 @@
 """The report of a study: one page that concludes, answers the three questions and lets itself be asked."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ from wearscope.reporting.study_background import (
 )
 
 DEMONSTRATION = "twin"
-#: Sentences of a card; the sections have all of them.
+#: Sentences of a card; its section has the others.
 MOST = 2
 
 
@@ -69,12 +69,19 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     tables, config = study_tables(study), study.config
     if study.reevaluation is not None:
         tables["sides"] = snr_sides(study.reevaluation)
+    told = {
+        "q1": answers.relevant_factors(study),
+        "q2": answers.best_detector(study),
+        "q3": answers.effective_scope(study),
+        "trust": trust.tell_trust(study),
+    }
+    rest = {name: sentences[MOST:] for name, sentences in told.items()}
     sections = [
-        Section("Conclusion", _summarise(study), "summary"),
-        Section("Which factors matter?", _factors(study), "q1"),
-        Section("Which detector is best?", _detectors(study), "q2"),
-        Section("Where does it work?", _scope(study), "q3"),
-        Section("Can it be trusted?", render_trust(study), "trust"),
+        Section("Conclusion", _summarise(study, told), "summary"),
+        Section("Which factors matter?", _factors(study, rest["q1"]), "q1"),
+        Section("Which detector is best?", _detectors(study, rest["q2"]), "q2"),
+        Section("Where does it work?", _scope(study, rest["q3"]), "q3"),
+        Section("Can it be trusted?", render_trust(study, rest["trust"]), "trust"),
         Section("The closed loop", _loops(study), "loops"),
         Section("What the correction changes", _correction(study), "correction"),
         Section("Compared with the paper", render_findings(findings), "paper"),
@@ -84,7 +91,8 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
     return render_page(
         f"Study {config['study']}",
         sections,
-        f"{describe_study(config, len(config['robots']))}; {count_text(len(study.snr), 'cell')}",
+        f"{describe_study(config, len(config['robots']))}; {count_text(len(study.snr), 'cell')} (each a "
+        "robot, test-cycle, axis and detector)",
         "Made by wearscope from its tables.",
         study_filters(study),
         tables,
@@ -95,19 +103,19 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
 
 def _first(study: Study) -> dict[str, str]:
     """The detector shown first where a chart shows only one."""
-    best = study.conclusions[0].detector if study.conclusions else ""
-    return {"fda": best} if best else {}
+    return {"fda": study.recommended()} if study.recommended() else {}
 
 
-def _summarise(study: Study) -> Markup:
-    """What the conclusion leaves open, then the answers to the three questions."""
-    audited = trust.audit_outcome(study) if study.audit is not None else []
-    trusted = [trust.surrogate_quality(study), *audited, *trust.direct_outcome(study)]
+def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
+    """What the conclusion leaves open, then the first sentences of each answer."""
     cards = [
-        ("Which factors matter?", answers.relevant_factors(study), "q1", "Every factor and cell"),
-        ("Which detector is best?", answers.best_detector(study), "q2", "Every cell"),
-        ("Where does it work?", answers.effective_scope(study), "q3", "Scope, ROC, thresholds"),
-        ("Can it be trusted?", trusted, "trust", "Fits, audit, assumptions"),
+        (title, told[name][:MOST], name, more)
+        for title, name, more in (
+            ("Which factors matter?", "q1", "Every factor and cell"),
+            ("Which detector is best?", "q2", "Every cell"),
+            ("Where does it work?", "q3", "Scope, ROC, thresholds"),
+            ("Can it be trusted?", "trust", "Fits, audit, assumptions"),
+        )
     ]
     open_points = qualify(study, study.conclusions[0]) if study.conclusions else []
     note = (
@@ -120,7 +128,7 @@ def _summarise(study: Study) -> Markup:
         "study/summary.html",
         qualifiers=[*open_points, *trust.count_failed(study)],
         alarms=[*trust.dropped_factors(study), *trust.doubts(study), *trust.failed_simulations(study)],
-        cards=[(title, said[:MOST], link, more) for title, said, link, more in cards],
+        cards=cards,
         robots=render_table(robots, note, filter_by={"robot": "robot"}) if robots else "",
     )
 
@@ -152,19 +160,19 @@ def _compare(study: Study, one: Conclusion) -> dict[str, Any]:
     return row | {"cells": f"{one.cells_sure} of {one.cells}"}
 
 
-def _factors(study: Study) -> Markup:
-    """Q-1: sentences, coefficients, responses."""
+def _factors(study: Study, sentences: Sequence[str]) -> Markup:
+    """Q-1: other sentences, coefficients, responses."""
     responses = [chart_response(study, _first(study))] if study.responses is not None else []
     return render_template(
         "study/factors.html",
-        sentences=answers.relevant_factors(study),
+        sentences=sentences,
         model=MODEL_NAMES[study.config["sensitivity"]["model"]],
         charts=embed_chart(chart_weights(study), *responses),
     )
 
 
-def _detectors(study: Study) -> Markup:
-    """Q-2: sentences, setting, charts, ranking, and the SNR by source where there are several."""
+def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
+    """Q-2: other sentences, setting, charts, ranking, and the SNR by source where there are several."""
     setting, fault = study.config["snr"], study.factor("f")
     ends = (setting["f0"], setting["f0"] + setting["delta"])
     low, high = (float(fault.to_natural(one)) for one in ends)
@@ -174,7 +182,7 @@ def _detectors(study: Study) -> Markup:
         shown = shown.assign(fda=shown["fda"].map(study.detector_name))
     return render_template(
         "study/detectors.html",
-        sentences=answers.best_detector(study),
+        sentences=sentences,
         setting=f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
         "coded units",
         charts=embed_chart(chart_snr(study), chart_snr_cells(study)),
@@ -208,19 +216,23 @@ def _sources(study: Study) -> Markup:
     return render_table(shown, note, cells=table[["fda"]].to_dict("records"))
 
 
-def _scope(study: Study) -> Markup:
-    """Q-3: sentences, scope, ROC, thresholds."""
+def _scope(study: Study, sentences: Sequence[str]) -> Markup:
+    """Q-3: other sentences, scope, ROC, thresholds."""
     charts = [chart_scope(study, _first(study))]
     if study.detection is not None:
         charts.append(chart_roc(study, detection_cases(study)[1]))
+    tolerances = answers.tolerance_table(study)
+    codes = {name: code for code, name in study.detector_names().items()}
+    by_detector = len(tolerances) > 0 and set(tolerances["group"]) <= set(codes)
     one = study.conclusions[0] if study.conclusions else None
     table = thresholds_of(study, one) if one and one.detector else None
     return render_template(
         "study/scope.html",
-        sentences=answers.effective_scope(study),
+        sentences=sentences,
         tolerances=render_table(
-            answers.tolerance_table(study),
+            tolerances,
             "Exact, not by kernel density. σ in natural units; ≥: the end of the grid.",
+            cells=[{"fda": code} for code in tolerances["group"].map(codes)] if by_detector else (),
         ),
         charts=embed_chart(*charts),
         thresholds=_thresholds(study, table) if table is not None and len(table) else "",

@@ -19,12 +19,10 @@ from wearscope.reporting.labels import (
     parameter_name,
     unit_text,
     with_unit,
-    words,
 )
 from wearscope.reporting.page import (
     JOINT,
     Section,
-    badge,
     embed_chart,
     format_number,
     interval_text,
@@ -56,6 +54,11 @@ class Tracking:
         """Session and entry of every change."""
         return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
 
+    def changed_before(self) -> list[str]:
+        """Sessions before the last one with a change."""
+        last = self.outcome["sessions"][-1]["session"]
+        return list(dict.fromkeys(session for session, _ in self.entries() if session != last))
+
     def parameters(self) -> dict[str, pd.DataFrame]:
         """Friction of each joint and every other parameter that changed, by name: a row a session, in order.
 
@@ -70,7 +73,11 @@ class Tracking:
         for joint, effect, parameter in dict.fromkeys(asked + [one for one in changed if one[1] != _SHARE]):
             own = table[(table["joint"] == joint) & (table["effect"] == effect)]
             own = own[own["parameter"] == parameter].drop_duplicates("session").set_index("session")
-            name = f"{joint} {_SHARE}" if effect == _SHARE else f"{effect} of {joint}, {parameter}"
+            name = (
+                f"{joint} {_SHARE}"
+                if effect == _SHARE
+                else f"{effect_name(effect)} of {joint}, {parameter_name(parameter)}"
+            )
             found[name] = own.reindex(sessions).assign(joint=joint, effect=effect)
         return found
 
@@ -119,30 +126,37 @@ def render_tracking(tracking: Tracking) -> str:
         f"{count_text(len(outcome['sessions']), 'session')} after "
         f"{count_text(len(outcome['reference']), 'healthy one')}; "
         f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions",
-        f"Made by wearscope {outcome['version']}.",
+        f"Made by wearscope {outcome['version'].partition(' (')[0]}.",
         [Choice("joint", "Joint", [(joint, joint) for joint in tracking.joints])],
         {"trend": trend_table(tracking)},
         {"what": names},
-        tracking_strip(outcome),
+        tracking_strip(tracking),
     )
 
 
-def tracking_strip(outcome: Mapping[str, Any]) -> Strip:
-    """What changed on a machine, in its last session."""
-    last = outcome["sessions"][-1]
+def tracking_strip(tracking: Tracking) -> Strip:
+    """What changed on a machine in its last session, and what that session cannot tell."""
+    outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
         f"{effect_name(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
         for one in last["changes"]
     ]
-    answer = "Nothing changed since the machine was healthy."
-    kind = "unsure" if last["cannot_tell"] else "good"
+    hidden, files = last["cannot_tell"], [one["table"] for one in last["next_measurement"] if "table" in one]
+    answer, kind = "Nothing changed since the machine was healthy.", "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
+    if hidden:
+        answer, kind = "No change is sure, and some cannot be told.", "unsure"
     if changes:
-        kind, answer = "bad", f"Changed: {join_words(changes)}."
+        answer, kind = f"Changed: {join_words(changes)}.", "bad"
         action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
-    if files := [one["table"] for one in last["next_measurement"] if "table" in one]:
+    elif passed := tracking.changed_before():
+        answer += f" Changes were seen in {join_words(passed)}."
+        kind = "unsure"
+    if files:
         action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
-    caveat = [*last["cannot_tell"], "Only what the recorded motions excite is seen."][0]
+    caveat = [*hidden, "Only what the recorded motions excite is seen"][0].partition(". ")[0].rstrip(
+        "."
+    ) + "."
     if events := len(last.get("events", [])):
         they = "it is" if events == 1 else "they are"
         caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
@@ -170,16 +184,18 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 
 
 def _outcome(tracking: Tracking) -> Markup:
+    """Changes of the last session, what it cannot tell, and the test-cycles to record."""
     last = tracking.outcome["sessions"][-1]
     changes = [tell_entry(entry) for entry in last["changes"]]
-    parts = [render_part(told=[f"In the last session, {last['session']}:"], listed=changes)]
-    parts += [] if changes else [badge("no change", "good")]
+    parts = [render_part(listed=changes or ["No change is sure."])]
     if last["cannot_tell"]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=last["cannot_tell"])]
-    files = [one["cycle_file"] for one in last["next_measurement"] if "cycle_file" in one]
-    passed = list(dict.fromkeys(one for one, _ in tracking.entries() if one != last["session"]))
-    told = [f"Test-cycles to record: {join_words(files)}."] if files else []
-    told += [f"Earlier sessions with a change: {join_words(passed)}."] if passed else []
+    links = [
+        Markup('<a href="{0}">{0}</a>').format(one["cycle_file"])
+        for one in last["next_measurement"]
+        if "cycle_file" in one
+    ]
+    told = [Markup("For the simulator: {}.").format(Markup(", ").join(links))] if links else []
     return render_part(parts=[*parts, render_part(told=told)])
 
 
@@ -188,7 +204,7 @@ def _wear(found: list[dict[str, Any]]) -> Markup:
     records = []
     for one in found:
         told = [
-            f"{name} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
+            f"{parameter_name(name)} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
             for name, x in one["parameters"].items()
         ]
         records.append(one | {"told": "; ".join(told)})
@@ -218,9 +234,9 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
     healthy, scatter = outcome["healthy"], outcome["healthy"]["scatter"]
     records = []
     for joint, ends in healthy["temperatures"].items():
-        terms = ", ".join(one["effect"] for one in healthy["terms"] if one["joint"] == joint)
+        terms = ", ".join(effect_name(one["effect"]) for one in healthy["terms"] if one["joint"] == joint)
         known = "not recorded" if ends is None else "{:.0f} to {:.0f}".format(*ends)
-        records.append({"joint": joint, "terms": words(terms) or "none", "temperatures [°C]": known})
+        records.append({"joint": joint, "terms": terms or "none", "temperatures [°C]": known})
     text = (
         f"Reference: {join_words(outcome['reference'])}. Healthy sessions differ by "
         f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
@@ -256,7 +272,7 @@ def trend_names(tracking: Tracking) -> dict[str, str]:
     names = {_SHARE: "friction [% of healthy]"}
     for name, rows in tracking.parameters().items():
         if rows["effect"].iloc[0] != _SHARE:
-            names[name] = with_unit(words(name), str(rows["unit"].dropna().iloc[0]))
+            names[name] = with_unit(name, str(rows["unit"].dropna().iloc[0]))
     return names
 
 

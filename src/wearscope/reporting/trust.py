@@ -18,6 +18,13 @@ POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
 
 
+def tell_trust(study: Study) -> list[str]:
+    """All that says how far the answers can be trusted, what matters most first."""
+    asked = [*audit_outcome(study), *direct_outcome(study), *mismatch_outcome(study)]
+    lost = [*failed_simulations(study), failed_points(study), *ask_moved(study)]
+    return [surrogate_quality(study), *asked, *lost]
+
+
 def doubts(study: Study) -> list[str]:
     """Detectors whose answers to Q-2 and Q-3 rest on surrogates that do not hold, each with the reason."""
     sentences = []

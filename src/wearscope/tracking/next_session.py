@@ -136,8 +136,8 @@ def measure_width(healthy: Healthy, runs: Sequence[PreparedRun], joint: int) -> 
 def tell_plan(plan: NextSession) -> str:
     """A plan in a sentence."""
     return (
-        f"{RUNS} runs of {plan.motion.name} started at {plan.start_temperature:.0f} deg C would show a "
-        f"change of {100.0 * plan.sees:.0f} %"
+        f"{RUNS} runs of the next measurement, started at {plan.start_temperature:.0f} °C, would show a "
+        f"change of {100.0 * plan.sees:.0f} %."
     )
 
 

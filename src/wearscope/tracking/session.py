@@ -81,7 +81,7 @@ def assess_session(
     plans = [plan_session(reference, dataset, runs, joint) for joint in found.hidden]
     kept = {plan.joint: plan for plan in plans if plan is not None}
     told = {
-        joint: f"{text.removesuffix('.')}; {tell_plan(kept[joint])}." if joint in kept else text
+        joint: f"{text} {tell_plan(kept[joint])}" if joint in kept else text
         for joint, text in found.hidden.items()
     }
     return replace(found, hidden=told, plans=list(kept.values()))
@@ -198,15 +198,14 @@ def explain_hidden(
         share, width = relative_change(as_known.estimate, reference.scatter)
         blind = relative_change(as_is.estimate, reference.scatter)[1]
         if counts(as_known, level, len(changes)):
+            size = f"{100 * share:+.0f} % ({100 * (share - width):+.0f} to {100 * (share + width):+.0f} %)"
             said[change.joint] = (
-                f"wear / temperature: the friction of {joint} changed by {100 * share:+.0f} % "
-                f"({100 * (share - width):+.0f} to {100 * (share + width):+.0f} %), which its temperature "
-                f"may explain: {told}"
+                f"The friction of {joint} changed by {size.replace('-', chr(0x2212))}, by wear or by its "
+                f"temperature: {told}"
             )
         elif 2.0 * blind > _HIDDEN and 2.0 * width < _SEEN and _is_recorded(runs, change.joint):
             said[change.joint] = (
-                f"wear / temperature: a change of {joint}'s friction by less than {200 * blind:.0f} % could "
-                f"not be seen: {told}"
+                f"A change of {joint}'s friction by less than {200 * blind:.0f} % could not be seen: {told}"
             )
     return said
 
@@ -220,21 +219,19 @@ def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joi
     name = structure.joints[joint]
     if not np.isfinite(structure.temperature[joint]):
         return (
-            f"the reference records no temp_{name}; record temp_{name} in healthy sessions at several "
-            "temperatures and in later ones."
+            f"the reference records no temp_{name}. Record it in healthy sessions at several temperatures, "
+            "and in later ones."
         )
     if not _is_recorded(runs, joint):
-        return f"this session records no temp_{name}; record it."
+        return f"this session records no temp_{name}. Record it."
     warmth = np.concatenate([run.signals.temperature[:, joint] for run in runs])
     low, high = structure.warmth[:, joint]
-    seen = (
-        f"it ran at {warmth.min():.0f} to {warmth.max():.0f} deg C, the reference at {low:.0f} to {high:.0f}"
-    )
+    seen = f"it ran at {warmth.min():.0f} to {warmth.max():.0f} °C, the reference at {low:.0f} to {high:.0f}."
     if warmth.max() > high + _BEYOND or warmth.min() < low - _BEYOND:
         return (
-            f"{seen}; measure healthy sessions that reach these temperatures, or this one at the reference's."
+            f"{seen} Measure healthy sessions that reach these temperatures, or this one at the reference's."
         )
-    return f"{seen}, which show too little of what temperature does; measure more healthy sessions there."
+    return f"{seen} Those show too little of what temperature does; measure more healthy sessions."
 
 
 def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter) -> list[dict[str, Any]]:

@@ -29,6 +29,13 @@ def detector_rows(names: Mapping[str, str]) -> alt.Y:
     return alt.Y("fda:N", title=None, axis=alt.Axis(labelExpr=_name_labels(names), labelLimit=220))
 
 
+def detector_axis(names: Mapping[str, str]) -> alt.Axis:
+    """Axis on top with the detectors' names, a word a line."""
+    lines = max((name.count(" ") for name in names.values()), default=0)
+    expression = f"split({_name_labels(names)}, ' ')"
+    return alt.Axis(orient="top", labelAngle=0, labelExpr=expression, labelPadding=4 + 15 * lines)
+
+
 def offset(field: str, values: Any) -> alt.YOffset:
     """Values one below the other within a row."""
     return alt.YOffset(field, scale=alt.Scale(domain=list(values)))

@@ -11,6 +11,7 @@ from wearscope.reporting.charts.base import BY_CELL, Chart, Choice, Source
 from wearscope.reporting.charts.encoding import (
     add_zoom,
     cell_tips,
+    detector_axis,
     detector_rows,
     detector_tint,
     named,
@@ -142,22 +143,21 @@ def chart_snr(study: Study) -> Chart:
 
 def chart_snr_cells(study: Study) -> Chart:
     """SNR of every cell as a heat map."""
-    base = named("snr").encode(
-        x=alt.X("fda:N", title="detector", axis=alt.Axis(orient="top", labelAngle=0)), y=rows("place:N")
-    )
+    top = detector_axis(study.detector_names())
+    base = named("snr").encode(x=alt.X("fda:N", title=None, axis=top), y=rows("place:N"))
     own = study.snr.loc[~study.snr["fda"].isin(study.upper()), "snr_exact"].replace([np.inf, -np.inf], np.nan)
-    top = float(own.abs().max()) if own.notna().any() else 1.0
+    most = float(own.abs().max()) if own.notna().any() else 1.0
     # The colours are those of what can be deployed; without a negative value they begin at 0.
-    ends, tints = ([0.0, top], ["#f1f1f0", "#2166ac"])
+    ends, tints = ([0.0, most], ["#f1f1f0", "#2166ac"])
     if (own < 0).any():
-        ends, tints = ([-top, *ends], ["#b35806", *tints])
+        ends, tints = ([-most, *ends], ["#b35806", *tints])
     legend = alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')")
     scale = alt.Scale(type="symlog", domain=ends, range=tints, clamp=True)
     colour = alt.Color("snr:Q", title="SNR", scale=scale, legend=legend)
     cells = base.mark_rect().encode(
         color=alt.condition(_is_upper(study), alt.value("transparent"), colour), tooltip=cell_tips(_SNR)
     )
-    dark = {"test": f"abs(datum.snr) > {0.25 * top:.4g}", "value": "white"}
+    dark = {"test": f"abs(datum.snr) > {0.25 * most:.4g}", "value": "white"}
     ink = {"condition": [{"test": _is_upper(study), "value": "var(--ink)"}, dark], "value": "#222"}
     text = base.transform_calculate(short=_SHORT).mark_text(fontSize=10).encode(text="short:N", color=ink)
     return Chart(

@@ -142,7 +142,8 @@ const wearscope = (() => {
       chart.signals = new Set(Object.keys(chart.view.getState({ signals: () => true, data: () => false }).signals));
       applySignals(chart);
       await chart.view.runAsync();
-      await chart.view.resize().runAsync(); // room for the rows that the legend has at this width
+      // Room for the rows that the legend has at this width: each pass knows only what the one before laid out.
+      for (let pass = 0; pass < 3; pass += 1) await chart.view.resize().runAsync();
     }
     tellShown(chart);
     if (chart.sheet && !chart.sheet.hidden) fillSheet(chart);
