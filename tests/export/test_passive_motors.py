@@ -40,6 +40,21 @@ def test_friction_falls_as_in_the_model(exponent):
         assert found[-1] == pytest.approx(truth, abs=0.12), speed
 
 
+def test_friction_with_temperature_is_held_at_one():
+    values = {"eta0": 3.0, "eta1": -1.0, "eta2": 0.1, "eta3": -0.3, "eta4": 0.01, "eta5": 1.0, "eta6": 0.02}
+    model = make_axis(("friction_wear_temperature", values))
+    for speed in (0.01, 0.2, 1.5):
+        found, left = passive_torque(model, speed * 1e-3 * np.arange(4000))
+        assert left == 0.0
+        assert found[-1] == pytest.approx(3.0 + 4.0 * np.exp(-speed / 0.2), abs=0.12), speed
+    assert take_holdings(model, 50.0).damping == pytest.approx([2.0])
+    # Where the law's bump is not positive, nothing falls.
+    assert take_holdings(model, 5.0).falling == {}
+    slopes = {"coulomb_slope": -0.02, "viscous_slope": 0.03, "reference": 40.0}
+    warm = take_holdings(make_axis(("coulomb", COULOMB), ("temperature_dependent_friction", slopes)), 50.0)
+    assert warm.friction == pytest.approx([COULOMB["level"] - 0.2]) and warm.damping == pytest.approx([0.3])
+
+
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 1.5])
 def test_a_fall_is_a_sum_of_falls_with_the_square(exponent):
     x = np.linspace(0.0, 4.0, 50)

@@ -36,6 +36,18 @@ def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
     return (-start / slope, np.inf) if slope > 0.0 else (-np.inf, -start / slope)
 
 
+def _hold(values: Mapping[str, float], temperature: float) -> dict[str, float | tuple[float, ...]]:
+    """What a passive joint holds at a temperature, without wear; a bump that is not positive is none."""
+    held: dict[str, float | tuple[float, ...]] = {
+        "friction": values["eta0"],
+        "damping": values["eta5"] + values["eta6"] * temperature,
+    }
+    bump = values["eta1"] + values["eta2"] * temperature
+    if bump > 0.0:
+        held["falling"] = (bump, values["eta3"] + values["eta4"] * temperature, values["alpha"])
+    return held
+
+
 EFFECT = Effect(
     name="friction_wear_temperature",
     form="eta0 + (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) + (eta5 + eta6 T) v"
@@ -52,11 +64,8 @@ EFFECT = Effect(
     source="Samuelsson et al. 2014, eq. (17); Bittencourt et al. 2011",
     depends_on=("qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"),
     row=_row,
-    passive=lambda values, temperature: {
-        "friction": values["eta0"],
-        "damping": values["eta5"] + values["eta6"] * temperature,
-    },
-    passive_lacks="only its Coulomb and viscous parts at {temperature} deg C without wear are held",
+    passive=_hold,
+    passive_lacks="it is held at {temperature} deg C and without wear",
     shape=(
         Parameter("eta3", "{position}/s", default=np.nan),
         Parameter("eta4", "{position}/(s K)", estimated=False),

@@ -44,4 +44,9 @@ EFFECT = Effect(
     excitation=TEMPERATURE,
     separated_by={"warm_up_drift": TEMPERATURE},
     thermal=True,
+    passive=lambda values, temperature: {
+        "friction": values["coulomb_slope"] * (temperature - values["reference"]),
+        "damping": values["viscous_slope"] * (temperature - values["reference"]),
+    },
+    passive_lacks="it is held at {temperature} deg C",
 )
