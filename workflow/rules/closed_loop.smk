@@ -35,7 +35,7 @@ rule demonstration:
         f"{TWIN}/report.html",
 
 
-# After the study, whose later stages leave a core idle.
+# Early, like what the correction changes: those jobs wait for one another, and the report waits for them.
 rule record_demonstration:
     input:
         code=lambda w: code("record_demonstration"),
@@ -46,7 +46,7 @@ rule record_demonstration:
         truth=f"{R}/demonstration/truth.json",
     log:
         f"{R}/logs/record_demonstration.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     params:
@@ -70,7 +70,7 @@ rule close_demonstration:
         drawn_files(TWIN),
     log:
         f"{R}/logs/close_demonstration.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     resources:

@@ -53,7 +53,7 @@ rule make_reevaluation:
         screening=f"{RE}/screening.parquet",
     log:
         f"{R}/logs/make_reevaluation.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     params:
@@ -90,7 +90,7 @@ rule simulate_models:
         f"{RE}/traces/{{side}}.json",
     log:
         f"{R}/logs/simulate_models/{{side}}.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     resources:
@@ -126,7 +126,7 @@ rule quantify_models:
         left_out=f"{RE}/parts/left_out/{{side}}.parquet",
     log:
         f"{R}/logs/quantify_models/{{side}}.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     resources:
@@ -153,7 +153,7 @@ use rule choose_surrogates as choose_reevaluated with:
         f"{RE}/chosen_surrogates.parquet",
     log:
         f"{R}/logs/choose_reevaluated.log",
-    priority: -1
+    priority: 1
     message:
         "Choose the surrogates before and after"
 
@@ -172,7 +172,7 @@ rule compare_sides:
         models=f"{RE}/models.parquet",
     log:
         f"{R}/logs/compare_sides.log",
-    priority: -1
+    priority: 1
     conda:
         ENV
     params:
