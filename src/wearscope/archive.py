@@ -57,7 +57,7 @@ from wearscope.provenance import describe_provenance
 
 __all__ = [
     "compare_archives", "list_results", "main", "pack_study", "restore_archive", "unpack_archive",
-    "verify_archive",
+    "walk_archive",
 ]  # fmt: skip
 
 
@@ -135,19 +135,12 @@ def pack_study(
     return manifest
 
 
-def verify_archive(path: str | Path) -> Manifest:
-    """Check every byte of an archive.
-
-    Raises
-    ------
-    InputError
-        Where the file is no archive of a study, or the first thing that is missing, unknown or altered.
-    """
-    return walk_archive(path)
-
-
-def unpack_archive(path: str | Path, folder: str | Path) -> Manifest:
+def unpack_archive(
+    path: str | Path, folder: str | Path, prepare: Callable[[Path], Any] = lambda _: None
+) -> Manifest:
     """Unpack an archive, every byte checked, into a new or empty folder, whole or not at all.
+
+    What was unpacked is given to `prepare` before it appears under its name.
 
     Returns
     -------
@@ -157,63 +150,9 @@ def unpack_archive(path: str | Path, folder: str | Path) -> Manifest:
     Raises
     ------
     InputError
-        As `verify_archive`; or where the folder holds something, or the disk refuses it.
+        As `walk_archive`; or where the folder holds something, or the disk refuses it.
     """
-    return _unpack(path, Path(folder))
-
-
-def restore_archive(
-    path: str | Path, root: str | Path = ".", allow_code: bool = False
-) -> tuple[Manifest, Path, list[str], list[str]]:
-    """Put a study's results back, so that the workflow goes on from them.
-
-    Parameters
-    ----------
-    path : path-like
-        The archive.
-    root : path-like
-        A clone of the repository.
-    allow_code : bool
-        Whether lines of its configuration that name code stay; otherwise they are marked as refused.
-
-    Returns
-    -------
-    manifest : Manifest
-    folder : Path
-        ``results/<study>`` in `root`, with the configuration as ``config.yaml``.
-    refused : list of str
-        Lines of the configuration that name code and were refused.
-    changed : list of str
-        Files of code and the user's own inputs that are missing in `root` or not as they were.
-
-    Raises
-    ------
-    InputError
-        As `unpack_archive`.
-    """
-    root = Path(root)
-    manifest = walk_archive(path)
-    folder = root / "results" / manifest.study
-    refused: list[str] = []
-    _unpack(path, folder, lambda place: refused.extend(_prepare(place, manifest, allow_code)))
-    changed = [
-        name
-        for name, digest in sorted({**manifest.code.files, **manifest.inputs}.items())
-        if not _is_as(root / name, digest)
-    ]
-    return manifest, folder, refused, changed
-
-
-def _is_as(path: Path, digest: str) -> bool:
-    """Whether a file that an archive names, which may be any of the machine's, has a digest."""
-    try:
-        check_plain(path, limits.TEXT_BYTES, "")
-        return digest_file(path) == digest
-    except (InputError, OSError):
-        return False
-
-
-def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lambda _: None) -> Manifest:
+    folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty; name a folder that is not there yet.")
     manifest = walk_archive(path)
@@ -253,6 +192,57 @@ def _unpack(path: str | Path, folder: Path, prepare: Callable[[Path], Any] = lam
             with suppress(OSError):  # it holds what was unpacked
                 folder.parent.rmdir()
     return manifest
+
+
+def restore_archive(
+    path: str | Path, root: str | Path = ".", allow_code: bool = False
+) -> tuple[Manifest, Path, list[str], list[str]]:
+    """Put a study's results back, so that the workflow goes on from them.
+
+    Parameters
+    ----------
+    path : path-like
+        The archive.
+    root : path-like
+        A clone of the repository.
+    allow_code : bool
+        Whether lines of its configuration that name code stay; otherwise they are marked as refused.
+
+    Returns
+    -------
+    manifest : Manifest
+    folder : Path
+        ``results/<study>`` in `root`, with the configuration as ``config.yaml``.
+    refused : list of str
+        Lines of the configuration that name code and were refused.
+    changed : list of str
+        Files of code and the user's own inputs that are missing in `root` or not as they were.
+
+    Raises
+    ------
+    InputError
+        As `unpack_archive`.
+    """
+    root = Path(root)
+    manifest = walk_archive(path)
+    folder = root / "results" / manifest.study
+    refused: list[str] = []
+    unpack_archive(path, folder, lambda place: refused.extend(_prepare(place, manifest, allow_code)))
+    changed = [
+        name
+        for name, digest in sorted({**manifest.code.files, **manifest.inputs}.items())
+        if not _is_as(root / name, digest)
+    ]
+    return manifest, folder, refused, changed
+
+
+def _is_as(path: Path, digest: str) -> bool:
+    """Whether a file that an archive names, which may be any of the machine's, has a digest."""
+    try:
+        check_plain(path, limits.TEXT_BYTES, "")
+        return digest_file(path) == digest
+    except (InputError, OSError):
+        return False
 
 
 def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
@@ -317,7 +307,7 @@ def main(arguments: list[str] | None = None) -> int:
         if given.command == "unpack":
             manifest = unpack_archive(given.file, given.folder)
         else:
-            manifest = verify_archive(given.file)
+            manifest = walk_archive(given.file)
     except InputError as error:
         print(error, file=sys.stderr)
         return 1

@@ -9,7 +9,6 @@ import yaml
 from benchmarks.board.machines import Body
 from benchmarks.board.motions import make_motion
 from wearscope.demonstration.twin import STEP, TWIN, record_twin, simulate_run
-from wearscope.errors import InputError
 
 
 def test_urdf_has_the_published_masses_and_reach():
@@ -66,8 +65,3 @@ def test_folder_declares_less_than_it_holds(tmp_path):
         starts.append(table["temp_axis_1"].iloc[0])
     assert np.ptp(starts) > 15
     assert np.abs(table["tau_axis_2"]).max() < 2194.5
-
-
-def test_unknown_secret_is_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot have 'rust' undeclared"):
-        record_twin(tmp_path / "twin", 0, secret="rust")

@@ -11,7 +11,6 @@ from wearscope.evaluation.conclusion import (
     count_sure,
     draw_conclusion,
     read_conclusion,
-    tolerated,
 )
 
 DELTAS, SIGMAS = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0.25, 0.5, 0.75, 1.0])
@@ -146,8 +145,3 @@ def test_a_robot_alone_is_concluded_once():
     snr = snr.assign(snr_exact=np.where(snr["fda"] == "A", 5.0, 2.0))
     conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
     assert [one.robot for one in conclusions] == [""] and set(rankings["robot"]) == {""}
-
-
-def test_tolerance_ends_where_a_grid_cell_fails():
-    passes = np.array([[True, True, False, True], [False, True, True, True], [True] * 4])
-    assert tolerated(passes, SIGMAS).tolist() == [0.5, 0.0, 1.0]

@@ -11,7 +11,6 @@ from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
-from wearscope.evaluation.detection import weighted_threshold
 from wearscope.evaluation.direct import direct_design, direct_table, mismatch_design, mismatch_table
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
@@ -21,6 +20,7 @@ from wearscope.evaluation.sampled_scope import (
     tabulated_kde,
     tabulated_points,
     tabulated_scope,
+    weighted_threshold,
 )
 from wearscope.evaluation.sampled_snr import draw_snr, quadrature_snr, sampled_snr_table
 from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
@@ -327,5 +327,5 @@ def test_one_grid_s_thresholds_are_those_of_single_ones():
         found = tabulated_scope(null, nodes, sigmas, 0.03)
         for s, sigma in enumerate(sigmas):
             healthy, *worn = (np.interp(sigma * SPREAD, nodes, row) for row in null)
-            h = weighted_threshold(healthy, weights, 0.03)
+            h = weighted_threshold(healthy, np.argsort(-healthy), weights, 0.03)
             assert found[s] == pytest.approx([weights[y >= h].sum() for y in worn])

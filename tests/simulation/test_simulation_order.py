@@ -9,6 +9,8 @@ from scipy.integrate import solve_ivp
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import load_model, make_model
 from wearscope.simulation import forward, run
+from wearscope.simulation.controller import make_feedforward
+from wearscope.simulation.plant import build_plant
 from wearscope.simulation.study import Conditions, Simulator
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
@@ -82,6 +84,12 @@ def make_one_joint(effects, bandwidth):
     )
 
 
+def follow(model, reference, dt):
+    """Run at every step of `dt`, without friction in the feed-forward."""
+    fed = make_feedforward(model, model.rigid_body(), build_plant(model), reference)
+    return forward.trace_forward(model, reference, feedforward=fed, longest_step=dt)
+
+
 def test_torque_under_set_valued_friction_converges_with_the_steps_square():
     """Against scipy, which switches friction at events: slips, sticks and reversals within a step."""
     effects = [("coulomb", {"level": COULOMB}), ("viscous", {"slope": VISCOUS})]
@@ -94,7 +102,7 @@ def test_torque_under_set_valued_friction_converges_with_the_steps_square():
     for dt in STEPS:
         t = np.arange(round(3.0 / dt)) * dt
         reference = Reference(t, *(x[:, None] for x in reference_at(t)))
-        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        trace, _ = follow(model, reference, dt)
         torque = trace.torque[:: round(STEPS[0] / dt), 0][: len(exact)]
         errors.append(np.sqrt(np.mean((torque - exact) ** 2) / np.mean(exact**2)))
         # The motor does rest, exactly.
@@ -131,7 +139,7 @@ def test_torque_of_an_elastic_gear_converges_with_the_steps_square(compliance, b
     for dt in STEPS:
         t = np.arange(round(2.0 / dt)) * dt
         reference = Reference(t, *(x[:, None] for x in reference_at(t)))
-        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        trace, _ = follow(model, reference, dt)
         found = trace.torque[:: round(STEPS[0] / dt), 0][: len(exact)]
         errors.append(np.sqrt(np.mean((found - exact) ** 2) / np.mean(exact**2)))
     order = -np.polyfit(np.log2(1.0 / np.array(STEPS)), np.log2(errors), 1)[0]
@@ -162,7 +170,7 @@ def test_no_unit_of_time_is_built_into_the_step(bend):
         motion = reference_at(t) / slower ** np.arange(3)[:, None]
         reference = Reference(t * slower, *(x[:, None] for x in motion))
         dt = STEPS[0] * slower
-        trace, _ = forward.trace_forward(model, reference, friction_feedforward=False, longest_step=dt)
+        trace, _ = follow(model, reference, dt)
         torques.append(trace.torque[:, 0])
     assert np.abs(torques[0]).max() > 30.0
     np.testing.assert_allclose(torques[1], torques[0], atol=1e-6 * np.abs(torques[0]).max())

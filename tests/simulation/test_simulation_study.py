@@ -228,7 +228,7 @@ def made_trace(dt=1e-3, count=400):
     grid = np.arange(count + 1)[:, None] * dt
     q = np.hstack([np.sin(3.0 * grid), grid**2])
     v = np.hstack([3.0 * np.cos(3.0 * grid), 2.0 * grid])[:-1]
-    return Trace(t, q, v, np.column_stack([np.cos(20.0 * t), 5.0 * t]), np.full((count, 2), np.nan), 0.0 * v)
+    return Trace(t, q, v, np.column_stack([np.cos(20.0 * t), 5.0 * t]), 0.0 * v)
 
 
 def test_sensors_quantise_delay_and_scale():
@@ -274,9 +274,7 @@ def test_sample_rate_must_be_whole_steps():
 def test_what_lies_between_steps_is_on_lines_and_a_position_on_a_cubic():
     """Of a position t^3 the cubic through positions and speeds is exact; 150 a second are 6.67 ms apart."""
     t = np.arange(101) * 1e-3
-    trace = Trace(
-        t[:-1], t[:, None] ** 3, 3.0 * t[:-1, None] ** 2, 5.0 * t[:-1, None], np.full((100, 1), np.nan), 0.0
-    )
+    trace = Trace(t[:-1], t[:, None] ** 3, 3.0 * t[:-1, None] ** 2, 5.0 * t[:-1, None], 0.0)
     none = np.zeros(1)
     found = record(trace, 1e-3, 150.0, none, none, none, none, None)
     np.testing.assert_allclose(found.t, np.arange(15) / 150.0)

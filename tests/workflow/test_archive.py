@@ -17,7 +17,7 @@ from wearscope.errors import InputError
 
 
 def test_manifest_says_what_was_run(tmp_path):
-    manifest = archive.verify_archive(pack(tmp_path, "a"))
+    manifest = archive.walk_archive(pack(tmp_path, "a"))
     assert manifest.config == {"study": "tiny", "seed": 0}
     assert manifest.packages["numpy"] and manifest.python == platform.python_version()
     assert manifest.code.sha256 and manifest.code.files
@@ -134,7 +134,7 @@ def test_failed_unpacking_leaves_nothing(tmp_path):
 def test_archive_of_a_release_opens(tmp_path, capsys, version, form, commit):
     """Made by the release itself of the smallest study, without its page, figures and most recordings."""
     release = Path(__file__).parent / "archives" / f"release-{version}.tar"
-    manifest = archive.verify_archive(release)
+    manifest = archive.walk_archive(release)
     assert (manifest.format, manifest.code.wearscope, manifest.code.commit) == (form, version, commit)
     assert archive.main(["restore", str(release), str(tmp_path), "--allow-code"]) == 0
     said = capsys.readouterr().out

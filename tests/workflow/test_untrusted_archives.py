@@ -23,10 +23,10 @@ def test_altered_byte_is_found(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content.replace(b"<p>report</p>", b"<p>rep0rt</p>"))
     with pytest.raises(InputError, match=r"report.html is not what was packed"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     path.write_bytes(content[: len(content) // 3])
     with pytest.raises(InputError, match="get the file again"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
 
 
 def repack(path, change):
@@ -42,7 +42,7 @@ def test_missing_and_foreign_members_are_found(tmp_path):
     path = pack(tmp_path, "a")
     repack(path, lambda name, content: [] if name == "report.html" else [(name, content)])
     with pytest.raises(InputError, match=r"report.html is missing"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     path = pack(tmp_path, "b")
     repack(
         path,
@@ -65,7 +65,7 @@ def test_every_flipped_bit_is_found(tmp_path):
     """In the manifest too; only padding that no one reads, and headers' times and owners, may go unseen."""
     path = pack(tmp_path, "a")
     content = path.read_bytes()
-    wanted = archive.verify_archive(path)
+    wanted = archive.walk_archive(path)
     with tarfile.open(path) as tar:
         spans = [(one.offset_data, one.offset_data + one.size) for one in tar.getmembers()]
     draw = random.Random(0)
@@ -77,7 +77,7 @@ def test_every_flipped_bit_is_found(tmp_path):
         changed[bit // 8] ^= 1 << (bit % 8)
         path.write_bytes(changed)
         try:
-            assert archive.verify_archive(path) == wanted and bit in anywhere
+            assert archive.walk_archive(path) == wanted and bit in anywhere
         except InputError as error:
             assert str(error).startswith(str(path)) and "\n" not in str(error)
 
@@ -90,7 +90,7 @@ def test_cut_file_is_found_wherever_it_is_cut(tmp_path):
     for size in [*range(0, last.offset_data + last.size, 997), 1, 511, 512, 513]:
         path.write_bytes(content[:size])
         with pytest.raises(InputError):
-            archive.verify_archive(path)
+            archive.walk_archive(path)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_malformed_manifest_gets_one_sentence(tmp_path, capsys, content, words):
     path = tmp_path / "a.tar"
     write(path, ("MANIFEST.json", text), ("a", b"x"))
     with pytest.raises(InputError, match=words):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     assert archive.main(["verify", str(path)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -183,17 +183,17 @@ def test_member_that_comes_twice_or_after_the_end_is_refused(tmp_path):
     path = tmp_path / "a.tar"
     first = ("MANIFEST.json", json.dumps(make_manifest()).encode())
     write(path, first, ("a", b"x"))
-    archive.verify_archive(path)
+    archive.walk_archive(path)
     good = path.read_bytes()
     write(path, first, ("a", b"x"), ("a", b"x"))
     with pytest.raises(InputError, match="a is not in its manifest"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     write(path, first, ("a", b"x"), first)
     with pytest.raises(InputError, match=r"MANIFEST.json is not in its manifest"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     path.write_bytes(good + b"junk")
     with pytest.raises(InputError, match=r"something follows its end|no whole tar"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
 
 
 def test_sparse_giant_and_compressed_bomb_are_refused_without_being_read(tmp_path):
@@ -210,17 +210,17 @@ def test_sparse_giant_and_compressed_bomb_are_refused_without_being_read(tmp_pat
         tar.addfile(one, io.BytesIO(manifest))
         tar.addfile(sparse, io.BytesIO(b"x" * 512))
     with pytest.raises(InputError, match="a is no plain file"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     path.write_bytes(gzip.compress(pack(tmp_path, "b").read_bytes()))
     with pytest.raises(InputError, match="is no whole tar archive"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
 
 
 def test_what_is_no_file_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
         with pytest.raises(InputError, match="is no plain file; name an archive"):
-            archive.verify_archive(path)
+            archive.walk_archive(path)
 
 
 def test_names_of_a_study_pass():
@@ -287,7 +287,7 @@ def test_headers_and_manifests_without_end_are_refused(tmp_path):
     header = entry("././@LongLink", tarfile.GNUTYPE_LONGNAME, size=1 << 40)
     path.write_bytes(header.tobuf(tarfile.GNU_FORMAT) + b"x" * 1024)
     with pytest.raises(InputError, match=r"a header of more than"):
-        archive.verify_archive(path)
+        archive.walk_archive(path)
     deep = {}
     for _ in range(900):
         deep = {"a": deep}

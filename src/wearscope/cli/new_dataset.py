@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import yaml
 
-from wearscope.cli.new_robot import Numbers
+from wearscope.cli.new_robot import Numbers, name_after
 from wearscope.cli.say import say
 from wearscope.errors import InputError
 
@@ -126,10 +126,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
     from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
 
     read_text(urdf, "the robot's URDF")
-    plain = re.sub(
-        r"[^A-Za-z0-9_.-]+", "-", urdf.stem if urdf.stem != "robot" else urdf.resolve().parent.name
-    )
-    name = check_folder_name(name or f"{plain.strip('-._') or 'robot'}-data", "data set")
+    name = check_folder_name(name or f"{name_after(urdf)}-data", "data set")
     target = folder / name
     refuse_existing(target)
     patterns = {kind: stated.pop(kind) for kind in (*KINDS, *SERVO_KINDS)}

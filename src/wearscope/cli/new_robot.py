@@ -78,7 +78,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
     from wearscope.starters.robot import Stated, copy_urdf, make_robot
     from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
 
-    name = check_folder_name(name or _name_of(urdf), "robot")
+    name = check_folder_name(name or name_after(urdf), "robot")
     target = folder / name
     refuse_existing(target)
     given = [part.strip() for part in joints.split(",") if part.strip()]
@@ -94,7 +94,8 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
     _report(target, figures)
 
 
-def _name_of(urdf: Path) -> str:
+def name_after(urdf: Path) -> str:
+    """A name made of the URDF's, of its folder's where that says nothing."""
     stem = urdf.stem if urdf.stem != "robot" else urdf.resolve().parent.name
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "robot"
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from wearscope.demonstration.machine import Machine
 from wearscope.demonstration.motions import Motion, make_motion
-from wearscope.errors import InputError
 from wearscope.tables import write_table, write_text
 
 Array = NDArray[np.float64]
@@ -225,20 +224,15 @@ def quantise(q: Array, resolution: Array, rng: np.random.Generator) -> Array:
 
 
 def record_twin(
-    folder: str | Path, seed: int, secret: str | None = None, gain: float = 1.0, duration: float = 14.0,
-    truth_path: str | Path | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    folder: str | Path, seed: int, duration: float = 14.0, truth_path: str | Path | None = None
+) -> dict[str, Any]:
     """Record the twin on six runs at several temperatures and write the measured-data folder.
 
     Parameters
     ----------
     folder : path-like
     seed : int
-        Of the motions, the sensor noise and, where `secret` is None, the undeclared effect.
-    secret : str, optional
-        One of `SECRETS`, on axis 2.
-    gain : float
-        Factor on the undeclared effect; 0 makes a twin that its declaration fits.
+        Of the motions, the sensor noise and the undeclared effect, which is one of `SECRETS` on axis 2.
     duration : float
         Length of a run [s].
     truth_path : path-like, optional
@@ -247,16 +241,10 @@ def record_twin(
     Returns
     -------
     dict
-        The truth: `dataset`, `robot`, `seed`, `joints`, `noise_rms` by joint, and the `planted` effects.
-
-    Raises
-    ------
-    InputError
-        For an unknown `secret`.
+        The truth: `dataset`, `robot`, `seed`, `joints`, `noise_rms` by joint, and the `planted` effects, each
+        with its `size` over the noise.
     """
-    secret = SECRETS[seed % 2] if secret is None else secret
-    if secret not in SECRETS:
-        raise InputError(f"twin: it cannot have '{secret}' undeclared; choose one of {', '.join(SECRETS)}.")
+    secret = SECRETS[seed % 2]
     folder = Path(folder)
     machine, n = TWIN, len(TWIN.joints)
     limit = np.array([1097.25, 2194.5, 627.0, 396.0, 396.0, 198.0])
@@ -267,7 +255,7 @@ def record_twin(
     for number, (use, kind, trajectory, start) in enumerate(PLANS):
         motion_seed = int(np.random.SeedSequence([seed, trajectory]).generate_state(1)[0])
         motion = make_motion(machine, kind, motion_seed, duration, 1.0 / STEP)
-        run = simulate_run(machine, motion, start, secret, gain)
+        run = simulate_run(machine, motion, start, secret, 1.0)
         rng = np.random.default_rng(np.random.SeedSequence([seed, 1000 + number]))
         q = quantise(run["q"], resolution, rng)
         tau = run["tau"] + rng.normal(size=run["tau"].shape) * sigma
@@ -306,23 +294,13 @@ def record_twin(
     write_text(folder / "robot.urdf", machine.urdf)
     write_text(folder / "dataset.yaml", yaml.safe_dump(document, sort_keys=False))
     size = float(np.sqrt(np.mean(np.concatenate(worth) ** 2)) / sigma[1])
-    entry = {
-        "effect": secret, "accepted": [secret], "also_accepted": [], "contains": [],
-        "outside": False, "joint": "axis_2", "joints": ["axis_2"], "size": size,
-        "unabsorbed_size": None, "separable": True, "rivals": {},
-        "parameters": {"coefficient": {"value": 0.045 * gain, "unit": "1"}}
-        if secret == "load_dependent_friction" else {},
-    }  # fmt: skip
     truth: dict[str, Any] = {
         "dataset": folder.name,
         "robot": "twin",
         "seed": seed,
         "joints": list(machine.joints),
-        "unit": "N m",
-        "noise": "plain",
-        "recipe": {"rate": RATE, "plans": [{"use": use} for use, *_ in PLANS]},
         "noise_rms": dict(zip(machine.joints, sigma[:n].tolist(), strict=True)),
-        "planted": [entry] if gain != 0 else [],
+        "planted": [{"effect": secret, "joint": "axis_2", "size": size}],
     }
     if truth_path is not None:
         write_text(truth_path, json.dumps(truth, indent=1))

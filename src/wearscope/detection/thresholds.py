@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from wearscope.detectors.base import Array
 from wearscope.errors import InputError
@@ -165,9 +166,7 @@ def compare_scatter(machine: Array, simulated: Array) -> Scatter:
 
 def adjust_p_values(p: Array) -> Array:
     """Adjusted p-values (k,) by Holm (Scand. J. Statist. 6, 1979); NaN stays."""
-    known = np.flatnonzero(np.isfinite(p))
+    known = np.isfinite(p)
     adjusted = np.full(len(p), np.nan)
-    order = known[np.argsort(p[known])]
-    steps = p[order] * np.arange(len(order), 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    adjusted[known] = multipletests(p[known], method="holm")[1]
     return adjusted

@@ -205,8 +205,6 @@ def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataF
     for key, group in groups_of(audit, by):
         for extrapolated, rows in group.groupby("extrapolated", sort=True):
             good = rows[~rows["failed"]]
-            inside = int(good["inside"].sum())
-            low, high = wilson_interval(inside, len(good))
             half = (0.5 * (good["high"] - good["low"])).to_numpy(dtype=float)
             error = np.abs(good["y_direct"] - good["y_surrogate"]).to_numpy(dtype=float)
             sure = half > 0
@@ -216,10 +214,7 @@ def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataF
                     "extrapolated": bool(extrapolated),
                     "n": len(good),
                     "n_failed": len(rows) - len(good),
-                    "n_inside": inside,
-                    "share_inside": inside / len(good) if len(good) else np.nan,
-                    "share_low": low,
-                    "share_high": high,
+                    **_count_inside(good),
                     "median_error": float(np.median(error[sure] / half[sure])) if sure.any() else np.nan,
                 }
             )
@@ -246,23 +241,22 @@ def audit_answers(audit: pd.DataFrame) -> pd.DataFrame:
     """
     records = []
     for (fda, model), rows in audit.groupby(["fda", "model"], sort=True, observed=True):
-        good = rows[~rows["failed"]]
-        inside = int(good["inside"].sum())
-        low, high = wilson_interval(inside, len(good))
-        answer = "withheld" if high < 0.95 else "given"
+        counts = _count_inside(rows[~rows["failed"]])
+        answer = "withheld" if counts["share_high"] < 0.95 else "given"
         records.append(
-            {
-                "fda": fda,
-                "model": model,
-                "n": len(good),
-                "n_inside": inside,
-                "share_inside": inside / len(good) if len(good) else np.nan,
-                "share_low": low,
-                "share_high": high,
-                "answer": answer if len(good) else "not audited",
-            }
+            {"fda": fda, "model": model, **counts, "answer": answer if counts["n"] else "not audited"}
         )
     return pd.DataFrame(records)
+
+
+def _count_inside(good: pd.DataFrame) -> dict[str, float]:
+    """How many of the audited values lie in their intervals, and their share with its Wilson interval."""
+    inside = int(good["inside"].sum())
+    low, high = wilson_interval(inside, len(good))
+    share = inside / len(good) if len(good) else np.nan
+    return {
+        "n": len(good), "n_inside": inside, "share_inside": share, "share_low": low, "share_high": high,
+    }  # fmt: skip
 
 
 def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:

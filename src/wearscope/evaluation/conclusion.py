@@ -5,16 +5,15 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.detection import detection_table
 from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
+from wearscope.evaluation.tolerance import largest_passing
 from wearscope.surrogates.fitting import CELL
 
-Array = NDArray[np.float64]
 #: Shares of a group's cells that are asked to be sure, the first one that any change of the fault reaches.
 SHARES = (1.0, 0.5)
 #: Of the largest variation that a detector bears at any change of the fault: what is enough.
@@ -171,7 +170,7 @@ def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
             # A factor that moves nothing of a robot has no scope there, and holds it back in nothing.
             needed = int(np.ceil(share * rows["cells"].max()))
             deltas, sigmas = wide.index.to_numpy(float), wide.columns.to_numpy(float)
-            limits[str(name)] = tolerated(wide.to_numpy(float) >= needed, sigmas)
+            limits[str(name)] = largest_passing(wide.to_numpy(float) >= needed, sigmas)
         stacked = np.stack(list(limits.values()))
         possible = (stacked > 0).all(axis=0) & (deltas > 0)
         if not possible.any():
@@ -196,12 +195,6 @@ def count_sure(
         rows = at[(at["factor"] == name) & (at["sigma"] <= sigma * (1 + 1e-9))]
         sure &= rows.groupby(CELL)["sure"].min().reindex(sure.index, fill_value=True).astype(bool)
     return len(cells), int(sure.sum())
-
-
-def tolerated(passes: NDArray[np.bool_], sigmas: Array) -> Array:
-    """Largest sigma (J,) up to which every grid cell (J, S) passes; 0 where not even the smallest does."""
-    reached = np.where(passes.all(axis=1), passes.shape[1], np.argmin(passes, axis=1))
-    return np.where(reached > 0, sigmas[np.maximum(reached, 1) - 1], 0.0)
 
 
 def threshold_table(

@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from wearscope.evaluation.responses import Cells
-from wearscope.evaluation.sampled_scope import SPREAD, interpolation, table_nodes, tabulated_points
+from wearscope.evaluation.sampled_scope import SPREAD, WEIGHTS, Tabulated, interpolation, weighted_threshold
 from wearscope.evaluation.scope import scope_quadratics
 from wearscope.evaluation.scope_exact import spread, tail_probability, threshold
 from wearscope.surrogates.fitting import CELL
@@ -109,37 +108,15 @@ def _detect_tabulated(
     sigmas: Array,
     wanted: Array,
 ) -> tuple[Array, Array]:
-    centre = float(levels[factor])
-    nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
-    points = tabulated_points(surrogate.names, factor, faults, nodes, levels)
-    mean = surrogate.predict(points).reshape(len(faults), len(nodes))
-    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
-    weights = np.diff(ndtr(edges))
+    table = Tabulated(surrogate, factor, levels, deltas, f0)
+    mean = table.mean
     h = np.empty((len(sigmas), len(wanted)))
     p_d = np.empty((len(sigmas), len(deltas), len(wanted)))
     for s, sigma in enumerate(sigmas):
-        left, share = interpolation(nodes, centre + sigma * SPREAD)
+        left, share = interpolation(table.nodes, table.centre + sigma * SPREAD)
         y = mean[:, left] + share * (mean[:, left + 1] - mean[:, left])
+        order = np.argsort(-y[0], kind="stable")
         for p, one in enumerate(wanted):
-            h[s, p] = weighted_threshold(y[0], weights, one)
-            p_d[s, :, p] = (y[1:] >= h[s, p]) @ weights
+            h[s, p] = weighted_threshold(y[0], order, WEIGHTS, one)
+            p_d[s, :, p] = (y[1:] >= h[s, p]) @ WEIGHTS
     return h, p_d
-
-
-def weighted_threshold(values: Array, weights: Array, false_alarm: float) -> float:
-    """Smallest value at and above which lies at most the share `false_alarm` of the weights.
-
-    Within the value where the share is passed it is interpolated, as `tabulated_scope` does.
-    """
-    order = np.argsort(-values, kind="stable")
-    ranked = values[order]
-    above = np.cumsum(weights[order])
-    place = int(np.searchsorted(above, false_alarm, side="right"))
-    if place == 0:
-        return float(np.nextafter(ranked[0], np.inf))
-    place = min(place, len(ranked) - 1)
-    previous = ranked[place - 1]
-    if previous == ranked[place]:
-        return float(np.nextafter(previous, np.inf))
-    part = (false_alarm - above[place - 1]) / weights[order][place]
-    return float(previous + part * (ranked[place] - previous))

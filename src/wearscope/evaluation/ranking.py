@@ -125,21 +125,9 @@ def rank_by_median(
         good = boot[:, k][np.isfinite(boot[:, k])]
         low, high = np.quantile(good, [tail, 1 - tail]) if good.size else (np.nan, np.nan)
         best, worst = np.quantile(ranks[:, k], [tail, 1 - tail], method="nearest")
-        records.append(
-            {
-                **dict(zip(by, keys[k], strict=True)),
-                "n": int(np.sum(~np.isnan(values[:, k]))),
-                "n_nan": int(np.sum(np.isnan(values[:, k]))),
-                "median": float(median[k]),
-                "median_low": float(low),
-                "median_high": float(high),
-                "rank": position + 1,
-                "rank_low": int(best),
-                "rank_high": int(worst),
-                "tied_with": ", ".join(tied[k]),
-                "interval_from": "choice of cells",
-            }
-        )
+        interval, places = (low, high), (position + 1, int(best), int(worst))
+        record = _describe_group(values[:, k], median[k], interval, places, tied[k])
+        records.append({**dict(zip(by, keys[k], strict=True)), **record, "interval_from": "choice of cells"})
     return pd.DataFrame(records)
 
 
@@ -153,23 +141,33 @@ def _rank_few(values: Array, low: Array, high: Array, keys: list[tuple], by: Seq
         others = [j for j in range(len(keys)) if j != k and known[j]]
         above = [j for j in others if bottom[j] > top[k]]
         below = [j for j in others if top[j] < bottom[k]]
-        tied = [j for j in others if j not in above and j not in below] if known[k] else []
-        records.append(
-            {
-                **dict(zip(by, keys[k], strict=True)),
-                "n": int(np.sum(~np.isnan(values[:, k]))),
-                "n_nan": int(np.sum(np.isnan(values[:, k]))),
-                "median": float(median[k]),
-                "median_low": float(low[k]),
-                "median_high": float(high[k]),
-                "rank": position + 1,
-                "rank_low": 1 + len(above) if known[k] else position + 1,
-                "rank_high": len(others) + 1 - len(below) if known[k] else len(keys),
-                "tied_with": ", ".join(cell_name(keys[j]) for j in tied),
-                "interval_from": "each cell",
-            }
+        tied = [cell_name(keys[j]) for j in others if j not in above and j not in below] if known[k] else []
+        best, worst = (
+            (1 + len(above), len(others) + 1 - len(below)) if known[k] else (position + 1, len(keys))
         )
+        places = (position + 1, best, worst)
+        record = _describe_group(values[:, k], median[k], (low[k], high[k]), places, tied)
+        records.append({**dict(zip(by, keys[k], strict=True)), **record, "interval_from": "each cell"})
     return pd.DataFrame(records)
+
+
+def _describe_group(
+    values: Array,
+    median: float,
+    interval: tuple[float, float],
+    places: tuple[int, int, int],
+    tied: Sequence[str],
+) -> dict[str, Any]:
+    """A group's columns, of its cells' values (N,), its rank and the interval of that."""
+    return {
+        "n": int(np.sum(~np.isnan(values))),
+        "n_nan": int(np.sum(np.isnan(values))),
+        "median": float(median),
+        "median_low": float(interval[0]),
+        "median_high": float(interval[1]),
+        **dict(zip(("rank", "rank_low", "rank_high"), places, strict=True)),
+        "tied_with": ", ".join(tied),
+    }
 
 
 def _median(values: Array) -> Array:

@@ -1,6 +1,6 @@
 """Scope matrices (12) to (16) of a chosen surrogate, whose response along a nuisance is tabulated."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numba
 import numpy as np
@@ -19,6 +19,8 @@ from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 Array = NDArray[np.float64]
 #: Standard normal points on which a nuisance is spread; the grid is fine where P_f' and 1 - P_d' are decided.
 SPREAD = np.linspace(-4.5, 4.5, 361)
+#: Probability of each of them.
+WEIGHTS = np.diff(ndtr(np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])))
 STEPS = 16
 DRAWN_FAULTS = 11
 
@@ -48,6 +50,28 @@ def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 @numba.njit(cache=True)
+def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, false_alarm: float) -> float:
+    """Smallest value at and above which lies at most the share `false_alarm` of the weights.
+
+    Within the value where the share is passed it is interpolated; equal values are passed together. `order`
+    holds the places of the values, the largest first.
+    """
+    above = 0.0
+    for place in range(len(order)):
+        k = order[place]
+        if above + weights[k] > false_alarm:
+            if place == 0:
+                return np.nextafter(values[k], np.inf)
+            previous = values[order[place - 1]]
+            if previous == values[k]:
+                return np.nextafter(previous, np.inf)
+            part = (false_alarm - above) / weights[k]
+            return previous + part * (values[k] - previous)
+        above += weights[k]
+    return values[order[-1]]
+
+
+@numba.njit(cache=True)
 def _detect(
     values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float, result: Array
 ) -> None:
@@ -58,22 +82,7 @@ def _detect(
         for k in range(count):
             i = left[s, k]
             null[k] = values[0, i] + share[s, k] * (values[0, i + 1] - values[0, i])
-        order = np.argsort(-null)
-        above = 0.0
-        h = np.inf
-        for place in range(count):  # the smallest value at and above which lies at most the wanted share
-            k = order[place]
-            if above + weights[k] > false_alarm:
-                if place == 0:
-                    h = np.nextafter(null[k], np.inf)
-                else:
-                    part = (false_alarm - above) / weights[k]
-                    previous = null[order[place - 1]]
-                    h = previous + part * (null[k] - previous)
-                    if previous == null[k]:
-                        h = np.nextafter(previous, np.inf)
-                break
-            above += weights[k]
+        h = weighted_threshold(null, np.argsort(-null), weights, false_alarm)
         for j in range(1, values.shape[0]):
             detected = 0.0
             for k in range(count):
@@ -104,13 +113,11 @@ def tabulated_scope(
     -------
     array (..., S, J)
     """
-    edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
-    weights = np.diff(ndtr(edges))
     left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
     tables = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
     result = np.empty((len(tables), len(sigmas), values.shape[-2] - 1))
     for table, detected in zip(tables, result, strict=True):
-        _detect(table, left, share, weights, false_alarm, detected)
+        _detect(table, left, share, WEIGHTS, false_alarm, detected)
     return result.reshape(*values.shape[:-2], *result.shape[1:])
 
 
@@ -133,30 +140,58 @@ def tabulated_kde(
     return result
 
 
-def sampled_passes(
-    surrogate: ChosenSurrogate,
-    mean: Array,
-    points: Callable[[Array], Array],
-    faults: Array,
-    nodes: Array,
-    sigmas: Array,
-    rng: np.random.Generator,
-    draws: int,
-    false_alarm: float,
-    detection: float,
-    centre: float,
-) -> NDArray[np.bool_]:
-    """Which grid cells pass for response functions that the runs allow, shape (draws, S, J).
+class Tabulated:
+    """Mean response of a surrogate along one nuisance, all else held.
 
-    Their difference to the mean response, which is smooth, is drawn at a few fault levels and interpolated.
+    Parameters
+    ----------
+    surrogate : ChosenSurrogate
+    factor : str
+        The nuisance that varies about its nominal level.
+    levels : mapping
+        Coded nominal levels.
+    deltas : array (J,)
+        Changes of the fault, coded.
+    f0 : float
+        Coded fault level of H0.
+
+    Attributes
+    ----------
+    mean : array (1 + J, W)
+        At the coded levels `nodes` (W,) of the nuisance, whose mean is `centre`; row 0 is H0.
     """
-    coarse = np.linspace(faults.min(), faults.max(), DRAWN_FAULTS)
-    z = points(coarse)
-    shape = (draws, len(coarse), len(nodes))
-    away = (surrogate.draw(z, rng, draws) - surrogate.predict(z)).reshape(shape)
-    left, share = interpolation(coarse, faults)
-    away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-    return tabulated_scope(mean + away, nodes, sigmas, false_alarm, centre) >= detection
+
+    def __init__(
+        self,
+        surrogate: ChosenSurrogate,
+        factor: str,
+        levels: Mapping[str, float],
+        deltas: Array,
+        f0: float,
+    ) -> None:
+        self.surrogate, self.factor, self.levels = surrogate, factor, levels
+        self.centre = float(levels[factor])
+        self.nodes, self.faults = table_nodes(self.centre), f0 + np.concatenate([[0.0], deltas])
+        self.mean = surrogate.predict(self._points(self.faults)).reshape(len(self.faults), -1)
+
+    def _points(self, faults: Array) -> Array:
+        return tabulated_points(self.surrogate.names, self.factor, faults, self.nodes, self.levels)
+
+    def drawn_passes(
+        self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
+    ) -> NDArray[np.bool_]:
+        """Which grid cells pass for response functions that the runs allow, shape (draws, S, J).
+
+        Their difference to the mean response, which is smooth, is drawn at a few fault levels and
+        interpolated.
+        """
+        coarse = np.linspace(self.faults.min(), self.faults.max(), DRAWN_FAULTS)
+        z = self._points(coarse)
+        shape = (draws, len(coarse), len(self.nodes))
+        away = (self.surrogate.draw(z, rng, draws) - self.surrogate.predict(z)).reshape(shape)
+        left, share = interpolation(coarse, self.faults)
+        away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
+        return tabulated_scope(self.mean + away, self.nodes, sigmas, false_alarm, self.centre) >= detection
 
 
 def sampled_scope_table(
@@ -207,13 +242,8 @@ def sampled_scope_table(
         for factor in factors:
             if factor not in names or factor == FAULT:
                 raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(names[1:])}.")
-            centre = float(levels[factor])
-            nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
-
-            def points(at: Array, names=names, factor=factor, nodes=nodes) -> Array:
-                return tabulated_points(names, factor, at, nodes, levels)
-
-            mean = surrogate.predict(points(faults)).reshape(len(faults), len(nodes))
+            table = Tabulated(surrogate, factor, levels, deltas, f0)
+            mean, nodes, centre = table.mean, table.nodes, table.centre
             middle = mean[:, len(nodes) // 2]
             if surrogate.status == "constant":
                 status = "constant"
@@ -228,11 +258,7 @@ def sampled_scope_table(
                     p_d = tabulated_scope(mean, nodes, sigmas, false_alarm, centre)
                     if draws:
                         rng = generator_for(seed, "sampled scope", cell_name(key), factor)
-                        passes = sampled_passes(
-                            surrogate, mean, points, faults, nodes, sigmas, rng, draws, false_alarm,
-                            detection, centre,
-                        )  # fmt: skip
-                        sure = passes.mean(axis=0)
+                        sure = table.drawn_passes(sigmas, rng, draws, false_alarm, detection).mean(axis=0)
                 else:
                     p_d = tabulated_kde(mean, nodes, sigmas, false_alarm, runs, seed, centre)
                 blocks.append(((*key, CHOSEN), factor, method, status, p_d, sure))

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.seeds import generator_for
-from wearscope.evaluation.sampled_snr import draw_snr
+from wearscope.evaluation.sampled_snr import draw_snr, response_size
 from wearscope.evaluation.snr import NOISE_FREE
 from wearscope.evaluation.tolerance import sampled_tolerance
-from wearscope.surrogates.chosen import read_chosen
+from wearscope.surrogates.chosen import read_chosen, read_noise
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
 from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate
 
@@ -187,7 +187,7 @@ def _answer_model(
     found: dict[Key, tuple[float, Array]] = {}
     levels = nominal_levels(asked.factors)
     sigmas = np.linspace(asked.scope["sigma"][0], asked.scope["sigma"][1], asked.scope["grid"][1])
-    noise = {tuple(row[k] for k in CELL): float(row["noise"]) for row in chosen.to_dict("records")}
+    noise = read_noise(chosen)
     for (robot, cycle, axis, fda), surrogate in read_chosen(chosen, quantities):
         rng = generator_for(asked.seed, "reevaluation", name, cycle, axis, fda)
         place = (str(cycle), int(axis), str(fda))
@@ -231,8 +231,7 @@ def _snr(
 
     Without that noise, a detector that hardly sees the nuisances has what SNR its surrogate's errors give.
     """
-    size = float(np.abs(surrogate.predict(np.zeros((1, len(surrogate.names))))).max())
-    if surrogate.status != "ok" or not noise > NOISE_FREE * size:
+    if surrogate.status != "ok" or not noise > NOISE_FREE * response_size(surrogate):
         return np.nan, np.full(draws, np.nan)
     setting = asked.snr["f0"], asked.snr["delta"], asked.snr["sigma"]
     drawn = draw_snr(surrogate, rng, max(draws, FEWEST), *setting, noise)

@@ -5,12 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from wearscope.evaluation.sampled_scope import (
-    sampled_passes,
-    table_nodes,
-    tabulated_points,
-    tabulated_scope,
-)
+from wearscope.evaluation.sampled_scope import Tabulated, tabulated_scope
 from wearscope.surrogates.selection import ChosenSurrogate
 
 Array = NDArray[np.float64]
@@ -58,15 +53,7 @@ def sampled_tolerance(
     """
     if surrogate.status == "constant":
         return np.zeros(len(deltas)), np.zeros((draws, len(deltas)))
-    centre = float(levels[factor])
-    nodes, faults = table_nodes(centre), f0 + np.concatenate([[0.0], deltas])
-
-    def points(at: Array) -> Array:
-        return tabulated_points(surrogate.names, factor, at, nodes, levels)
-
-    mean = surrogate.predict(points(faults)).reshape(len(faults), len(nodes))
-    value = tabulated_scope(mean, nodes, sigmas, false_alarm, centre) >= detection
-    passes = sampled_passes(
-        surrogate, mean, points, faults, nodes, sigmas, rng, draws, false_alarm, detection, centre
-    )
+    table = Tabulated(surrogate, factor, levels, deltas, f0)
+    value = tabulated_scope(table.mean, table.nodes, sigmas, false_alarm, table.centre) >= detection
+    passes = table.drawn_passes(sigmas, rng, draws, false_alarm, detection)
     return largest_passing(value.T, sigmas), largest_passing(np.swapaxes(passes, 1, 2), sigmas)

@@ -154,19 +154,16 @@ def simulate_chunk(
         work = partial(_simulate_rows, list(missing), fingerprints, paths, set_name, model, cycle, plan)
         try:
             for reason in work() if time_limit is None else run_supervised(work, time_limit):
-                _note(failed, int(missing.pop(0)["point"]), reason)
+                point = int(missing.pop(0)["point"])
+                if reason is not None:
+                    failed[point] = reason
                 if report is not None:
                     report(len(rows) - len(missing))
         except ProcessLost as error:
             point = int(missing.pop(0)["point"])
             paths[point].unlink(missing_ok=True)
-            _note(failed, point, f"the simulation {error}")
+            failed[point] = f"the simulation {error}"
     return ChunkOutcome(fingerprints, failed)
-
-
-def _note(failed: dict[int, str], point: int, reason: str | None) -> None:
-    if reason is not None:
-        failed[point] = reason
 
 
 def _simulate_rows(

@@ -53,32 +53,22 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
             raise InputError(f"factors.{name}: a delay of {low:g} ms is none; start the range at 0 or above.")
         if kind == "payload_mass_error" and low <= -100:
             raise InputError(f"factors.{name}: {low:g} % leaves no mass; start the range above -100 %.")
-        if kind == "temperature":
-            _check_temperatures(model, name, (low, high))
         number = find_number(kind)
-        if number is not None:
-            _check_number(model, name, number, (low, high), step)
-
-
-def _check_number(
-    model: RobotModel, factor: str, number: Number, levels: tuple[float, float], step: float
-) -> None:
-    for level in levels:
         try:
-            changed = set_numbers(model, [(number, level)])
-            check_effects(changed)
-            if number.path == SAMPLE_RATE:
-                check_rate(step, changed.sensors.sample_rate)
+            for level in (low, high):
+                if kind == "temperature":
+                    check_temperature(model, level)
+                if number is not None:
+                    _check_number(model, number, level, step)
         except InputError as error:
-            raise InputError(f"factors.{factor}: {error}") from None
+            raise InputError(f"factors.{name}: {error}") from None
 
 
-def _check_temperatures(model: RobotModel, factor: str, levels: tuple[float, float]) -> None:
-    for level in levels:
-        try:
-            check_temperature(model, level)
-        except InputError as error:
-            raise InputError(f"factors.{factor}: {error}") from None
+def _check_number(model: RobotModel, number: Number, level: float, step: float) -> None:
+    changed = set_numbers(model, [(number, level)])
+    check_effects(changed)
+    if number.path == SAMPLE_RATE:
+        check_rate(step, changed.sensors.sample_rate)
 
 
 def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, step: float) -> float:

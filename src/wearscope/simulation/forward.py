@@ -10,7 +10,7 @@ from wearscope.simulation.controller import find_step, make_feedforward, make_la
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace, run_motion
-from wearscope.simulation.sensors import find_stride, record
+from wearscope.simulation.sensors import record
 from wearscope.simulation.world import World, prove_world
 
 #: Longest step of a forward simulation [s].
@@ -59,11 +59,7 @@ def simulate_forward(
     reference: Reference,
     declared: RobotModel | None = None,
     temperature: Array | float = 50.0,
-    wear: Array | float = 0.0,
     controller_temperature: Array | float = 50.0,
-    friction_feedforward: bool = True,
-    sample_rate: float | None = None,
-    longest_step: float = LONGEST_STEP,
     feedforward: Array | None = None,
 ) -> Recording:
     """Simulate a model forward along a reference motion.
@@ -77,17 +73,11 @@ def simulate_forward(
     declared : RobotModel, optional
         What the controller knows: its feed-forward and its gains come from it; `model` by default. To compare
         two models under the same controller, give the same one for both.
-    temperature, wear : array (N, n), (n,) or float
-        Of the joints, [deg C] and [-]; (N, n) goes with the reference. NaN temperatures need a model without
-        effects of temperature.
+    temperature : array (N, n), (n,) or float
+        Of the joints [deg C]; (N, n) goes with the reference. NaN needs a model without effects of
+        temperature.
     controller_temperature : array (n,) or float
         That the controller assumes [deg C].
-    friction_feedforward : bool
-        Whether declared friction is fed forward.
-    sample_rate : float, optional
-        Of the recording [Hz]; that of the reference by default.
-    longest_step : float
-        The reference's step is divided until it is no longer than this [s].
     feedforward : array (N, n), optional
         Motor torque at the reference's samples to feed forward instead of what `declared` needs, e.g. a
         measured one; the motion then shows what the model lacks.
@@ -95,7 +85,7 @@ def simulate_forward(
     Returns
     -------
     Recording
-        Without noise and encoder steps.
+        At the rate of the reference, without noise and encoder steps.
 
     Raises
     ------
@@ -109,14 +99,10 @@ def simulate_forward(
         reference,
         declared,
         temperature,
-        wear,
-        controller_temperature,
-        friction_feedforward,
-        longest_step,
-        feedforward,
+        controller_temperature=controller_temperature,
+        feedforward=feedforward,
     )
-    rate = 1.0 / find_step(reference.t) if sample_rate is None else sample_rate
-    find_stride(dt, rate)
+    rate = 1.0 / find_step(reference.t)
     plant = build_plant(model)
     exact = np.zeros(model.n)
     return record(trace, dt, rate, exact, exact, plant.torque_gain, plant.torque_delay, None)
@@ -129,7 +115,6 @@ def trace_forward(
     temperature: Array | float = 50.0,
     wear: Array | float = 0.0,
     controller_temperature: Array | float = 50.0,
-    friction_feedforward: bool = True,
     longest_step: float = LONGEST_STEP,
     feedforward: Array | None = None,
     by_effect: bool = False,
@@ -137,8 +122,9 @@ def trace_forward(
 ) -> tuple[Trace, float]:
     """As `simulate_forward`, before the sensors: the run at every step, and the step [s].
 
-    With `by_effect` the trace also tells what the torque for PyBullet is made of. Without `feedback` the
-    motors give the torque fed forward and nothing else.
+    The wear (N, n), (n,) or a number goes with the reference, as the temperature does, whose step is divided
+    until it is no longer than `longest_step` [s]. With `by_effect` the trace also tells what the torque for
+    PyBullet is made of. Without `feedback` the motors give the torque fed forward and nothing else.
     """
     declared = model if declared is None else declared
     if declared.joints != model.joints:
@@ -151,9 +137,7 @@ def trace_forward(
     body, plant = model.rigid_body(model.declared_payload), build_plant(model)
     known_body, known_plant = declared.rigid_body(declared.declared_payload), build_plant(declared)
     if feedforward is None:
-        feedforward = make_feedforward(
-            declared, known_body, known_plant, fine, friction_feedforward, controller_temperature
-        )
+        feedforward = make_feedforward(declared, known_body, known_plant, fine, True, controller_temperature)
     else:
         given = np.asarray(feedforward, dtype=float)
         feedforward = np.column_stack([np.interp(fine.t, reference.t, torque) for torque in given.T])

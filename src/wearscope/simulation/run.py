@@ -49,8 +49,6 @@ class Trace:
         Motor speed.
     torque : ndarray (N, n)
         Motor torque, as joint torque.
-    link_q : ndarray (N, n)
-        Position of the links, where PyBullet was read (each `BLOCK` steps), else NaN.
     applied : ndarray (N, n)
         Joint torque that PyBullet got for the step about `t`.
     shares : dict of str to ndarray (N, n), or None
@@ -62,7 +60,6 @@ class Trace:
     q: Array
     v: Array
     torque: Array
-    link_q: Array
     applied: Array
     shares: dict[str, Array] | None = None
 
@@ -145,11 +142,9 @@ def run_motion(
     warm, worn = as_rows(temperature, n), as_rows(wear, n)
     world.load(write_plant_urdf(body), body.names, body.gravity, dt)
     world.set_state(state.q, state.v)
-    link_q = np.full((count, n), np.nan)
     rigid = ~gears.flexible
     for first in range(0, count, BLOCK):
         last = min(first + BLOCK, count)
-        link_q[first] = state.q
         failed = advance_block(
             rows, terms, law, gears, chain, bodies, ghost, state, work, motion, w, v, log, warm, worn,
             t0, dt, first, last,
@@ -168,7 +163,6 @@ def run_motion(
         q=np.vstack([log.position, end]),
         v=log.speed,
         torque=log.torque,
-        link_q=link_q,
         applied=log.applied,
         shares=_name_shares(log, plant) if by_effect else None,
     )
