@@ -10,7 +10,7 @@ from wearscope.reporting.answers import (
     tolerance_table,
     tolerances,
 )
-from wearscope.reporting.trust import audit_outcome, doubts, failed_points, surrogate_quality
+from wearscope.reporting.trust import audit_outcome, doubts, surrogate_quality
 
 
 def sensitivity(study, term, size):
@@ -147,15 +147,6 @@ def test_audit_counts_what_was_held_and_leaves_failed_out(study, change):
     assert said[-1].startswith(f"{int(verdicts['agrees'].sum())} of {len(verdicts)} scope verdicts")
     assert audit_outcome(change(audit=None))[0].startswith("Not audited")
     assert audit_outcome(change(audit_verdicts=verdicts.iloc[:0]))[-1].startswith("No scope verdict")
-
-
-def test_failed_points_are_told_with_their_reason(study, change):
-    said = failed_points(study)
-    assert said.startswith(
-        "1 test quantity failed in 1 cell and set; most in Friction fit (C), large, b, axis 2"
-    )
-    assert "division by <zero>" in said
-    assert failed_points(change(failures=study.failures.iloc[:0])) == "No detector failed at any point."
 
 
 def test_poor_fits_are_counted(study, change):

@@ -290,9 +290,8 @@ def test_failed_simulation_is_an_alarm(tmp_path):
         }  # fmt: skip
     write(tmp_path, verdict, failed=True)
     html = page(tmp_path)
-    assert html.count('<div class="alarm">') == 2
-    assert "Simulated forward, model after: 1 of 1 runs" in html
-    assert "model after: failed: the robot fell over" in html
+    assert html.count('<div class="alarm">') == 1
+    assert "Simulated forward, model after: 1 of 1 runs: failed: the robot fell over" in html
 
 
 def test_events_and_thresholds_are_on_the_page(tmp_path):

@@ -120,29 +120,28 @@ def _term_shares(study: Study, rows: pd.DataFrame, most: int = 3) -> str:
 
 def best_detector(study: Study) -> list[str]:
     """Answer to Q-2: the ranking with intervals, ties, and the cells without an SNR or with a falling y."""
-    table, away = study.ranking, study.withheld()
+    table, out = study.ranking, [*study.withheld(), *study.upper()]
     by = group_columns(table)
-    upper = table[table["rank"].isna()] if "fda" in by else table.head(0)
     if "fda" in by:
-        table = table[~table["fda"].isin([*away, *upper["fda"]])]
-    said = [f"Withheld, as direct simulation contradicts them: {study.join_detectors(away)}."] if away else []
+        table = table[~table["fda"].isin(out)]
     full = study.detector_names()
     rows = [(group_name(by, [row[name] for name in by], full), row) for _, row in table.iterrows()]
     known = [(name, row) for name, row in rows if np.isfinite(row["median"])]
     if not known:
-        return [*said, "Unknown: no group has a median SNR."]
+        return ["Unknown: no group has a median SNR."]
     few = "interval_from" in table and (table["interval_from"] == "each cell").any()
     best, row = known[0]
     medians = [
         f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}" for name, one in known
     ]
     source = "95 %, from each cell's own interval" if few else "95 % over cells"
-    sentences = [*said, f"{best} has the highest median SNR ({source}): {_shorten(medians)}."]
+    sentences = [f"{best} has the highest median SNR ({source}): {_shorten(medians)}."]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
-    if tied := str(row["tied_with"]):
+    tied = [one for one in str(row["tied_with"]).split(", ") if one and one not in out]
+    if tied:
         what = "The cells' own intervals leave" if few else "The choice of cells leaves"
-        rivals = study.join_detectors(tied.split(", "), "or") if by == ["fda"] else tied
+        rivals = study.join_detectors(tied, "or") if by == ["fda"] else ", ".join(tied)
         sentences.append(f"{what} open whether it beats {rivals}.")
     elif len(known) > 1 and few:
         sentences.append("Its interval lies above all others, at 95 %; other cells were not asked.")
@@ -150,11 +149,6 @@ def best_detector(study: Study) -> list[str]:
         sentences.append("It is first in 95 % of random choices of the cells.")
     sentences += [
         f"{name}: unknown, no cell has an SNR." for name, one in rows if not np.isfinite(one["median"])
-    ]
-    sentences += [
-        f"{study.detector_name(str(one['fda']))} has {format_number(float(one['median']))}, an upper bound: "
-        "it is told the simulator's own law."
-        for _, one in upper.iterrows()
     ]
     counts = study.snr["status"].value_counts()
     cells = {status: f"In {count_text(int(n), 'cell')}" for status, n in counts.items()}
@@ -214,8 +208,7 @@ def tolerance_table(study: Study) -> pd.DataFrame:
 
 def effective_scope(study: Study) -> list[str]:
     """Answer to Q-3: on what share of the grid, by factor that varies, then how much the best tolerates."""
-    away, sizes = study.withheld(), []
-    sentences = [f"Withheld: {study.join_detectors(away)}."] if away else []
+    sentences, sizes = [], []
     p_f, p_d = study.config["scope"]["p_f"], study.config["scope"]["p_d"]
     for factor in study.config["scope"]["factors"]:
         found = tolerances(study, factor)
@@ -236,7 +229,7 @@ def effective_scope(study: Study) -> list[str]:
             f"alarms on these shares of the grid, {listed}."
         )
         sizes.append(_largest_change(study, factor, ranked[0], found))
-    return [*sentences, *sizes]
+    return [*sentences, *sizes] or ["No answer on it stands."]
 
 
 def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance]) -> str:

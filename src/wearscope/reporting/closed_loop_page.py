@@ -77,14 +77,8 @@ def render_closed_loop(loop: ClosedLoop) -> str:
 
 def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
     """Errors on the test runs."""
-    records, relative = [], []
+    relative = []
     for joint, one in loop.verdict["joints"].items():
-        record = {"joint": joint, "unit": one["unit"], "as declared": number(one.get("rms_as_declared"))}
-        for stage in STAGES:
-            value = number(one.get(f"rms_{stage}"))
-            record[f"{stage} (95 %)"] = bounded(value, one.get(f"rms_{stage}_ci95"))
-        floor = number(one.get("noise_floor"))
-        records.append(record | ({"noise floor": floor} if floor == floor else {}))
         for run, values in one.get("relative_error_percent", {}).items():
             before, after = map(number, values)
             same = not np.isfinite([before, after]).all() or abs(after - before) < 1e-9 * max(before, 1.0)
@@ -95,7 +89,7 @@ def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
     note = "RMS of the residual over RMS of the torque, in the rows that count."
     rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
     return render_part(
-        parts=[embed_chart(chart_errors(loop, drawn)), render_table(records, filter_by=JOINT)],
+        parts=[embed_chart(chart_errors(loop, drawn))],
         folded=[("Relative error of every test run", len(relative) <= MOST_SHOWN, rest)],
     )
 
@@ -125,8 +119,6 @@ def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
     table = loop.forward
     if table is None:
         return Markup("")
-    failed = table[(table["run"] != "all") & (table["outcome"] != "ok")]
-    told = failed[["run", "stage", "outcome"]].drop_duplicates().itertuples(index=False)
     rows = table[table["run"] == "all"].set_index(["joint", "stage"])
     records = []
     for joint in loop.joints:
@@ -146,7 +138,6 @@ def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
     note = "RMS error against the measurement on the test runs (95 %)."
     chart = embed_chart(chart_forward(loop.foremost())) if drawn else ""
     return render_part(
-        told=[("alarm", f"{run}, model {stage}: {outcome}") for run, stage, outcome in told],
         notes=[text],
         parts=[render_table(records, note, filter_by=JOINT), chart],
     )

@@ -18,10 +18,8 @@ from wearscope.reporting.page import (
 from wearscope.reporting.page_strip import Strip
 from wearscope.reporting.reevaluation import (
     count_truth,
-    tell_best,
     tell_headline,
     tell_withheld,
-    truth_sentences,
 )
 
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not certain": "neutral"}
@@ -94,13 +92,13 @@ def draw_change(one: Reevaluation) -> Markup:
 
 
 def _summarise(one: Reevaluation) -> Markup:
-    """Which answers change, and what is nearer to the truth."""
+    """What is withheld or assumed, and every SNR."""
     assumed = (
         f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
         "the joint's own friction."
     )
-    sentences = render_part(listed=[tell_best(one), *tell_withheld(one), *truth_sentences(one)])
-    return sentences + render_part(notes=[assumed] if one.assumed else [], parts=[draw_change(one)])
+    notes = [assumed] if one.assumed else []
+    return render_part(notes=notes, parts=[draw_change(one)], listed=tell_withheld(one))
 
 
 def _values(row: object, sides: list[str], name: str = "{}") -> dict[str, str]:

@@ -21,7 +21,7 @@ POOR_FIT = 50.0
 def tell_trust(study: Study) -> list[str]:
     """All that says how far the answers can be trusted, what matters most first."""
     asked = [*audit_outcome(study), *direct_outcome(study), *mismatch_outcome(study)]
-    lost = [*failed_simulations(study), failed_points(study), *ask_moved(study)]
+    lost = [*failed_simulations(study), *ask_moved(study)]
     return [surrogate_quality(study), *asked, *lost]
 
 
@@ -231,21 +231,6 @@ def count_failed(study: Study) -> list[str]:
     """How many points failed, in short; [] where none did."""
     total = count_text(int(study.failures["failed"].sum()), "test quantity", "test quantities")
     return [] if study.failures.empty else [f"{total} failed: left out, never counted as zero."]
-
-
-def failed_points(study: Study) -> str:
-    """How many points failed for a detector, and where most."""
-    if study.failures.empty:
-        return "No detector failed at any point."
-    worst = study.failures.sort_values("failed", ascending=False, kind="stable").iloc[0]
-    total = int(study.failures["failed"].sum())
-    where = f"{study.detector_name(worst['fda'])}, {_tell_cell(worst)}, {worst['set']}"
-    return (
-        f"{count_text(total, 'test quantity', 'test quantities')} failed in "
-        f"{count_text(len(study.failures), 'cell and set', 'cells and sets')}; most in {where}: "
-        f"{worst['failed']} of {worst['points']} "
-        f"({worst['first_reason']}). Failed points are left out, never counted as zero."
-    )
 
 
 def surrogate_quality(study: Study) -> str:
