@@ -78,7 +78,7 @@ MECHANISMS: dict[str, list[Place]] = {
     "is_refined": [(revision, "is_refined", _give(False))],
     "absorb": [(revision, "absorb", _keep(2))],
     "find_better": [(revision, "find_better", _give(None))],
-    "offsets first": [(revision, "_stands_for_weight", _give(False))],
+    "offsets first": [(revision, "_represents_weight", _give(False))],
     "unbelievable": [(answer, "find_unbelievable", _give({}))],
     "dependence": [(answer, "find_dependence", _give({}))],
     "relieves": [(rule, "relieves", _give(False))],

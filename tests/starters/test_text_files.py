@@ -104,6 +104,9 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
         (["qfrc_actuator_0", "qfrc_actuator_1"], "torque", "qfrc_actuator_0"),
         (["Axis1.PosDiff", "Axis2.PosDiff", "Axis1.ActVelo", "Axis2.ActVelo"], "velocity", "Axis1.ActVelo"),
         (["FB PULSE AXIS1", "FB PULSE AXIS2"], "position", "FB PULSE AXIS1"),
+        (["computed_torque_1", "computed_torque_2", "motor_torque_1", "motor_torque_2"], "torque",
+         "motor_torque_1"),
+        (["motor_iq_1", "motor_iq_2"], "current", "motor_iq_1"),
     ],
 )  # fmt: skip
 def test_names_as_makers_write_them(columns, kind, first):

@@ -21,7 +21,7 @@ _WORDS = {
     "acceleration": "qdd ddq acc accel acceleration accelerations",
     "torque": "tau torque torques trq effort efforts eff moment moments mom drehmoment couple force forces "
     "qfrc kraft",
-    "current": "i current currents curr cur amp amps ampere strom courant",
+    "current": "i iq current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
 #: Words of a servo's own columns, which are of no other kind.
@@ -34,7 +34,8 @@ _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
 _ACTUAL = set("actual act measured meas msr fbk feedback real ist ai".split())
 _TARGET = set(
-    "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne".split()
+    "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne "
+    "computed calculated predicted".split()
 )
 _OTHER = set(
     "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
