@@ -27,8 +27,9 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.machines import MACHINES
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.intake import make_folder
-from wearscope.closed_loop.diagnosis import diagnose, pose_problem
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
+from wearscope.closed_loop.posing import pose_problem
 from wearscope.closed_loop.selection.offers import list_candidates
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search

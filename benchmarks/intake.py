@@ -101,10 +101,10 @@ def main():
         maker.start()
         maker.join()
 
-    from wearscope.closed_loop.diagnosis import find_prismatic
     from wearscope.closed_loop.intake.dataset import read_dataset
     from wearscope.closed_loop.intake.plausibility import check_plausibility
     from wearscope.closed_loop.intake.preprocessing import prepare
+    from wearscope.closed_loop.posing import find_prismatic
 
     print(f"{'with the packages':30}{'':10}{peak():8.0f} MiB")
     begun = time.process_time()

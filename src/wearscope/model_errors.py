@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.diagnostics.forward import (
     make_reference,
     mean_temperature,
@@ -21,6 +20,7 @@ from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.model.prediction import relative_error, rms
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from scipy import signal
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import differentiate
 from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Signals, TransmissionEffect, load_effect
 from wearscope.robots.dynamics import Payload, RigidBody

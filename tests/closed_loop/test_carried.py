@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.sources import is_carried
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.effects.base import load_effect
 
 LOAD, NOTHING = PayloadFields(mass=2.0, com=[0.0, 0.0, 0.1]), PayloadFields(mass=0.0, com=[0.0, 0.0, 0.0])

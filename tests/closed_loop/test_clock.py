@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.clock import check_clock, mark_losses, resample, split_at_gaps
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
 RATE = 100.0

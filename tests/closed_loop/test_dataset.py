@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 

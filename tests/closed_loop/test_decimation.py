@@ -6,11 +6,11 @@ import pytest
 import yaml
 from scipy import interpolate
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake import filtering
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import choose_factor, decimate
 from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.posing import find_prismatic
 
 RATE = 1000.0
 

@@ -1,14 +1,15 @@
-"""A declared delay is a shift of the torque channel, in fractions of a sample, whatever its size."""
+"""A delay is a shift of the torque channel, in fractions of a sample, of any size, declared or not."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from wearscope.closed_loop.diagnosis import pose_problem
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.prediction import refit
+from wearscope.closed_loop.model.prediction import predict_reduced, refit
+from wearscope.closed_loop.posing import pose_problem
 from wearscope.effects.base import Signals, load_effect
 
 DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "time_delay")
@@ -58,3 +59,33 @@ def test_a_delay_moves_the_channel_of_the_effect_itself():
     change = load_effect("time_delay").torque(signals, 0, {"delay": 0.5})
     inside = (t > 0.6) & (t < 3.4)
     np.testing.assert_allclose((torque[:, 0] + change)[inside], -torque[inside, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("delays", [{"a": 0.0224}, {"a": -0.0231, "b": 0.0219}])
+def test_undeclared_delays_leave_what_is_left_without_them(record, delays):
+    folder = record(seed=11)
+    plain = diagnose(folder).verdict
+    delay_channels(folder, delays)
+    problem = pose_problem(folder)
+    late = diagnose(folder)
+    named = {entry["joint"]: entry for entry in late.verdict["verdict"]}
+    assert {(joint, entry["effect"]) for joint, entry in named.items()} == {(j, "time_delay") for j in delays}
+    for joint, delay in delays.items():
+        low, high = named[joint]["parameters"]["delay"]["ci95"]
+        assert low <= delay <= high < low + 4e-3
+        assert named[joint]["status"] == "confirmed" and named[joint]["in_model"]
+        now, then = (verdict["joints"][joint] for verdict in (late.verdict, plain))
+        assert now["rms_after"] < 1.1 * then["rms_after"]
+        # The error before is that of the recordings as they are.
+        left = fit_declared_model(
+            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+        )
+        (test,) = problem.prepared.runs_for("test")
+        j = problem.prepared.dataset.joints.index(joint)
+        own = (test.measured - predict_reduced(left, left.solve(), test))[test.keep[:, j], j]
+        assert now["rms_before"] == pytest.approx(np.sqrt(np.mean(own**2)), rel=0.1)
+        share = 1.0 - (now["rms_after"] / now["rms_before"]) ** 2
+        assert named[joint]["error_reduction"] == pytest.approx(share, abs=0.02)
+    (entry,) = [e for e in late.models["before"].effects if e.effect == "time_delay"][:1]
+    assert entry.parameters["delay"] == pytest.approx(0.0, abs=1e-6)
+    assert not entry.intervals

@@ -8,13 +8,14 @@ import pytest
 from click.testing import CliRunner
 
 from wearscope.cli.main import wearscope
-from wearscope.closed_loop.diagnosis import diagnose, explains_as_well, find_prismatic
+from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import find_events, leave_out, suggest_thresholds, take_out_common
 from wearscope.closed_loop.model.prediction import predict_runs
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.detection.bridging import bridge_events
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
 from wearscope.closed_loop.diagnostics.isolability import measure_isolability
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.closed_loop.selection.detection_limits import find_limits
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem

@@ -12,10 +12,10 @@ import yaml
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import ask_runs, check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
 PLANS = (

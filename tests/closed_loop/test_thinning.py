@@ -8,10 +8,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from wearscope.closed_loop.diagnosis import diagnose, find_prismatic
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.thinning import Budget, choose_stretches, prepare_thinned, thin_dataset
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.differentiation import differentiate
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf

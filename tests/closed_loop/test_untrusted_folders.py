@@ -11,10 +11,10 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.dataset_fields import folder_name
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
 URDF = (

@@ -195,13 +195,15 @@ def test_what_other_joints_know_of_a_term_holds_about_its_fit(quiet):
 
 
 def test_the_level_of_a_drift_in_a_single_run_is_no_offset(record, search_of):
-    """Over a run as long as its memory a drift has a level on which all parts agree; nor what is like one."""
-
-    def wander(t, q, v, a, rng):
-        drift = signal.lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / t[-1])], rng.standard_normal(len(t)))
-        return np.column_stack([7.0 + 2.0 * (drift - drift.mean()) / drift.std(), 0.0 * t])
+    """Over a run as long as its memory a drift has a level on which all parts agree; other runs differ."""
 
     for seed in range(3):
+        levels = iter((7.0, 3.0))
+
+        def wander(t, q, v, a, rng, levels=levels):
+            drift = signal.lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / t[-1])], rng.standard_normal(len(t)))
+            return np.column_stack([next(levels) + 2.0 * (drift - drift.mean()) / drift.std(), 0.0 * t])
+
         folder = record(seed=seed, runs=2, duration=10.0, extra_torque=wander)
         search = search_of(folder)
         if not seed:
@@ -218,6 +220,17 @@ def test_the_level_of_a_drift_in_a_single_run_is_no_offset(record, search_of):
         assert take_levels(search, [])
         assert list(search.problem.levels) == [0]
         assert not take_levels(search, [])
+
+
+def test_a_level_that_the_test_run_has_too_is_an_offset(record):
+    def wander(t, q, v, a, rng):
+        drift = signal.lfilter([1.0], [1.0, -np.exp(-(t[1] - t[0]) / t[-1])], rng.standard_normal(len(t)))
+        return np.column_stack([7.0 + 2.0 * (drift - drift.mean()) / drift.std(), 0.0 * t])
+
+    verdict = diagnose(record(seed=0, runs=2, duration=10.0, extra_torque=wander)).verdict
+    (offset,) = verdict["verdict"]
+    assert (offset["joint"], offset["effect"], offset["status"]) == ("a", "torque_offset", "confirmed")
+    assert offset["in_model"] and offset["parameters"]["offset"]["value"] == pytest.approx(7.0, abs=1.0)
 
 
 def test_a_level_that_several_recordings_would_tell_is_no_part_of_a_model(quiet):

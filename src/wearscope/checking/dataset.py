@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from wearscope.checking.findings import Findings
-from wearscope.closed_loop.diagnosis import find_prismatic, load_named_effects
 from wearscope.closed_loop.intake.data_folder import check_file, find_inside
 from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import (
@@ -19,6 +18,7 @@ from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.table_files import read_columns, take_joints
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
+from wearscope.closed_loop.posing import find_prismatic, load_named_effects
 from wearscope.errors import InputError
 
 

@@ -16,34 +16,33 @@ from wearscope.closed_loop.diagnostics.loads import tell_loads
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
-from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
+from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.thinning import Budget
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.model.correction import write_models
 from wearscope.closed_loop.model.declared import fit_declared, fit_declared_model
-from wearscope.closed_loop.model.delays import find_delays, move_torque
+from wearscope.closed_loop.model.delays import move_by_delays, undo_shifts
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_common, take_out_state
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
+from wearscope.closed_loop.posing import pose_problem
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
 from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits
 from wearscope.closed_loop.selection.evidence import Found
-from wearscope.closed_loop.selection.levels import take_out_levels
+from wearscope.closed_loop.selection.levels import name_levels, take_out_levels
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.status import mark_terms
+from wearscope.closed_loop.selection.status import mark_delays, mark_terms
 from wearscope.closed_loop.verdict import make_verdict
-from wearscope.effects.base import Effect, load_effect
-from wearscope.errors import InputError
-from wearscope.robots.urdf_file import parse_urdf
 
 RESIDUAL_UNITS = {"t": "s"}
+#: Delay, in periods of the cut-off, from which a torque is far from linear in it.
+_FAR = 0.1
 #: Quantile of a normal distribution that 5 % exceed.
 _ONE_SIDED = 1.645
 
@@ -93,21 +92,6 @@ class Diagnosis(Outcome):
         return verdict
 
 
-def find_prismatic(urdf: Path, joints: list[str]) -> list[bool]:
-    """Whether each named joint of a URDF is prismatic.
-
-    Raises
-    ------
-    InputError
-        Where the URDF has no such joint.
-    """
-    kinds = {joint.name: joint.kind for joint in parse_urdf(urdf).joints}
-    for name in joints:
-        if name not in kinds:
-            raise InputError(f"{urdf}: there is no joint '{name}'; robot.joints may name {', '.join(kinds)}.")
-    return [kinds[name] == "prismatic" for name in joints]
-
-
 @keep_to_one_thread
 def diagnose(
     dataset: str | Path | Dataset,
@@ -146,18 +130,40 @@ def diagnose(
     problem = pose_problem(dataset, progress, effects, allow_code, budget)
     search = Search(problem, policy or Policy(), progress)
     found = conclude(search, find_terms(search))
+    late = list_delays(found)
+    if late:
+        names = ", ".join(found.prepared.dataset.joints[a.term.joint] for a in late)
+        progress(f"{names}: the torque channels are moved by their delays, and the search starts again")
+        terms = [a.term for a in late]
+        rest = [term for term in found.after.entries if not term.is_measurement_error]
+        moved = move_by_delays(refit(found.after, rest), [term.joint for term in terms], budget)
+        problem = Problem(moved, problem.declared, problem.own, terms)
+        search.start_over(problem)
+        found = conclude(search, find_terms(search), late)
     events = list_events(found)
     if events:
         progress(f"{len(events)} short events are left: the search starts again without their rows")
         prepared = problem.prepared
         calm = leave_out(prepared.runs, events, prepared.dataset.joints)
-        search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own))
-        again = conclude(search, find_terms(search))
+        search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late))
+        again = conclude(search, find_terms(search), late)
         if not explains_as_well(found, again):
             return found
         # What a model with the events' rows hid, one without them may show.
         found = replace(again, events=events + list_events(again))
     return found
+
+
+def list_delays(diagnosis: Diagnosis) -> list[Attribution]:
+    """Delays of a corrected model in which the torque that is compared is far from linear."""
+    after = diagnosis.after
+    theta, far = after.solve(), _FAR / diagnosis.prepared.band.torque
+    late = {
+        id(term)
+        for term, span in zip(after.entries, after.spans, strict=True)
+        if is_lag(term.effect) and abs(theta[span][0]) > far
+    }
+    return [a for a in diagnosis.attributions if id(a.term) in late]
 
 
 def explains_as_well(first: Diagnosis, again: Diagnosis) -> bool:
@@ -188,52 +194,38 @@ def list_events(diagnosis: Diagnosis) -> list[Event]:
     return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed, change)
 
 
-def pose_problem(
-    dataset: str | Path | Dataset,
-    progress: Callable[[str], None] = lambda _: None,
-    effects: Sequence[str | Path] = (),
-    allow_code: bool = False,
-    budget: Budget | None = None,
-) -> Problem:
-    """What `diagnose` tests on a data set, whatever the rule's numbers: the same arguments."""
-    if not isinstance(dataset, Dataset):
-        path = Path(dataset)
-        dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
-    declared, own = load_named_effects(dataset, effects, allow_code)
-    prepared = prepare_thinned(dataset, budget)
-    check_plausibility(prepared)
-    problem = Problem(prepared, declared, own)
-    late = [term for term in problem.declared_terms if is_lag(term.effect)]
-    if late:
-        terms = [term for term in problem.declared_terms if not term.is_measurement_error]
-        model = fit_declared_model(prepared, terms, problem.inertial, problem.layout.blocks)
-        named = np.isin(np.arange(prepared.n), [term.joint for term in late])
-        moved = move_torque(dataset, np.where(named, find_delays(model), 0.0))
-        prepared = prepare_thinned(moved, budget)
-        problem = Problem(prepared, declared, own)
-    progress("; ".join(prepared.notes))
-    return problem
+def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -> Diagnosis:
+    """Fit the model with the terms found, and mark them by what the rests and the test runs say.
 
-
-def conclude(search: Search, answer: Answer) -> Diagnosis:
-    """Fit the model with the terms found, and mark them by what the rests and the test runs say."""
-    problem, found = search.problem, answer.found
+    Parameters
+    ----------
+    search : Search
+    answer : Answer
+    late : sequence of Attribution
+        Delays that were found before, by which the problem's channels are moved.
+    """
+    levels = name_levels(search, answer.found)
+    problem, found = search.problem, [*answer.found, *levels]
     prepared = problem.prepared
     levelled = take_out_levels(search, found)
     declared = fit_declared_model(levelled, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
     proposed, determined = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
-    equivalent = [names for names, f in zip(answer.equivalent, found, strict=True) if f in determined]
+    others = [*answer.equivalent, *([] for _ in levels)]
+    equivalent = [names for names, f in zip(others, found, strict=True) if f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
     marked = mark_terms(prepared, proposed, terms)
-    before, impossible = keep_possible(declared, len(declared.entries))
-    after, stays, beyond, helped = withdraw_worse(declared, before, search.sigma, terms, marked)
+    aligned, impossible = keep_possible(declared, len(declared.entries))
+    before = undo_shifts(aligned, problem.late)
+    after, stays, beyond, helped = withdraw_worse(declared, aligned, search.sigma, terms, marked)
     named = [
         Attribution(term, f.evidence, names, mark, kept)
         for term, f, names, mark, kept in zip(terms, determined, equivalent, marked, stays, strict=True)
     ]
+    delays = mark_delays(proposed, problem.late)
+    named = [*(replace(a, marked=mark) for a, mark in zip(late, delays, strict=True)), *named]
     here = [a.term for a in named if a.kept]
     gone = [(a.term, a.evidence.share) for a in named if not a.kept]
     states = judge_joints(prepared, after, here, answer.left, answer.dependence, search.policy, gone)
@@ -332,19 +324,3 @@ def drop_undetermined(
             return after, found
         del found[max(doubtful)[1]]
     return before, []
-
-
-def load_named_effects(
-    dataset: Dataset, effects: Sequence[str | Path], allow_code: bool
-) -> tuple[list[Effect], list[Effect]]:
-    """Declared effects and own candidates; files that the data set names only where that is allowed."""
-
-    def load(name: str) -> Effect:
-        if name.endswith(".py"):
-            return load_effect(str(dataset.folder / name), allow_code=allow_code)
-        return load_effect(name)
-
-    declared = [load(name) for name in dataset.fields.declared_effects]
-    own = [load_effect(str(path), allow_code=True) for path in effects]
-    own += [load(name) for name in dataset.fields.effects]
-    return declared, own

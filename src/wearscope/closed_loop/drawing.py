@@ -45,7 +45,9 @@ def _fit(diagnosis: Diagnosis, stage: str, chosen: list[ModelTerm]) -> Regressio
         return diagnosis.before
     if chosen == [one.term for one in diagnosis.attributions if one.kept]:
         return diagnosis.after
-    return refit(diagnosis.after, [*diagnosis.before.entries, *chosen])
+    found = {id(term) for term in diagnosis.problem.late}
+    declared = [entry for entry in diagnosis.before.entries if id(entry) not in found]
+    return refit(diagnosis.after, [*declared, *chosen])
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[list[ModelTerm]]:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.detection.bridging import bridge_events
 from wearscope.detection.panel import Cell, fit_panel, read_units

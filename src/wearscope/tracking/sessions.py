@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from wearscope.closed_loop.diagnosis import find_prismatic
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields, RunFields
+from wearscope.closed_loop.posing import find_prismatic
 from wearscope.tracking.session_names import Sessions
 
 

@@ -48,7 +48,7 @@ def check_plausibility(prepared: Prepared) -> None:
     InputError
         Naming the runs, the columns and what they look like.
     """
-    asked = ask_runs(prepared)
+    asked, first = ask_runs(prepared), len(prepared.notes)
     left = np.array([asked.pick(asked.run == run).products.fit().left for run in range(len(prepared.runs))])
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
@@ -59,6 +59,7 @@ def check_plausibility(prepared: Prepared) -> None:
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
+    prepared.checked = prepared.notes[first:]
 
 
 def ask_runs(prepared: Prepared) -> Rows:

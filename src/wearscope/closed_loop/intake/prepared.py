@@ -97,6 +97,8 @@ class Prepared:
         Joints in whose torque there is no friction to be seen.
     torque_factors : dict of str to float
         By joint, torque over what the stated bodies need, where one clearly fits better than 1.
+    checked : list of str
+        Those of the notes that came of `check_plausibility`.
     levelled : tuple of int
         Joints whose torque is compared about its mean in each run, since its level is a drift's, perhaps.
     """
@@ -111,6 +113,7 @@ class Prepared:
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     link_side: frozenset[str] = frozenset()
     torque_factors: dict[str, float] = field(default_factory=dict)
+    checked: list[str] = field(default_factory=list)
     levelled: tuple[int, ...] = ()
 
     @property

@@ -6,7 +6,7 @@ a joint are projected out at every delay of a grid, and the best one is refined 
 and Pereyra 1973). What is left to find of it is then a small part of a sample, about which it is linear.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +16,10 @@ from scipy import interpolate, optimize
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
+from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
 
 #: Longest delay that is searched [s], and of the shortest run; steps of the grid a period of the cut-off.
 _LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
@@ -82,6 +85,24 @@ def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
     return replace(dataset, runs=runs, notes=notes, delays=tuple(delays.tolist()))
 
 
+def move_by_delays(model: Regression, joints: Sequence[int], budget: Budget | None = None) -> Prepared:
+    """The data set prepared again, the torque channels of some joints moved by their delays.
+
+    Parameters
+    ----------
+    model : Regression
+        The data set's model without delays.
+    joints : sequence of int
+    budget : Budget, optional
+        How much of the runs is used.
+    """
+    prepared = model.prepared
+    delays = np.where(np.isin(np.arange(prepared.n), joints), find_delays(model), 0.0)
+    moved = prepare_thinned(move_torque(prepared.dataset, delays), budget)
+    kept = {name: getattr(prepared, name) for name in ("link_side", "torque_factors", "checked")}
+    return replace(moved, notes=[*moved.notes, *prepared.checked], **kept)
+
+
 def _load_moved(load: Callable[[], Run], delays: np.ndarray) -> Run:
     run = load()
     tau = np.column_stack(
@@ -93,6 +114,16 @@ def _load_moved(load: Callable[[], Run], delays: np.ndarray) -> Run:
     inside = (run.t + delays.min() >= run.t[0]) & (run.t + delays.max() <= run.t[-1])
     at = np.flatnonzero(inside)
     return replace(run, tau=tau).cut(int(at[0]), int(at[-1]) + 1)
+
+
+def undo_shifts(model: Regression, terms: Sequence[ModelTerm]) -> Regression:
+    """A model of moved channels as it is without the delays of some terms: these are held at zero in all."""
+    known = {
+        k: np.array([-find_shift(model.prepared, term.joint)])
+        for k, term in enumerate(model.entries)
+        if any(term is one for one in terms)
+    }
+    return refit(model, model.entries, known) if known else model
 
 
 def find_shift(prepared: Prepared, joint: int) -> float:

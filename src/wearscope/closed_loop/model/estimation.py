@@ -207,7 +207,9 @@ def estimate(model: Regression) -> list[Estimate]:
             name = entry.effect.coefficients[k].name
             shift = find_shift(model.prepared, entry.joint) if name == "delay" else 0.0
             values[name] = float(theta[index]) + shift
-            # Where no row informs there is nothing to have an interval.
+            # A delay that is held is not estimated, and where no row informs there is nothing to estimate.
+            if i in model.held and entry.is_measurement_error:
+                continue
             if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
                 continue
             intervals[name] = (values[name] - float(width[index]), values[name] + float(width[index]))

@@ -1,5 +1,6 @@
 """What a model predicts along every run, and its errors there, with intervals and the noise floor."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,24 +109,28 @@ def find_signals(model: Regression, theta: np.ndarray, run: PreparedRun) -> Sign
     return replace(signals, torque=motor, lag=find_lags(model, theta))
 
 
-def refit(base: Regression, entries: list[ModelTerm]) -> Regression:
+def refit(
+    base: Regression, entries: list[ModelTerm], known: Mapping[int, np.ndarray] | None = None
+) -> Regression:
     """Regression like `base` with other terms.
 
     Errors of the measurement multiply the motor torque, and gears bend under a torque, that the other
-    parameters give: the fit is repeated until both agree.
+    parameters give: the fit is repeated until both agree. Coefficients that are `known`, by the index of
+    their term, are not fitted.
     """
+    known = dict(known or {})
 
     def fit(signals: list[Signals] | None, held: dict[int, np.ndarray]) -> Regression:
         return Regression(
             base.prepared, entries, base.sigma, base.inertial, base.blocks, held=held, signals=signals
         )
 
-    model = fit(None, {})
+    model = fit(None, known)
     if any(term.is_measurement_error or term.is_deflection for term in entries):
         for _ in range(_PASSES):
             signals = find_operating_point(model)
-            model = fit(signals, {})
-            held = estimate_by_instruments(model)
+            model = fit(signals, known)
+            held = estimate_by_instruments(model) | known
             if held:
                 model = fit(signals, held)
     return model

@@ -10,7 +10,7 @@ from wearscope.closed_loop.selection.laws import suit_laws
 from wearscope.closed_loop.selection.levels import take_levels
 from wearscope.closed_loop.selection.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.selection.naming import name_terms
-from wearscope.closed_loop.selection.revision import find_least, revise
+from wearscope.closed_loop.selection.revision import find_least
 from wearscope.closed_loop.selection.search import Search
 from wearscope.closed_loop.selection.single_joints import prefer_single_joints
 from wearscope.closed_loop.selection.stepwise import extend, find_standard, settle
@@ -43,7 +43,7 @@ def find_terms(search: Search) -> Answer:
     terms = GenericTerms(search.problem.prepared, search.problem.joined)
     found = find_named(search)
     if take_levels(search, found):
-        found = revise(search, found)
+        found = find_named(search)
     found, left, depends = explain_rest(search, terms, found)
     found, equivalent = name_terms(search, found)
     found = search.settle_reversals(found)

@@ -48,15 +48,23 @@ class Problem:
     declared : sequence of Effect
     own : sequence of Effect
         The user's own, candidates in addition to the vocabulary.
+    late : sequence of ModelTerm
+        Delays that were found, by which channels are moved: what is left of each is fitted as if declared.
     """
 
-    def __init__(self, prepared: Prepared, declared: Sequence[Effect], own: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self,
+        prepared: Prepared,
+        declared: Sequence[Effect],
+        own: Sequence[Effect] = (),
+        late: Sequence[ModelTerm] = (),
+    ) -> None:
         train = prepared.runs_for("train")
         self.layout = Layout.of(prepared)
         self.known = np.concatenate([run.reduce(run.known) for run in train])
         self.target = np.concatenate([run.measured for run in train]) - self.known
         fields = prepared.dataset.fields
-        self.declared, self.own = list(declared), list(own)
+        self.declared, self.own, self.late = list(declared), list(own), list(late)
         self.inertial = fields.robot.inertials == "approximate"
         stated = {name for name, value in fields.robot if value is not None}
         self.given = given_effects(self.declared, stated)
@@ -114,7 +122,8 @@ class Problem:
         self.prepared = prepared
         self.train = prepared.runs_for("train")
         self.joined = join_signals(run.signals for run in self.train)
-        self.declared_terms = declared_terms(prepared, self.declared, self.given, self.joined)
+        stated = declared_terms(prepared, self.declared, self.given, self.joined)
+        self.declared_terms = [*stated, *self.late]
 
     def forget(self) -> None:
         """Let go of candidates, which are made again when they are asked for."""

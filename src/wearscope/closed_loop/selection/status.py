@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.model.delays import undo_shifts
 from wearscope.closed_loop.model.joint_flexibility import find_jump_shares
 from wearscope.closed_loop.model.prediction import find_signals, predict_reduced
 from wearscope.closed_loop.model.regression import Regression
@@ -46,33 +47,65 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
 
     Where gears bend or the record errs, all is linear about what the whole model says of both.
     """
-    rows = max(4, int(4 * prepared.band.torque))
     theta = after.solve()
     shares = find_jump_shares(after, theta)
     runs = [_take_test_run(after, theta, shares, run) for run in prepared.runs_for("test")]
-    whole = np.concatenate([_sum_squares(run.left, run.keep, rows) for run in runs])
-    scale = np.maximum(np.mean(whole, axis=0), 1e-300)
-    pick = np.random.default_rng(np.random.SeedSequence([_SEED, len(whole)])).integers(
-        0, len(whole), (_DRAWS, len(whole))
-    )
+    compare = _Comparison(prepared, [(run.left, run.keep) for run in runs])
     marked = []
     for term in terms:
         index = next(k for k, entry in enumerate(after.entries) if entry is term)
         change = after.solve_without(index) - theta
-        without = np.concatenate(
-            [_sum_squares(run.left - run.columns @ change, run.keep, rows) for run in runs]
-        )
+        marked.append(compare.mark(term, [run.left - run.columns @ change for run in runs]))
+    return marked
+
+
+def mark_delays(after: Regression, delays: Sequence[ModelTerm]) -> list[Marked]:
+    """The same of delays by which channels were moved: a shift is far from linear."""
+    runs = after.prepared.runs_for("test")
+
+    def leave(model: Regression) -> list[np.ndarray]:
+        theta = model.solve()
+        return [run.measured - predict_reduced(model, theta, run) for run in runs]
+
+    compare = _Comparison(
+        after.prepared, [(left, run.keep) for left, run in zip(leave(after), runs, strict=True)]
+    )
+    return [compare.mark(term, leave(undo_shifts(after, [term]))) for term in delays]
+
+
+class _Comparison:
+    """Other residuals of the test runs against those (M, n) of a model, with the rows that count."""
+
+    def __init__(self, prepared: Prepared, left: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        self.rows = max(4, int(4 * prepared.band.torque))
+        self.keep = [keep for _, keep in left]
+        self.whole = self._sum_squares([x for x, _ in left])
+        self.scale = np.maximum(np.mean(self.whole, axis=0), 1e-300)
+        count = len(self.whole)
+        seed = np.random.SeedSequence([_SEED, count])
+        self.pick = np.random.default_rng(seed).integers(0, count, (_DRAWS, count))
+
+    def mark(self, term: ModelTerm, without: Sequence[np.ndarray]) -> Marked:
+        """What is said of a term, without which the model leaves other residuals."""
         joints = slice(None) if term.effect.spread else slice(term.joint, term.joint + 1)
-        own = (without[:, joints] / scale[joints]).sum(axis=1)
-        best = (whole[:, joints] / scale[joints]).sum(axis=1)
+        own, best = (
+            (squares[:, joints] / self.scale[joints]).sum(axis=1)
+            for squares in (self._sum_squares(without), self.whole)
+        )
         if not best.any():
-            marked.append(Marked("not_confirmed", np.nan, (np.nan, np.nan)))
-            continue
-        drawn = 1.0 - best[pick].sum(axis=1) / np.maximum(own[pick].sum(axis=1), 1e-300)
+            return Marked("not_confirmed", np.nan, (np.nan, np.nan))
+        drawn = 1.0 - best[self.pick].sum(axis=1) / np.maximum(own[self.pick].sum(axis=1), 1e-300)
         low, high = np.quantile(drawn, [0.025, 0.975])
         status: Status = "confirmed" if low > 0.0 else "refuted" if high < -2.0 * SAME else "not_confirmed"
-        marked.append(Marked(status, 1.0 - float(best.sum() / max(own.sum(), 1e-300)), (low, high)))
-    return marked
+        return Marked(status, 1.0 - float(best.sum() / max(own.sum(), 1e-300)), (low, high))
+
+    def _sum_squares(self, left: Sequence[np.ndarray]) -> np.ndarray:
+        """Squared residuals summed over blocks of rows of each run, (blocks, n)."""
+        sums = []
+        for x, keep in zip(left, self.keep, strict=True):
+            squares = x**2 * keep
+            sums.append(np.add.reduceat(squares, np.arange(0, len(squares), self.rows), axis=0))
+        return np.concatenate(sums)
 
 
 @dataclass(frozen=True)
@@ -93,9 +126,3 @@ def _take_test_run(
         columns[..., model.spans[k]] *= share
     levelled = model.prepared.take_out_levels
     return _TestRun(levelled(run, residual), levelled(run, columns), run.keep)
-
-
-def _sum_squares(residual: np.ndarray, keep: np.ndarray, rows: int) -> np.ndarray:
-    """Squared residual summed over blocks of rows, (blocks, n)."""
-    squares = residual**2 * keep
-    return np.add.reduceat(squares, np.arange(0, len(squares), rows), axis=0)
