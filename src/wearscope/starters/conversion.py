@@ -16,6 +16,7 @@ from wearscope.robots.urdf_file import Joint, parse_urdf
 from wearscope.starters.columns import count_numbered, find_groups, find_time, name_joints
 from wearscope.starters.figures import take_option
 from wearscope.starters.groups import choose_groups, describe_groups
+from wearscope.starters.held import take_news
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
@@ -76,6 +77,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     notes: list[str] = []
     runs: list[Recorded] = []
     rates: list[float] = []
+    stated = mapped.rate
     opened: list[Path] = []
     read = _split_restarts(open_recordings(files, mapped.topic, mapped.servo is not None), mapped)
     if not mapped.joints and "position" not in mapped.patterns:
@@ -83,12 +85,13 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
     for file, part, frame, told in read:
         opened.append(part)
-        run, rate = _convert(part, frame, ordered, mapped, told)
+        run, rate, slower = _convert(part, frame, ordered, mapped, told)
+        stated = None if slower else stated
         _note(notes, told, part.name)
         rates.append(rate)
         runs.append(Recorded(_name_run(part, runs), run, file=file.name))
-    rate, told = take_common_rate(runs, rates, opened, mapped.rate)
-    notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if mapped.rate else "from the clock."), *told]
+    rate, told = take_common_rate(runs, rates, opened, stated)
+    notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if stated else "from the clock."), *told]
     notes += choose_uses(runs, opened, mapped.test, rate)
     return Converted(joints, prismatic, rate, runs, notes)
 
@@ -152,8 +155,11 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
-) -> tuple[pd.DataFrame, float]:
-    """Recording in the platform's columns, and its rate; notes on what was guessed are added."""
+) -> tuple[pd.DataFrame, float, bool]:
+    """Recording in the platform's columns, its rate, and whether that is slower than its rows'.
+
+    Notes on what was guessed are added.
+    """
     joints = [joint.name for joint in ordered]
     groups = choose_groups(file, [str(c) for c in frame.columns], joints, mapped)
     t, rows = _read_time(file, frame, mapped, notes)
@@ -163,6 +169,9 @@ def _convert(
         raise InputError(f"{file}: column '{again[0]}' is taken for two things; name others by options.")
     table = frame.iloc[rows].reset_index(drop=True)
     numbers = table[used].apply(pd.to_numeric, errors="coerce")
+    own = {kind: group.columns for kind, group in groups.items()}
+    t, numbers, held = take_news(t, numbers, own, file.name)
+    notes += held
     whole = numbers.notna().all(axis=1).to_numpy()
     worst = str(numbers.isna().sum().idxmax())
     if not whole.any():
@@ -210,7 +219,7 @@ def _convert(
         if "temperature" in values:
             columns[f"temp_{joint}"] = values["temperature"][:, k]
     notes += [f"{file.name}: {line}" for line in describe_groups(groups)]
-    return pd.DataFrame(columns), find_rate(t)
+    return pd.DataFrame(columns), find_rate(t), bool(held)
 
 
 def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]) -> tuple[Array, np.ndarray]:

@@ -1,0 +1,104 @@
+"""Columns that are new less often than there are rows: held over several rows, or blank in between."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from scipy import ndimage
+
+from wearscope.robots.spatial import Array
+
+#: Kinds that count; others, such as temperatures, may be as slow as they are.
+_MOTION = ("position", "velocity", "torque", "current", "goal", "duty")
+#: Fewest changes of a column that show how long it is held.
+_FEWEST = 50
+#: Share of its values that may be held shorter, and that are held so long or one row more or less.
+_SHORTER, _ALIKE = 0.02, 0.7
+#: Smallest steps of a column that it usually goes on by: the counts of a slow encoder go on by one.
+_STEPS = 3.0
+#: Rows that are whole, of those in which each column has a number, below which columns are written by turns.
+_BY_TURNS = 0.5
+
+
+def find_hold(x: Array) -> int:
+    """Rows for which a channel (N,) keeps each of its values; 1 where each row may have a new one."""
+    steps = np.diff(x)
+    at = np.flatnonzero(steps)
+    gaps = np.diff(at)
+    if len(gaps) < _FEWEST:
+        return 1
+    held, sizes = int(np.median(gaps)), np.abs(steps[at])
+    shorter, alike = np.mean(gaps < max(held - 1, 2)), np.mean(np.abs(gaps - held) <= 1)
+    clear = np.median(sizes) >= _STEPS * sizes.min() and shorter <= _SHORTER and alike >= _ALIKE
+    return held if held > 1 and clear else 1
+
+
+def _find_news(x: Array, held: int) -> np.ndarray:
+    """Rows of a channel (N,) that are new, those by which a value that did not change was asked for again."""
+    at = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1])
+    if held == 1:
+        return np.arange(len(x))
+    ends = np.append(at[1:], len(x))
+    again = [np.arange(a, max(b - held // 2, a + 1), held) for a, b in zip(at, ends, strict=True)]
+    return np.concatenate(again)
+
+
+def take_news(
+    t: Array, numbers: pd.DataFrame, columns: Mapping[str, Sequence[str]], where: str
+) -> tuple[Array, pd.DataFrame, list[str]]:
+    """Rows at the rate of the slowest column, with notes; the same rows where all columns are new in each.
+
+    Columns are new at the first row that has a value. Slower ones than the rest give the rows, others are
+    averaged over these and taken between their own rows.
+
+    Parameters
+    ----------
+    t : ndarray (N,)
+        [s]
+    numbers : DataFrame (N, K)
+        NaN where a cell is blank.
+    columns : mapping of str to sequence of str
+        By kind.
+    where : str
+        File, for notes.
+    """
+    motion = [name for kind in _MOTION for name in columns.get(kind, ())]
+    others = [name for name in map(str, numbers) if name not in motion]
+    numbers = numbers.assign(**numbers[others].ffill().bfill())
+    there = numbers.notna().to_numpy()
+    least = int(there.sum(axis=0).min())
+    by_turns = least >= _FEWEST and there.all(axis=1).sum() < _BY_TURNS * least
+    held, kinds = dict.fromkeys(map(str, numbers), 1), {}
+    for kind in _MOTION:
+        own = {name: numbers[name].dropna().to_numpy(dtype=float) for name in columns.get(kind, ())}
+        holds = {name: find_hold(x) for name, x in own.items()}
+        longest = max(holds.values(), default=1)
+        if longest > 1:
+            # Channels of a kind come together: of one that hardly moves the hold does not show.
+            quick = {
+                name: np.mean(np.diff(np.flatnonzero(np.diff(x))) < longest - 1) for name, x in own.items()
+            }
+            held |= {name: longest for name in own if not quick[name] > _SHORTER}
+            kinds[kind] = longest
+    if not kinds and not by_turns:
+        return t, numbers, []
+    news = {}
+    for k, name in enumerate(map(str, numbers)):
+        rows = np.flatnonzero(there[:, k])
+        news[name] = rows[_find_news(numbers[name].to_numpy(dtype=float)[rows], held[name])]
+    slowest = min(motion, key=lambda name: len(news[name]))
+    first, last = max(news[name][0] for name in motion), min(news[name][-1] for name in motion)
+    at = news[slowest][(news[slowest] >= first) & (news[slowest] <= last)]
+    taken = {}
+    for name, rows in news.items():
+        x = numbers[name].to_numpy(dtype=float)[rows]
+        if name in motion:
+            width = max(1, round(len(rows) / len(news[slowest])))
+            smooth = ndimage.uniform_filter1d(x, width + 1 - width % 2)
+            taken[name] = np.interp(t[at], t[rows], smooth)
+        else:
+            taken[name] = x[np.maximum(np.searchsorted(rows, at, side="right") - 1, 0)]
+    what = [f"{kind} is held over {rows} rows" for kind, rows in kinds.items()]
+    what += ["no row has all columns"] if by_turns else []
+    told = f"{where}: {' and '.join(what)}; rows are those of '{slowest}', which is new least often."
+    return t[at], pd.DataFrame(taken), [told]
