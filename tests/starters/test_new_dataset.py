@@ -14,8 +14,10 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.checking.own_code import make_batch
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
+from wearscope.starters.columns import find_time
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
+from wearscope.starters.held import find_hold
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
 from wearscope.starters.stamps import find_rate, find_restarts, order_rows, to_seconds
@@ -80,6 +82,12 @@ LAYOUTS = {
     "degrees by size": ("time", "q{}", "tau{}", 180.0 / np.pi, 1),
     "paths": ("time", "/joint_states/axis_{}/position", "/joint_states/axis_{}/effort", 1.0, 1),
     "camel": ("TimeStamp", "JointPosition{}", "JointTorque{}", 1.0, 1),
+    "kuka": ("Zeit", "AxisAct_A{}", "MotorTorque_A{}", 1.0, 1),
+    "abb": ("timestamp", "feedback_joint_{}", "motor_torque_{}", 180.0 / np.pi, 1),
+    "joints alone": ("time", "J{}", "J{}_torque", 1.0, 1),
+    "mujoco": ("time", "jointpos_axis_{}", "jointactuatorfrc_axis_{}", 1.0, 1),
+    "german drives": ("Zeitstempel", "Achse{}.Lageistwert", "Achse{}.Momentenistwert", 1.0, 1),
+    "lerobot": ("timestamp", "observation.state_{}", "observation.effort_{}", 1.0, 0),
     "units at the end": ("t_s", "pos_axis_{}_deg", "axis_{}_torque_Nm", 180.0 / np.pi, 1),
 }
 
@@ -154,6 +162,61 @@ def test_measured_values_before_commanded_ones(truth, tmp_path):
         frame.insert(1, f"target_moment_{k}", 7.0)
     frame.to_csv(tmp_path / "log.csv", index=False)
     assert_same(convert(tmp_path / "log.csv", torque_constant=[1.0]), truth)
+
+
+def test_seconds_and_nanoseconds_of_a_german_recorder():
+    assert find_time(["ZeitInSec", "ZeitInNanoSec", "q"]) == ("ZeitInSec", "ZeitInNanoSec")
+
+
+def hold(x, rows, first=0):
+    """Values that a recorder writes again until the next one comes, `rows` later."""
+    at = np.arange(len(x))
+    return x[np.maximum((at - first) // rows * rows + first, 0)]
+
+
+@pytest.mark.parametrize("rows", [4, 10])
+def test_positions_that_are_held_give_their_own_rows(truth, tmp_path, rows):
+    """Torques are new in each row; their mean over a hold stands at its first row, as the position does."""
+    t, q, qd, tau = truth
+    held = (t, hold(q, rows), qd, tau)
+    table(held, "t", "q{}", "tau{}").to_csv(tmp_path / "log.csv", index=False)
+    made = convert(tmp_path / "log.csv")
+    frame = whole(made).iloc[3:100]
+    at = np.round(frame["t"].to_numpy() * 250.0).astype(int)
+    assert made.rate == pytest.approx(250.0 / rows)
+    assert any(note.startswith(f"position is held over {rows} rows") for note in made.notes)
+    moving = np.ptp(q[:, 0][at]) > 0.1
+    assert moving and set(at % rows) == {0}
+    half = (rows - rows % 2) // 2
+    mean = np.array([tau[k - half : k + half + 1].mean(axis=0) for k in at])
+    for k, joint in enumerate(JOINTS):
+        np.testing.assert_allclose(frame[f"q_{joint}"], q[at, k], atol=1e-9)
+        np.testing.assert_allclose(frame[f"tau_{joint}"], mean[:, k], rtol=1e-6, atol=1e-6)
+
+
+def test_a_slow_encoder_is_not_held():
+    angle = np.abs(np.mod(np.arange(4000) * 0.001, 2.0) - 1.0)
+    noise = np.random.default_rng(0).normal(size=4000)
+    assert find_hold(np.round(angle, 2)) == 1
+    assert find_hold(np.round(3.0 * noise)) == 1
+    assert find_hold(hold(noise, 7, 3)) == 7
+
+
+def test_columns_that_are_written_by_turns_are_brought_together(truth, tmp_path):
+    t, _, qd, _ = truth
+    slow = np.column_stack([np.sin((0.5 + 0.1 * k) * t) for k in range(6)])
+    frame = table((t, slow, qd, 10.0 * slow), "t", "q{}", "tau{}")
+    row = np.arange(len(frame))
+    frame.loc[row % 2 == 1, [f"q{k}" for k in range(1, 7)]] = np.nan
+    frame.loc[row % 10 != 1, [f"tau{k}" for k in range(1, 7)]] = np.nan
+    frame["temp1"] = np.where(row % 100 == 1, 30.0, np.nan)
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    made = convert(tmp_path / "log.csv")
+    assert made.rate == 25.0
+    for k, joint in enumerate(JOINTS):
+        q, tau = (whole(made)[f"{kind}_{joint}"][5:100] for kind in ("q", "tau"))
+        np.testing.assert_allclose(q, 0.1 * tau, atol=2e-3)
+        assert np.ptp(tau) > 5.0, k
 
 
 def test_numbers_from_0_beside_joints_from_1(truth, tmp_path):

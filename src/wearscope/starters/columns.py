@@ -15,12 +15,12 @@ SHARES = ("%", "‰", "permille", "percent")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
-    "encoders pulse pulses",
-    "velocity": "qd dq vel velo velocity velocities speed speeds spd omega qvel "
+    "encoders pulse pulses lage th",
+    "velocity": "qd dq qp dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
     "geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
-    "torque": "tau torque torques trq effort efforts eff moment moments mom drehmoment couple force forces "
-    "qfrc kraft",
+    "torque": "tau torque torques torq trq tq frc effort efforts eff moment moments momenten mom drehmoment "
+    "couple force forces qfrc kraft",
     "current": "i iq current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
@@ -32,14 +32,22 @@ _SERVO = {
 }
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
-_ACTUAL = set("actual act measured meas msr fbk feedback real ist ai".split())
+#: Beginnings and ends that are written together with a kind: jointpos, lageistwert.
+_BEFORE, _AFTER = ("joint", "jnt", "axis", "motor", "actuator"), {"istwert": "ist", "sollwert": "soll"}
+_ACTUAL = set("actual act measured meas msr fbk fb feedback real ist ai".split())
 _TARGET = set(
-    "target desired des d cmd command commanded ref reference setpoint set goal planned soll consigne "
-    "computed calculated predicted".split()
+    "target desired des d cmd command commanded ref reference setpoint set goal plan planned soll consigne "
+    "action computed calculated predicted".split()
 )
 _OTHER = set(
     "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
-    "estimated".split()
+    "estimated model simulated ff feedforward".split()
+)
+#: Words of columns that name a joint and no kind: its position.
+_BARE = (
+    _ACTUAL
+    | _TARGET
+    | set("joint joints axis axes rax jnt j egm state states observation robot value".split())
 )
 _TIME = set("t time timestamp stamp clock datetime date epoch elapsed duration zeit zeitstempel ipoc".split())
 _SECONDS = set("sec secs second seconds sekunden".split())
@@ -49,16 +57,32 @@ _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 _FACTORS = {
     "rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295, "degrees": 0.017453292519943295,
     "turn": 6.283185307179586, "turns": 6.283185307179586, "rev": 6.283185307179586, "mm": 1e-3, "m": 1.0,
-    "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
+    "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2, "kgfcm": 0.0980665, "kgcm": 0.0980665, "kgfm": 9.80665,
+    "ozin": 0.00706155, "lbin": 0.112985, "lbfin": 0.112985, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
     "rpm": 0.10471975511965977, "%": 1.0, "‰": 1.0, "permille": 1.0, "percent": 1.0,
 }  # fmt: skip
 _UNITS_OF = {
     "position": {"rad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
     "velocity": {"rad", "deg", "degree", "degrees", "mm", "m", "rpm"},
-    "torque": {"nm", "mnm", "knm", "n", "kn", *SHARES},
+    "torque": {
+        "nm",
+        "mnm",
+        "knm",
+        "ncm",
+        "kgfcm",
+        "kgcm",
+        "kgfm",
+        "ozin",
+        "lbin",
+        "lbfin",
+        "n",
+        "kn",
+        *SHARES,
+    },
     "current": {"ma", "a", *SHARES},
     "temperature": set(),
 }
+_UNITS_OF["bare"] = _UNITS_OF["position"]
 _SUFFIX = re.compile(r"_([A-Za-z]+)$")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
@@ -102,6 +126,13 @@ def _split_compound(word: str) -> list[str]:
     """Parts of a word that ends with one of a kind: istposition -> ist, position."""
     if word in _KIND:
         return [word]
+    for end, mark in _AFTER.items():
+        if word.endswith(end) and word != end:
+            return [*_split_compound(word.removesuffix(end)), mark]
+    for begin in _BEFORE:
+        parts = _split_compound(word.removeprefix(begin)) if word.startswith(begin) else []
+        if parts and parts[-1] in _KIND:
+            return [begin, *parts]
     end = next((one for one in _LONG if word.endswith(one)), "")
     return [word.removesuffix(end), end] if end else [word]
 
@@ -156,6 +187,12 @@ def tell_kind(words: Sequence[str]) -> str | None:
 def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
     """Whether a column with these words, its joint's left out, is of a kind."""
     told = tell_kind(words)
+    if kind == "bare":
+        return (
+            set(words) - {"a"} <= _BARE
+            and list(words) != ["a"]
+            and _kind_by_unit(column) in (None, "position")
+        )
     if kind in _SERVO:
         return bool(_SERVO[kind] & set(words)) and (kind == "on" or told is None)
     if told is None and not any(_SERVO[one] & set(words) for one in _SERVO):
@@ -202,7 +239,8 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
             if _is_kind(without, kind, column):
                 by_name.setdefault(tuple(without), {})[best] = column
         numbers = [word for word in words if word.isdigit()]
-        if not matches and not numbers and len(joints) == 1 and _is_kind(words, kind, column):
+        alone = not matches and not numbers and len(joints) == 1 and kind != "bare"
+        if alone and _is_kind(words, kind, column):
             by_name.setdefault(tuple(words), {})[0] = column
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
     n = len(joints)
@@ -217,6 +255,8 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
             # Numbered from 0 where the joints are from 1: the numbers count, as one column has no joint.
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
+    if kind == "position" and not found:
+        return [Group(kind, one.columns) for one in find_groups(columns, joints, "bare")]
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
     return [Group(kind, chosen) for chosen in ranked]
 
@@ -227,7 +267,7 @@ def _number(columns: Sequence[str], kind: str) -> dict[tuple[str, ...], dict[int
     for column in columns:
         words = split_name(_without_unit(column, kind))
         numbers = [word for word in words if word.isdigit()]
-        if numbers and _is_kind(words, kind, column):
+        if numbers and _is_kind([w for w in words if kind != "bare" or w.isalpha()], kind, column):
             left = tuple(word for word in words if not word.isdigit())
             by_number.setdefault(left, {})[int(numbers[-1])] = column
     return by_number
@@ -307,7 +347,12 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
     """Column of the time, or the two of a stamp in seconds and nanoseconds; nothing where none is one."""
     words = {column: split_name(re.sub(r"[\[(][^\])]*[\])]", " ", column)) for column in columns}
     parts = {column: "".join(w) for column, w in words.items()}
-    nanos = [c for c, text in parts.items() if text.endswith(("nanosec", "nsec", "nsecs", "nanosecs"))]
+    # "ZeitInSec" ends with "nsec", too.
+    nanos = [
+        c
+        for c, w in words.items()
+        if "".join(w[-2:]).endswith(("nanosec", "nanosecs")) or set(w[-1:]) & {"nsec", "nsecs"}
+    ]
     seconds = [c for c, text in parts.items() if text.endswith(("sec", "secs")) and c not in nanos]
     if seconds and nanos:
         return seconds[0], nanos[0]

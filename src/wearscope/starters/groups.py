@@ -63,6 +63,8 @@ def choose_groups(
 def describe_groups(groups: Mapping[str, Group]) -> list[str]:
     """A note on each kind's columns."""
     return [
-        f"{kind}: {group.columns[0]}" + (f" to {group.columns[-1]}" if len(group.columns) > 1 else "") + "."
+        f"{kind}: {group.columns[0]}"
+        + (f" to {group.columns[-1]}" if len(group.columns) > 1 else "")
+        + (", commanded ones, as none is measured." if is_commanded(group) else ".")
         for kind, group in groups.items()
     ]
