@@ -462,6 +462,8 @@ def test_mixed_joints_with_exchanged_units_are_refused(folder):
     [
         ("turned: [tau_J9]", "turned: 'tau_J9' is none of"),
         ("shifted: {tau_J1: 1.0}", "shifted: 'tau_J1' is none of"),
+        ("scaled: {tau_J1: 1.0}", "scaled: 'tau_J1' is none of"),
+        ("scaled: {q_a: 0}", "scaled: holds a 0"),
         ("torque: {J9: link}", "there is no joint 'J9'"),
     ],
 )

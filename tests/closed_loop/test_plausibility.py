@@ -104,6 +104,26 @@ def test_a_pendulum_is_believed(tmp_path, size, friction):
     check(swing(tmp_path / "p", size, friction))
 
 
+@pytest.mark.parametrize(("moment", "behind"), [(0.1, True), (0.004, False)])
+def test_a_torque_behind_the_gear_has_no_rotor_in_it(tmp_path, moment, behind):
+    """Body and rotor move alike: the torque is the body's alone, or of a unit that neither has."""
+    folder = swing(tmp_path / "p", 1.0)
+    upright = PENDULUM.replace('xyz="0 1 0"/></joint>', 'xyz="0 0 1"/></joint>')
+    (folder / "robot.urdf").write_text(upright)
+
+    def measure(table):
+        a = table["q_pivot"].rolling(9, center=True, min_periods=1).mean().diff().diff().fillna(0.0) * RATE**2
+        return table.assign(tau_pivot=moment * a.rolling(9, center=True, min_periods=1).mean())
+
+    change_runs(folder, measure)
+    change_fields(folder, lambda f: f["robot"].update(rotor_inertia=[5.0]))
+    change_fields(folder, lambda f: f.update(declared_effects=["rotor_inertia", "coulomb", "viscous"]))
+    if behind:
+        check(folder)
+    else:
+        refuse(folder, "'tau_pivot' is 0.000[78].* times what the rigid body needs")
+
+
 def test_noise_far_below_the_bodys_torque_is_not_explained(tmp_path):
     """The fit takes the body's torque away; what is left then is rounding errors of either sign."""
     rows = ask_runs(check(swing(tmp_path / "p", 1.0)))

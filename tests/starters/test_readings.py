@@ -52,6 +52,46 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
+def behind_filter(tau, lag, dt):
+    """Torques (N, n) behind a filter of first order, by its recursion."""
+    out = tau.copy()
+    for k in range(1, len(tau)):
+        out[k] = out[k - 1] + (1.0 - np.exp(-dt / lag)) * (tau[k] - out[k - 1])
+    return out
+
+
+@pytest.mark.parametrize(("n", "lag"), [(3, 0.018), slow(2, 0.022), slow(4, 0.0)])
+def test_torques_behind_a_filter_are_noted_with_their_lag(tmp_path, n, lag):
+    bench = Bench(tmp_path, n, 2.0, size=0.5, rate=200.0)
+    bench.frequencies = (0.21, 0.43, 0.77, 1.31)
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 2.0, 0.3) + rub(v, 1.0, 1.0) + rng.normal(0, 0.02, q.shape)
+        return behind_filter(tau, lag, 1 / 200.0) if lag else tau
+
+    told = re.search(r"follow the motion by about (\d+) ms", " ".join(bench.record(torque).accept()))
+    assert (float(told[1]) if told else 0.0) == pytest.approx(1000.0 * lag, rel=0.15)
+
+
+TURN = 0.5 / np.pi
+
+
+@pytest.mark.parametrize(
+    "recorded", [[TURN] * 3, [1.0, 1.0, 2.0], slow([0.6, 1.0])], ids=["turns", "belt", "pulley"]
+)
+def test_positions_in_turns_or_before_a_gear_are_told_with_their_factor(tmp_path, recorded):
+    bench = Bench(tmp_path, len(recorded), 2.0, size=0.5)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 2.0, 0.3) + rub(v, 1.0, 1.0) + rng.normal(0, 0.02, q.shape),
+        position=lambda q, k: q * recorded,
+    )
+    found = dict(re.findall(r"--scale q_j(\d)=([\d.]+)", bench.refuse()))
+    for k, one in enumerate(recorded):
+        assert float(found.get(str(k + 1), 1.0)) == pytest.approx(1.0 / one, rel=0.03), k
+    bench.accept(*(part for k, one in found.items() for part in ("--scale", f"q_j{k}={one}")))
+    assert diagnose(tmp_path / "d").verdict["verdict"] == []
+
+
 @pytest.mark.parametrize(("n", "turned"), [(3, 2), slow(4, 1)])
 def test_a_joint_turned_round_in_both_columns_is_told_next_to_a_spring(tmp_path, n, turned):
     """Friction makes much of the torque, and a spring that nobody declared is at another joint."""

@@ -86,6 +86,8 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
               help="Columns of the data set (q_JOINT, tau_JOINT) that are turned round.")  # fmt: skip
 @click.option("--shift", "shifted", multiple=True, metavar="q_JOINT=X",
               help="Added to a position of the data set [rad or m].")  # fmt: skip
+@click.option("--scale", "scaled", multiple=True, metavar="q_JOINT=X",
+              help="A position of the data set, and its speed, times this.")  # fmt: skip
 @click.option("--reading", "readings", multiple=True, metavar="[JOINT=]READING",
               help="What the torques are: motor, link, without_gravity or none.")  # fmt: skip
 @click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
@@ -141,7 +143,8 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             file: Numbers().convert(one, None, None)
             for file, one in _by_file("payload-of", stated.pop("payloads"), recordings).items()
         },
-        shifted=_read_shifts(stated.pop("shifted")),
+        shifted=_read_columns("shift", stated.pop("shifted")),
+        scaled=_read_columns("scale", stated.pop("scaled")),
         readings=_read_readings(stated.pop("readings")),
         servo=None if servo is None else read_servo_option(servo),
         **stated,
@@ -180,14 +183,14 @@ def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def _read_shifts(entries: tuple[str, ...]) -> dict[str, float]:
+def _read_columns(option: str, entries: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for entry in entries:
         column, _, size = entry.rpartition("=")
         try:
             found[column] = float(size)
         except ValueError:
-            raise InputError(f"--shift {entry}: is no COLUMN=NUMBER; write e.g. q_j2=1.5708.") from None
+            raise InputError(f"--{option} {entry}: is no COLUMN=NUMBER; write e.g. q_j2=1.5708.") from None
     return found
 
 
@@ -210,10 +213,9 @@ def _name_option(problem: str) -> str:
     problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
 
     problem = re.sub(r'write "gravity: \[(.*?)\]" below robot in dataset.yaml', _give_gravity, problem)
-    shift = re.search(r'write "shifted: {(.*?)}" in dataset.yaml', problem)
-    if shift is not None:
-        told = " ".join(f"--shift {one.replace(': ', '=')}" for one in shift[1].split(", "))
-        problem = problem.replace(shift[0], f"give {told}")
+    for found in re.finditer(r'write "(shift|scale)e?d: {(.*?)}" in dataset.yaml', problem):
+        told = " ".join(f"--{found[1]} {one.replace(': ', '=')}" for one in found[2].split(", "))
+        problem = problem.replace(found[0], f"give {told}")
     from wearscope.starters.mapped import DECLARED
 
     every = ",".join((*DECLARED, "time_delay"))

@@ -83,9 +83,9 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
         lines.append(f"torque: {told}")
     if mapped.turned:
         lines.append(f"turned: {_list(mapped.turned)}")
-    if mapped.shifted:
-        parts = ", ".join(f"{_quote(column)}: {by:g}" for column, by in mapped.shifted.items())
-        lines.append(f"shifted: {{{parts}}}")
+    for field, stated in (("shifted", mapped.shifted), ("scaled", mapped.scaled)):
+        parts = ", ".join(f"{_quote(column)}: {by:.6g}" for column, by in stated.items())
+        lines += [f"{field}: {{{parts}}}"] if stated else []
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {one}" for one in mapped.accept]

@@ -42,6 +42,8 @@ class Mapped:
         Columns of the data set that are turned round.
     shifted : mapping of str to float
         What is added to positions of the data set, by column [rad or m].
+    scaled : mapping of str to float
+        What positions and speeds of the data set are multiplied with, by the position's column.
     readings : mapping of str to str
         What the torques are, by joint, as `torque` in dataset.yaml has it; under an empty name for all.
     gravity : sequence of float
@@ -73,6 +75,7 @@ class Mapped:
     servo: ServoFields | None = None
     turned: Sequence[str] = ()
     shifted: Mapping[str, float] = field(default_factory=dict)
+    scaled: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, str] = field(default_factory=dict)
     gravity: Sequence[float] = ()
     sessions: Mapping[str, str] = field(default_factory=dict)

@@ -20,7 +20,7 @@ class Asked:
         Whether a joint is prismatic.
     joints : list of str
     torque_at : callable
-        ``torque_at(delay)`` gives the torques (N, n) so many seconds later.
+        ``torque_at(delay, order)`` gives the torques (N, n) so many seconds later, or a derivative of them.
     room : ndarray (N,)
         Time to the nearer end of a row's recording [s].
     swapped : callable
@@ -31,7 +31,7 @@ class Asked:
     rows: Rows
     slides: list[bool]
     joints: list[str]
-    torque_at: Callable[[float], np.ndarray]
+    torque_at: Callable[[float, int], np.ndarray]
     room: np.ndarray
     swapped: Callable[[int], Rows]
     gear_ratio: list[float] | None

@@ -134,6 +134,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         kind: np.array([-1.0 if f"{kind}_{joint}" in fields.turned else 1.0 for joint in joints])
         for kind in ("q", "tau")
     }
+    way["q"] = way["q"] * [fields.scaled.get(f"q_{joint}", 1.0) for joint in joints]
     zero = np.array([fields.shifted.get(f"q_{joint}", 0.0) for joint in joints])
     return Run(
         entry.file,
@@ -147,7 +148,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         session=entry.session,
         channels={name: take_column(path, frame, name) for name in fields.channels},
         start=float(t[0]),
-        quantum=estimate_quantum(q),
+        quantum=estimate_quantum(q) * np.abs(way["q"]),
         off=off if off.any() else None,
         notes=(*(f"{path.name}: {one}" for one in told), *torque.notes),
     )

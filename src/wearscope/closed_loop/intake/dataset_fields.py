@@ -93,6 +93,7 @@ class DatasetFields(_Fields):
     torque: TorqueReading | dict[str, TorqueReading] = "motor"
     turned: _Names = []
     shifted: dict[str, _Number] = {}
+    scaled: dict[str, _Number] = {}
     reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
 

@@ -136,10 +136,13 @@ def _check_columns(path: Path, fields: DatasetFields) -> None:
     for column in fields.turned:
         if column not in columns:
             raise InputError(f"{path}: turned: '{column}' is none of {', '.join(columns)}; name one of them.")
-    for column in fields.shifted:
-        if column not in columns[: len(joints)]:
-            told = ", ".join(columns[: len(joints)])
-            raise InputError(f"{path}: shifted: '{column}' is none of {told}; name one of them.")
+    told = ", ".join(columns[: len(joints)])
+    for field, stated in (("shifted", fields.shifted), ("scaled", fields.scaled)):
+        for column in stated:
+            if column not in columns[: len(joints)]:
+                raise InputError(f"{path}: {field}: '{column}' is none of {told}; name one of them.")
+    if 0.0 in fields.scaled.values():
+        raise InputError(f"{path}: scaled: holds a 0; give what the positions are multiplied with.")
     for joint in fields.robot.locked:
         if joint in joints:
             raise InputError(

@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import Readings, find_reading
+from wearscope.closed_loop.intake.readings import Readings, find_lag, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.signal_checks import check_signals
 from wearscope.closed_loop.intake.sizes import find_constants, find_impossible_sizes, leave, say_sizes
@@ -56,6 +56,7 @@ def check_plausibility(prepared: Prepared) -> None:
     _check_readings(prepared, asked, left)
     _check_sizes(prepared, asked)
     _note_constants(prepared, asked)
+    _note_lag(prepared, asked)
     _check_unrelated(prepared, asked, left)
     _note_body(prepared, asked)
     prepared.notes += prepared.dataset.accepted.list_unused()
@@ -165,6 +166,16 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
     )
 
 
+def _note_lag(prepared: Prepared, whole: Rows) -> None:
+    """Torques that follow the motion at every joint, as a recorder's or a filter's do."""
+    lag = find_lag(_ask(prepared, whole))
+    if lag is not None and TIME_DELAY.name not in prepared.dataset.fields.declared_effects:
+        prepared.notes.append(
+            f"torques follow the motion by about {1000 * lag:.0f} ms at every joint, as behind a filter: "
+            "a delay that is named at joints is the recorder's; record the torque without a filter."
+        )
+
+
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
     """Readings of all runs together, then of those runs that the stated one does not explain."""
     doubtful = np.flatnonzero(np.nan_to_num(left).max(axis=1) > _DOUBTFUL)
@@ -204,12 +215,12 @@ def _ask(prepared: Prepared, own: Rows) -> Asked:
 
     torques = [interpolate.CubicSpline(prepared.runs[k].t, prepared.runs[k].measured) for k in runs]
 
-    def torque_at(delay: float) -> np.ndarray:
+    def torque_at(delay: float, order: int = 0) -> np.ndarray:
         parts = []
         for k, spline in zip(runs, torques, strict=True):
             run = prepared.runs[k]
             t = run.t[_pick(run, count)] + delay
-            parts.append(spline(np.clip(t, run.t[0], run.t[-1])))
+            parts.append(spline(np.clip(t, run.t[0], run.t[-1]), order))
         return np.concatenate(parts)
 
     times = [prepared.runs[k].t for k in runs]

@@ -16,6 +16,7 @@ from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity, read_mount
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows, is_clearly_less
+from wearscope.closed_loop.intake.scales import read_scales
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
 
@@ -35,6 +36,8 @@ _FIRST_LOOK, _LEAST_DEGREES = 450, 1.0
 #: Longest delay that is sought, its step, and the least that is the recorder's [s];
 #: runs that must show it, at most; delays of two runs that differ by less are alike.
 _LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
+#: Lag [s] from which it is told; share of what is left that twice as much leaves at most where it is sought.
+_SOON, _SOONER = 0.005, 0.8
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 
@@ -80,6 +83,7 @@ def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Read
         better = [one for one in other if one.fit.total < stated.total - _DOUBTFUL]
         heard = tuple(asked.rows.products.heard)
         better += [*read_mount(asked, heard, any_size=True), *read_zeros(asked, any_size=True)]
+        better += read_scales(asked, any_size=True)
         pairs = [pair for one in better for pair in read_sizes(asked, one)]
         best = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
     return best
@@ -116,6 +120,7 @@ def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:
     yield Reading(told, ("backwards t",), heard, rows.products.run_backwards())
     yield from _read_units(asked, heard)
     yield from _read_turned_positions(asked)
+    yield from read_scales(asked)
     yield from read_zeros(asked)
     yield from _read_exchanges(asked, stated)
 
@@ -190,8 +195,37 @@ def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         return
     told = f"the torque channels come {1000 * abs(delay):.0f} ms {'late' if delay > 0 else 'early'} against "
     told += "the positions; align the channels, or declare time_delay."
-    read = rows.pick(inside).with_torques(asked.torque_at(delay)[inside])
+    read = rows.pick(inside).with_torques(asked.torque_at(delay, 0)[inside])
     yield Reading(told, ("late tau",), heard, read.products, True)
+
+
+def find_lag(asked: Asked) -> float | None:
+    """Time [s] by which a delay or a filter of first order makes all torques late; None where neither does.
+
+    It must leave a small share of what is left without it, at no joint more than half.
+    """
+    at = np.flatnonzero(asked.room > _LONGEST)
+    at = at[:: max(1, len(at) // _FIRST_LOOK)]
+    rows = asked.rows.pick(at)
+    heard, stated = rows.products.heard, rows.products.fit()
+    if not heard or stated.total < _DOUBTFUL:
+        return None
+
+    def late(lag: float) -> Fit:
+        return rows.with_torques(asked.torque_at(lag, 0)[at]).products.fit()
+
+    def smooth(lag: float) -> Fit:
+        return rows.with_torques((asked.torque_at(0.0, 0) + lag * asked.torque_at(0.0, 1))[at]).products.fit()
+
+    if late(2.0 * _SOON).total > _SOONER * stated.total:
+        return None
+
+    bounds = {"bounds": (0.0, _LONGEST), "method": "bounded", "options": {"xatol": 1e-3}}
+    filtered = float(optimize.minimize_scalar(lambda lag: smooth(lag).total, **bounds).x)
+    delay = _find_delay(asked, at)
+    fit, lag = min((smooth(filtered), filtered), (late(delay), delay), key=lambda one: one[0].total)
+    clear = fit.total < _CLEAR * stated.total and np.all(fit.left[heard] < 0.5 * stated.left[heard])
+    return lag if clear and lag > _SOON else None
 
 
 def _find_delay(asked: Asked, at: np.ndarray) -> float:
@@ -199,7 +233,7 @@ def _find_delay(asked: Asked, at: np.ndarray) -> float:
     rows = asked.rows.pick(at)
 
     def miss(delay: float) -> float:
-        return rows.with_torques(asked.torque_at(delay)[at]).products.fit().total
+        return rows.with_torques(asked.torque_at(delay, 0)[at]).products.fit().total
 
     coarse = np.arange(-_LONGEST, _LONGEST + 0.5 * _STEP, _STEP).tolist()
     best = min(coarse, key=miss)

@@ -158,6 +158,10 @@ def find_impossible_sizes(rows: Rows) -> np.ndarray:
         tau, body = leave(rows.tau[at, j], plain), leave(known, plain)
         if (body @ tau) ** 2 > 0.5 * (body @ body) * (tau @ tau):
             one = body @ tau / (body @ body)
+            # Behind the gear there is the body alone.
+            behind = leave(rows.known[at, j] - rows.inertia[j] * rows.a[at, j], plain)
+            if _SMALL < behind @ tau / max(float(behind @ behind), 1e-300) < _LARGE:
+                continue
             if abs(one) < _SMALL or (abs(one) > _LARGEST and tau.std() > most):
                 size[j] = one
     return size

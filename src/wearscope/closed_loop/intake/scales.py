@@ -1,0 +1,76 @@
+"""Readings of positions that go too far or not far enough: turns, angles before a gear, wrong degrees."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
+from wearscope.closed_loop.intake.joint_fit import Rows
+
+#: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
+_FEW, _OF_ALL, _OF_ONE, _BETWEEN = 300, np.arange(-3.0, 3.01, 0.5), np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
+#: Octaves by which a factor of one differs from none; share of what the stated positions leave, at most;
+#: share of what is left that another joint's factor leaves at most.
+_ONE, _CLEAR, _BETTER = 0.05, 0.3, 0.7
+
+
+def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
+    """Positions of joints that turn by a factor, all at once or some; torques as in `read_zeros`."""
+    few, turns = asked.rows.thin(_FEW), ~np.array(asked.slides)
+    heard = [j for j in few.products.heard if turns[j]]
+    if not heard:
+        return
+
+    def miss(octaves: np.ndarray) -> float:
+        return _scale(few, octaves).products.miss(any_size)
+
+    stated, none = few.products.miss(any_size), np.zeros(few.n)
+    found = [_add_single(miss, none, stated, heard)]
+    if len(heard) > 1 and found[0][0] > _CLEAR * stated:
+        found.append(_add_single(miss, *_refine(miss, none, turns.astype(float), _OF_ALL)[::-1], heard))
+    least, octaves = min(found, key=lambda one: one[0])
+    octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
+    moved = np.flatnonzero(octaves)
+    if not len(moved) or least > _CLEAR * stated or not few.is_worth(least, any_size):
+        return
+    names, sizes = asked.names(moved, "q"), [f"{2.0 ** octaves[j]:.4g}" for j in moved]
+    pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
+    told = (
+        f"{say_columns(names)} {'fit' if len(moved) > 1 else 'fits'} the URDF where multiplied by "
+        f"{', '.join(dict.fromkeys(sizes))}, as turns and angles before a gear do, and better by a gear's "
+        f"stated ratio; write "
+        f'"scaled: {{{pairs}}}" in dataset.yaml.'
+    )
+    codes = tuple(f"scale {name}" for name in names)
+    yield Reading(told, codes, tuple(moved.tolist()), _scale(asked.rows, octaves).products)
+
+
+def _scale(rows: Rows, octaves: np.ndarray) -> Rows:
+    return rows.times(2.0**octaves, "q", "v", "a", "top")
+
+
+def _refine(
+    miss: Callable[[np.ndarray], float], start: np.ndarray, way: np.ndarray, tried: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """What the best factor along a way leaves, and the octaves (n,) of all joints with it."""
+    by = float(min(tried, key=lambda x: miss(start + x * way)))
+    fine = optimize.minimize_scalar(
+        lambda x: miss(start + x * way),
+        bounds=(by - _BETWEEN, by + _BETWEEN), method="bounded", options={"xatol": 5e-3},
+    )  # fmt: skip
+    return float(fine.fun), start + float(fine.x) * way
+
+
+def _add_single(
+    miss: Callable[[np.ndarray], float], octaves: np.ndarray, least: float, joints: list[int]
+) -> tuple[float, np.ndarray]:
+    """Factors of single joints added while one makes what is left clearly smaller."""
+    ways = np.eye(len(octaves))
+    for _ in joints:
+        best = min(joints, key=lambda j: min(miss(octaves + x * ways[j]) for x in _OF_ONE / 2.0))
+        left, other = _refine(miss, octaves, ways[best], _OF_ONE)
+        if left > _BETTER * least:
+            break
+        least, octaves = left, other
+    return least, octaves
