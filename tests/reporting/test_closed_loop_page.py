@@ -412,10 +412,12 @@ def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):
     t = np.linspace(0.0, 4.0, 41)
     table = pd.DataFrame(
         {"t": t, "run": "r", "use": "test", "joint": joint, "measured": np.sin(t),
-         "predicted_before": np.where(t < 2, 0.0, np.nan), "predicted_after": np.sin(t)}
+         "predicted_before": np.where(t < 2, 0.0, np.nan), "predicted_after": np.sin(t), "counts": True}
     )  # fmt: skip
     drawn = draw_curves(replace(loop, residual=table), joint)
     paths = re.findall(r'd="([^"]*)"', drawn)
     assert paths[0] == paths[2] and len(re.findall("[ML]", paths[0])) == 41
     assert len(re.findall("[ML]", paths[1])) == 20 and "nan" not in drawn
     assert draw_curves(replace(loop, residual=table.assign(use="train")), joint) == ""
+    still = draw_curves(replace(loop, residual=table.assign(counts=t < 1)), joint)
+    assert [len(re.findall("[ML]", one)) for one in re.findall(r'd="([^"]*)"', still)] == [41, 10, 10]

@@ -229,7 +229,8 @@ def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
     rows = own[own["run"] == own["run"].iloc[0]]
     rows = rows[rows["t"] - rows["t"].iloc[0] <= _SECONDS]
     rows = rows.iloc[:: max(1, len(rows) // _POINTS)]
-    values = rows[list(_CURVES)].to_numpy(dtype=float)
+    values = rows[list(_CURVES)].to_numpy(dtype=float, copy=True)
+    values[~rows["counts"].to_numpy(dtype=bool), 1:] = np.nan  # a model says nothing of friction at rest
     if len(rows) < 2 or not np.isfinite(values).any():
         return Markup("")
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
