@@ -25,7 +25,7 @@ from wearscope.evaluation.sides import (
     share_surrogates,
 )
 from wearscope.evaluation.tolerance import largest_passing
-from wearscope.reporting.reevaluation import count_truth, tell_headline, tell_withheld
+from wearscope.reporting.reevaluation_page import count_truth, tell_headline, tell_withheld
 from wearscope.surrogates.chosen import choose_surrogates
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

@@ -8,8 +8,13 @@ import pytest
 
 from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.reevaluation import count_truth, tell_headline
-from wearscope.reporting.reevaluation_page import list_sides, render_reevaluation, snr_sides
+from wearscope.reporting.reevaluation_page import (
+    count_truth,
+    list_sides,
+    render_reevaluation,
+    snr_sides,
+    tell_headline,
+)
 from wearscope.reporting.study_page import render_study
 
 

@@ -42,8 +42,7 @@ from wearscope.reporting.page import (
     render_table,
     render_template,
 )
-from wearscope.reporting.reevaluation import count_truth, tell_headline
-from wearscope.reporting.reevaluation_page import draw_change, snr_sides
+from wearscope.reporting.reevaluation_page import count_truth, draw_change, snr_sides, tell_headline
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_background import (
     render_findings,
