@@ -9,7 +9,7 @@ from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.joint_fit import Rows
 
 #: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
-_FEW, _OF_ALL, _OF_ONE, _BETWEEN = 300, np.arange(-3.0, 3.01, 0.5), np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
+_FEW, _OF_ALL, _OF_ONE, _BETWEEN = 200, np.arange(-3.0, 3.01, 0.5), np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
 #: Octaves by which a factor of one differs from none; share of what the stated positions leave, at most;
 #: share of what is left that another joint's factor leaves at most.
 _ONE, _CLEAR, _BETTER = 0.05, 0.3, 0.7
@@ -26,10 +26,13 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
         return _scale(few, octaves).products.miss(any_size)
 
     stated, none = few.products.miss(any_size), np.zeros(few.n)
-    found = [_add_single(miss, none, stated, heard)]
-    if len(heard) > 1 and found[0][0] > _CLEAR * stated:
-        found.append(_add_single(miss, *_refine(miss, none, turns.astype(float), _OF_ALL)[::-1], heard))
-    least, octaves = min(found, key=lambda one: one[0])
+    # Next to torques of any size one factor of all joints is asked for: motors', or turns.
+    least, octaves = (stated, none) if any_size else _add_single(miss, none, stated, heard)
+    if len(heard) > 1 and least > _CLEAR * stated:
+        common, of_all = _refine(miss, none, turns.astype(float), _OF_ALL)
+        if common < _BETTER * stated and not any_size:
+            common, of_all = _add_single(miss, of_all, common, heard)
+        least, octaves = min((least, octaves), (common, of_all), key=lambda one: one[0])
     octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
     moved = np.flatnonzero(octaves)
     if not len(moved) or least > _CLEAR * stated or not few.is_worth(least, any_size):
