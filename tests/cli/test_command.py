@@ -147,4 +147,4 @@ def test_two_loops_are_compared_joint_by_joint(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "verdict.json").write_text(json.dumps(content))
     text = call("compare", tmp_path / "may", tmp_path / "june").output
-    assert text.splitlines()[-1].split() == ["a1", "2", "1", "3", "1", "stribeck"]
+    assert text.splitlines()[-1].split() == ["a1", "2", "1", "3", "1", "Stribeck", "friction"]
