@@ -8,8 +8,8 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import predict_reduced, refit
-from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.selection.evidence import Found, weigh
+from wearscope.closed_loop.selection.revision import is_needed
 from wearscope.closed_loop.selection.search import Search
 
 
@@ -18,19 +18,15 @@ def take_levels(search: Search, found: Sequence[Found]) -> bool:
 
     Where it is as much of what is left as structure is, it would be taken for structure that displaces names.
     """
-    problem, policy = search.problem, search.policy
+    problem = search.problem
     if len(np.unique(problem.layout.folds.recording)) > 1:
         return False
     search.sigma = search.scale(found)
     given = search.assemble(found, standard=True)
     offered = search.candidates(given, found, range(problem.prepared.n), lambda effect, _: effect.is_offset)
-    weighed = [weigh(given, c, (0,), policy) for c in offered]
-    much = [e for e in weighed if min(e.share, e.fitted) >= policy.structure_share]
-    # It claims nothing: noise is enough to be told from.
-    gains = [rule.summed(-e.change) for e in much]
-    levels = [
-        e.joint for e, (gain, error) in zip(much, gains, strict=True) if gain > policy.told_apart * error
-    ]
+    weighed = [weigh(given, c, (0,), search.policy) for c in offered]
+    much = [e for e in weighed if e.share >= search.policy.structure_share]
+    levels = [e.joint for e in much if is_needed(search, given, e, drifting=True)]
     if levels:
         search.progress(f"levels of the torque at joints {levels}: offsets, or drifts")
         search.go_on(problem.level_at(levels))

@@ -225,10 +225,11 @@ def _is_believable(search: Search, e: Evidence) -> bool:
     return all(low <= b <= high for b, (low, high) in low_high)
 
 
-def is_needed(search: Search, given: Assembly, e: Evidence) -> bool:
+def is_needed(search: Search, given: Assembly, e: Evidence, drifting: bool = False) -> bool:
     """Whether a standard term is kept, by the rule, and no drift of what it leaves explains it.
 
-    Plain friction that explains much is there, whatever else is missing yet and looks like a drift.
+    Where it may be `drifting`, a drift that explains it does not matter. Plain friction that explains much is
+    there, whatever else is missing yet and looks like a drift.
     """
     after_standard = bool(search.standard_losses.any())
     if after_standard and not e.term.effect.is_in_every_drive:
@@ -236,5 +237,5 @@ def is_needed(search: Search, given: Assembly, e: Evidence) -> bool:
     return (
         _is_believable(search, e)
         and rule.is_needed(e, search.policy, search.problem.layout.folds.by_run)
-        and (rule.is_plain(e, search.policy) or not search.drifts(given, e))
+        and (drifting or rule.is_plain(e, search.policy) or not search.drifts(given, e))
     )
