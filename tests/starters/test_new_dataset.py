@@ -46,7 +46,7 @@ def truth(batches):
 
 
 def convert(path, **mapped):
-    return convert_recordings([path], URDF, Mapped(joints=JOINTS, **mapped))
+    return convert_recordings([path], URDF, Mapped(**{"joints": JOINTS, **mapped}))
 
 
 def whole(converted):
@@ -162,6 +162,32 @@ def test_measured_values_before_commanded_ones(truth, tmp_path):
         frame.insert(1, f"target_moment_{k}", 7.0)
     frame.to_csv(tmp_path / "log.csv", index=False)
     assert_same(convert(tmp_path / "log.csv", torque_constant=[1.0]), truth)
+
+
+@pytest.mark.parametrize("lists", [True, False], ids=["lists", "columns"])
+def test_joint_states_go_by_the_names_next_to_them(truth, tmp_path, lists):
+    """Drivers sort joints by the alphabet: their numbers are not the URDF's."""
+    t, q, qd, tau = truth
+    order = [2, 1, 0, 5, 4, 3]
+    names, values = [JOINTS[k] for k in order], {"position": q, "velocity": qd, "effort": tau}
+    if lists:
+        frame = pd.DataFrame({"Time": t, "name": [str(names)] * len(t)})
+        frame = frame.assign(
+            **{kind: [str(row) for row in x[:, order].tolist()] for kind, x in values.items()}
+        )
+    else:
+        frame = pd.DataFrame({"%time": (1e9 * t).astype(np.int64)})
+        frame = frame.assign(**{f"field.name{k}": name for k, name in enumerate(names)})
+        for kind, x in values.items():
+            frame = frame.assign(**{f"field.{kind}{k}": x[:, j] for k, j in enumerate(order)})
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    assert_same(convert(tmp_path / "log.csv"), truth)
+    if lists:
+        frame = frame.assign(**{kind: x[:, order].tolist() for kind, x in values.items()}).drop(
+            columns="name"
+        )
+        frame.to_parquet(tmp_path / "log.parquet")
+        assert_same(convert(tmp_path / "log.parquet", joints=names), truth)
 
 
 def test_seconds_and_nanoseconds_of_a_german_recorder():

@@ -33,6 +33,15 @@ def test_torque_sensors_that_are_turned_are_all_named_and_turned_in_one_call(tmp
     bench.accept("--turn", turned)
 
 
+@pytest.mark.parametrize(("n", "dead"), [(4, 3), slow(5, 4)])
+def test_a_torque_that_is_noise_hides_no_sign_of_the_others(tmp_path, n, dead):
+    """As a joint sensor of a light wrist behind the gear."""
+    bench = Bench(tmp_path, n, 2.0, size=0.5)
+    own = np.where(np.arange(n) == dead, 0.0, -1.0)
+    bench.record(lambda q, v, a, rng, t: own * chain(q, v, a, 2.0, 0.3) + rng.normal(0, 0.05, q.shape))
+    assert "opposite sign of what the motion needs" in bench.refuse()
+
+
 @pytest.mark.parametrize(("n", "mass", "friction"), [(2, 4.0, 3.0), (3, 0.8, 0.3), (2, 0.2, 0.02)])
 def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     bench = Bench(tmp_path, n, mass)

@@ -16,6 +16,7 @@ from wearscope.files import check_plain
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import is_lerobot, read_lerobot
+from wearscope.starters.states import spread_states
 from wearscope.starters.text_files import read_text
 from wearscope.tables import check_unpacked, to_frame
 
@@ -89,7 +90,8 @@ def open_recordings(
             for name, frame in episodes:
                 yield file / name, frame, []
         else:
-            yield file, *read_recording(file, topic)
+            frame, told = read_recording(file, topic)
+            yield file, spread_states(frame), told
 
 
 def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:

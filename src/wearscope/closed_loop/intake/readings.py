@@ -96,7 +96,10 @@ def _choose(readings: Iterable[Reading], stated: Fit, rival: float) -> Reading |
         removed = stated.total - reading.fit.total
         if removed > _DOUBTFUL and not reading.any_size:
             removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))
-        kept = float(np.nansum(reading.fit.left[list(reading.joints)]))
+        own, before = (fit.left[list(reading.joints)] for fit in (reading.fit, stated))
+        # A torque that is noise is left by every reading, and speaks for none where most joints do.
+        speaks = np.abs(before - own) > _CLEAR * own
+        kept = float(np.nansum(own[speaks] if np.mean(speaks) > 0.5 else own))
         # What is removed of its torques is at most all that they vary: their misfit may be any size.
         if removed < _DOUBTFUL or kept > _CLEAR * min(removed, len(reading.joints)):
             continue

@@ -1,0 +1,64 @@
+"""Joint states that stand as lists in cells, or by number next to columns of the joints' names."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope import limits
+from wearscope.errors import InputError
+
+#: Cells that are a list, and names of columns with a number at their end.
+_LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
+_NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
+
+
+def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
+    """Table with a column for each value of lists, and joints' names in place of numbers where it has them.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Lists may be texts, such as ``[0.1, 0.2]``; each row has as many values as the first.
+
+    Raises
+    ------
+    InputError
+        Where a list has more values than a table may have columns.
+    """
+    parts: list[pd.DataFrame] = []
+    for name in frame.columns:
+        column = frame[name]
+        first: Any = column.iloc[0] if len(frame) else None
+        size = first.count(",") if isinstance(first, str) else np.size(first)
+        if size > limits.COLUMNS:
+            raise InputError(
+                f"column '{name}': has lists of more than {limits.COLUMNS} values; leave it out."
+            )
+        if isinstance(first, str) and _LIST.fullmatch(first.strip()):
+            cells = column.astype(str).str.strip("[]() \n").str.split(r"\s*,\s*|\s+", regex=True, expand=True)
+        elif isinstance(first, (list, tuple, np.ndarray)) and len(first):
+            cells = pd.DataFrame(column.tolist(), index=frame.index)
+        else:
+            parts.append(column.to_frame())
+            continue
+        cells = cells.iloc[:, : int(cells.iloc[0].notna().sum())]
+        cells.columns = pd.Index([f"{name}_{k}" for k in range(cells.shape[1])])
+        parts.append(cells)
+    return _take_names(pd.concat(parts, axis=1)) if parts else frame
+
+
+def _take_names(frame: pd.DataFrame) -> pd.DataFrame:
+    """Columns by the joints' names, where these stand in columns of their own and never change."""
+    found = {str(column): _NUMBERED.fullmatch(str(column)) for column in frame.columns}
+    joints = {}
+    for column, match in found.items():
+        if match and match[2].lower() == "name" and frame[column].nunique() == 1:
+            joints[match[1], match[3]] = str(frame[column].iloc[0]).strip("'\" ")
+    named = {
+        column: f"{joints[match[1], match[3]]}.{match[2].lower()}"
+        for column, match in found.items()
+        if match and match[2].lower() != "name" and (match[1], match[3]) in joints
+    }
+    return frame.rename(columns=named)
