@@ -202,8 +202,9 @@ def hold(x, rows, first=0):
 
 @pytest.mark.parametrize("rows", [4, 10])
 def test_positions_that_are_held_give_their_own_rows(truth, tmp_path, rows):
-    """Torques are new in each row; their mean over a hold stands at its first row, as the position does."""
+    """Torques are new in each row; their mean over a hold stands at its first row. The last joint rests."""
     t, q, qd, tau = truth
+    q = np.column_stack([q[:, :5], np.full(len(q), 0.3)])
     held = (t, hold(q, rows), qd, tau)
     table(held, "t", "q{}", "tau{}").to_csv(tmp_path / "log.csv", index=False)
     made = convert(tmp_path / "log.csv")

@@ -33,6 +33,12 @@ def find_hold(x: Array) -> int:
     return held if held > 1 and clear else 1
 
 
+def _is_quicker(x: Array, held: int) -> bool:
+    """Whether a channel (N,) has new values more often than one that is held over so many rows."""
+    gaps = np.diff(np.flatnonzero(np.diff(x)))
+    return bool(np.count_nonzero(gaps < held - 1) > _SHORTER * len(gaps))
+
+
 def _find_news(x: Array, held: int) -> np.ndarray:
     """Rows of a channel (N,) that are new, those by which a value that did not change was asked for again."""
     at = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1])
@@ -75,10 +81,7 @@ def take_news(
         longest = max(holds.values(), default=1)
         if longest > 1:
             # Channels of a kind come together: of one that hardly moves the hold does not show.
-            quick = {
-                name: np.mean(np.diff(np.flatnonzero(np.diff(x))) < longest - 1) for name, x in own.items()
-            }
-            held |= {name: longest for name in own if not quick[name] > _SHORTER}
+            held |= {name: longest for name, x in own.items() if not _is_quicker(x, longest)}
             kinds[kind] = longest
     if not kinds and not by_turns:
         return t, numbers, []
