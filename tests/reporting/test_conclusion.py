@@ -148,17 +148,18 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
     assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
     assert "is not judged; the part on trust has the command." in study_strip(study).caveat
-    row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     path = "effects.friction_wear_temperature.all.eta0 %"
+    command = ask_moved(study)[0].striptags().partition("changes, run ")[2].partition("; ")[0]
+    setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
+    assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == {path: 100}
+    row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
     assert study_strip(study).caveat.endswith(
         "With Coulomb friction changed by +100 %, Friction fit (C) has a signal-to-noise ratio of 4 instead "
         "of 9 (a, axis 1)."
     )
-    command = ask_moved(study)[0].striptags().partition("changes, run ")[2].partition("; ")[0]
-    setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
-    assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == {path: 100}
+    assert not ask_moved(study)
     given = replace(study, sources={"arm": ["paper"]})
     assert study_strip(given).answer.endswith("The robot's numbers are given.") and not ask_moved(given)
 

@@ -180,8 +180,8 @@ def tell_moved(study: Study, detector: str) -> str:
 
 
 def ask_moved(study: Study) -> list[Markup]:
-    """Commands that ask what half or double the friction changes, where it is assumed; [] else."""
-    if not assumed_robots(study):
+    """Commands that ask what half or double the friction changes, where it is assumed and not asked yet."""
+    if not assumed_robots(study) or _COULOMB in study.config["direct"]["mismatch"]:
         return []
     setting = f'direct.mismatch={{"{_COULOMB}": SHARE}}'
     command = f"wearscope run {study.config['study']} --set '{setting}'"
