@@ -14,10 +14,14 @@ DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared
 pytestmark = pytest.mark.slow
 
 
-def close(name):
+def locate(name):
     if not (DATA / name).is_dir():
         pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data")
-    return diagnose(DATA / name).verdict
+    return DATA / name
+
+
+def close(name):
+    return diagnose(locate(name)).verdict
 
 
 def test_ball_screw_axis_is_predicted_within_3_percent():
@@ -31,7 +35,7 @@ def test_ball_screw_axis_is_predicted_within_3_percent():
 def test_an_offset_of_every_run_is_named_and_displaces_no_name(tmp_path):
     """A constant of 2.7 N, 5 % of the training run's force (RMS), is added to both runs of the axis."""
     plain = close("emps")
-    folder = shutil.copytree(DATA / "emps", tmp_path / "emps")
+    folder = shutil.copytree(locate("emps"), tmp_path / "emps")
     for path in (folder / "runs").iterdir():
         table = pd.read_parquet(path)
         table["tau_slide"] += 2.7
@@ -47,7 +51,7 @@ def test_an_offset_of_every_run_is_named_and_displaces_no_name(tmp_path):
 @pytest.mark.parametrize("delay", [0.02, -0.02])
 def test_a_delay_of_the_axis_is_taken_out_whole(tmp_path, delay):
     """Its force is moved by 20 ms, most of a period of the cut-off; 0.8 ms are the axis's own."""
-    folder = shutil.copytree(DATA / "emps", tmp_path / "emps")
+    folder = shutil.copytree(locate("emps"), tmp_path / "emps")
     for path in (folder / "runs").iterdir():
         table = pd.read_parquet(path)
         table["tau_slide"] = np.interp(table["t"] - delay, table["t"], table["tau_slide"])
