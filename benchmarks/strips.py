@@ -2,8 +2,8 @@
 
     python -m benchmarks.strips results/paper results/closed_loop/arm ...
 
-Each folder holds ``report.html`` of a study, a diagnosis, a tracked machine or detectors on recordings. The
-answer's names and numbers must be those of the tables. It needs Playwright and Chromium.
+Each folder holds ``report.html`` of a study, its re-evaluation, a diagnosis, a tracked machine or detectors
+on recordings. The answer's names and numbers must be those of the tables. It needs Playwright and Chromium.
 """
 
 import json
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from wearscope import tables
+from wearscope.evaluation.certain_changes import SURE
 
 #: Verdicts of a detector that has decided.
 _DECIDED = ("alarm", "no alarm")
@@ -95,15 +96,25 @@ def state_detection(folder: Path) -> tuple[list[str], list[float]]:
     return ["No alarm in"], [decided] + ([runs - decided] if decided < runs else [])
 
 
+def state_reevaluation(folder: Path) -> tuple[list[str], list[float]]:
+    """Detectors, with their axes, whose SNR the correction surely changes."""
+    table = tables.read_table(folder.parent / "reevaluation.parquet")
+    told = table[(table["question"] == "snr") & ~table["withheld"] & (table["p_changed"] >= SURE)]
+    names = {f"({row.fda})" for row in told.itertuples()} | {f"axis {row.axis}" for row in told.itertuples()}
+    return sorted(names) or ["changes for none"], []
+
+
 STATES = {
     "conclusion.json": state_study, "verdict.json": state_loop, "tracking.json": state_tracking,
-    "detection.json": state_detection,
+    "detection.json": state_detection, "../reevaluation.parquet": state_reevaluation,
 }  # fmt: skip
 
 
 def check_top(folder: Path, top: dict[str, Any]) -> list[str]:
     """What the top of a page lacks of what its tables say."""
-    state = next(ask for file, ask in STATES.items() if (folder / file).is_file())
+    state = next((ask for file, ask in STATES.items() if (folder / file).is_file()), None)
+    if state is None:
+        return [f"has none of {', '.join(STATES)}; give the folder of a page that answers"]
     names, numbers = state(folder)
     text = re.sub(r"\s+", " ", f"{top['answer']} {top['rest']}")
     wrong = [f"does not name {name}" for name in names if name.lower() not in text.lower()]
