@@ -171,8 +171,8 @@ def _note_lag(prepared: Prepared, whole: Rows) -> None:
     lag = find_lag(_ask(prepared, whole))
     if lag is not None and TIME_DELAY.name not in prepared.dataset.fields.declared_effects:
         prepared.notes.append(
-            f"torques follow the motion by about {1000 * lag:.0f} ms at every joint, as behind a filter: "
-            "a delay that is named at joints is the recorder's; record the torque without a filter."
+            f"torques follow the motion by about {1000 * lag:.0f} ms at every joint, as behind a filter. "
+            "A delay that is named at a joint comes from the recorder. Record the torque without a filter."
         )
 
 
@@ -215,7 +215,7 @@ def _ask(prepared: Prepared, own: Rows) -> Asked:
 
     torques = [interpolate.CubicSpline(prepared.runs[k].t, prepared.runs[k].measured) for k in runs]
 
-    def torque_at(delay: float, order: int = 0) -> np.ndarray:
+    def torque_at(delay: float, order: int) -> np.ndarray:
         parts = []
         for k, spline in zip(runs, torques, strict=True):
             run = prepared.runs[k]

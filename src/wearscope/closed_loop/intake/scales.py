@@ -41,9 +41,8 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
     told = (
         f"{say_columns(names)} {'fit' if len(moved) > 1 else 'fits'} the URDF where multiplied by "
-        f"{', '.join(dict.fromkeys(sizes))}, as turns and angles before a gear do, and better by a gear's "
-        f"stated ratio; write "
-        f'"scaled: {{{pairs}}}" in dataset.yaml.'
+        f"{', '.join(dict.fromkeys(sizes))}, as turns or angles before a gear do; where the exact factor is "
+        f'known, give that; write "scaled: {{{pairs}}}" in dataset.yaml.'
     )
     codes = tuple(f"scale {name}" for name in names)
     yield Reading(told, codes, tuple(moved.tolist()), _scale(asked.rows, octaves).products)
