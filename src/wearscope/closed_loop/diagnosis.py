@@ -314,7 +314,7 @@ def drop_undetermined(
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.evidence.term for f in found)])
-        estimates = estimate(after)[len(before.entries) :]
+        estimates = estimate(after, unnamed=False)[len(before.entries) :]
         doubtful = [
             (e.p_value, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))

@@ -6,11 +6,13 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
+from wearscope.closed_loop.model.blocks import make_folds
 from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.vocabulary import plain_friction
 
 #: Information on a spline's height below which nothing is known of it, over that on its best known one.
 _INFORMED = 1e-3
@@ -25,11 +27,13 @@ class JointFit:
     theta : ndarray (p,)
         Coefficients, those of the inertial parameters first.
     covariance : ndarray (p + s, p + s)
-        Of the coefficients, then of the free shapes and of the reversals' widths and forms.
+        Of the coefficients, then of the free shapes, of the reversals' widths and forms, and of plain friction
+        without a name.
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
     moved : ndarray (p + s,)
-        The part of it by which another form of a reversal would move the value.
+        The part of it by which another form of a reversal, or plain friction without a name, would move the
+        value.
     owners : list of (int, int)
         Entry and shape parameter of each free shape.
     told, carried : ndarray (p + s,)
@@ -110,6 +114,26 @@ def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.n
     return [g.reshape(*g.shape[:2], -1) for g in gradients], precision
 
 
+def _list_plain(model: Regression) -> list[np.ndarray]:
+    """Columns (M, n, k) by run of plain friction without a name: every joint has it, also where it is small."""
+    there = [
+        [e.effect for e in model.entries if e.joint == j and not e.effect.spread]
+        for j in range(model.prepared.n)
+    ]
+    places = [
+        (effect, int(j))
+        for j in np.flatnonzero(model.prepared.moving)
+        for effect in plain_friction()
+        if not any(effect.name in (e.name, *e.contains) for e in there[j])
+    ]
+    columns = []
+    for run in model.prepared.runs_for("train"):
+        columns.append(np.zeros((len(run.t), model.prepared.n, len(places))))
+        for k, (effect, j) in enumerate(places):
+            columns[-1][:, j, k] = reduce_columns(effect, j, np.zeros((1, 0)), run)[:, 0]
+    return columns
+
+
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
     """Derivative of the prediction with respect to each free shape: rows (M, n) by run, and whose it is."""
     train = model.prepared.runs_for("train")
@@ -138,7 +162,7 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     ], owners
 
 
-def estimate_jointly(model: Regression) -> JointFit:
+def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
@@ -146,11 +170,20 @@ def estimate_jointly(model: Regression) -> JointFit:
     inertials beforehand counts as observations of them, with their own scatter. Intervals take Student's t
     with as many degrees of freedom as clusters carry the parameter's information, less one. Where a regressor
     was made from the measured torque, its noise-free instrument takes its place in the scores.
+
+    Parameters
+    ----------
+    model : Regression
+    unnamed : bool
+        Whether the intervals hold what may be there and got no name: plain friction, and what differs between
+        the parts that are held out, as clusters where these give wider intervals. Names are tested without.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
     reversals, precision = _reversal_gradients(model, theta)
-    extra = [np.concatenate(both, axis=2) for both in zip(extra, reversals, strict=True)]
+    plain = _list_plain(model) if unnamed else [g[:, :, :0] for g in reversals]
+    precision = np.concatenate([precision, np.zeros(plain[0].shape[2])])
+    extra = [np.concatenate(every, axis=2) for every in zip(extra, reversals, plain, strict=True)]
     instruments = make_instruments(model, model.held)
     residuals = model.residuals(theta)
     p = model.p + extra[0].shape[2]
@@ -182,12 +215,34 @@ def estimate_jointly(model: Regression) -> JointFit:
     meat[: model.p, : model.p] += model.inertial_prior
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    # A mixture of forms would move the estimates by so much.
-    moved = np.abs(inverse @ np.where(prior > 0.0, scores.sum(axis=0), 0.0))
+    # A mixture of forms, and plain friction without a name, would move the estimates by so much.
+    free = np.arange(p) >= p - plain[0].shape[2]
+    moved = np.abs(inverse @ np.where(free | (prior > 0.0), scores.sum(axis=0), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
-    width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error + moved
-    return JointFit(theta, covariance, width, moved, owners, told, carried)
+    width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
+    if unnamed:
+        width = np.maximum(width, _measure_by_part(model, inverse, scores))
+    return JointFit(theta, covariance, width + moved, moved, owners, told, carried)
+
+
+def _measure_by_part(model: Regression, inverse: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Half of each value's 95 % interval with the parts that must agree as clusters: runs, or parts of few.
+
+    Parameters
+    ----------
+    model : Regression
+    inverse : ndarray (p, p)
+        Of the normal matrix.
+    scores : ndarray (B, p)
+        By block.
+    """
+    files = [run.file for run in model.prepared.runs_for("train")]
+    parts = make_folds(model.blocks, files).parts
+    moved = inverse @ np.stack([scores[parts == k].sum(axis=0) for k in np.unique(parts)], axis=1)
+    count = moved.shape[1]
+    error = np.sqrt((moved**2).sum(axis=1) * count / (count - 1))
+    return np.asarray(stats.t.ppf(0.975, count - 1) * error)
 
 
 def _invert(matrix: np.ndarray) -> np.ndarray:
@@ -195,9 +250,9 @@ def _invert(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
-def estimate(model: Regression) -> list[Estimate]:
+def estimate(model: Regression, unnamed: bool = True) -> list[Estimate]:
     """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
-    joint = estimate_jointly(model)
+    joint = estimate_jointly(model, unnamed)
     theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):

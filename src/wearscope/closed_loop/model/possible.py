@@ -96,7 +96,7 @@ def list_beyond(model: Regression) -> list[tuple[int, int, Impossible, float]]:
                 places.append((i, k, float(value)))
     if not places:
         return []
-    estimates = estimate(model)
+    estimates = estimate(model, unnamed=False)
     found = []
     for i, k, value in places:
         effect, joint = model.entries[i].effect, model.entries[i].joint

@@ -1,0 +1,52 @@
+"""Intervals hold what has no name: plain friction that is too small for one, and what differs by run."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.model.declared import fit_declared_model
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.model.prediction import refit
+
+
+def fit(problem, without=()):
+    declared = fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
+    return refit(declared, [term for term in declared.entries if term.label not in without])
+
+
+def find_level(model, label, unnamed):
+    (own,) = (e for e in estimate(model, unnamed) if e.entry.label == label)
+    return own.intervals["level"]
+
+
+def test_an_interval_holds_what_plain_friction_without_a_name_takes(record, pose):
+    problem = pose(record(noise=0.3, seed=4))
+    without, complete = fit(problem, without=("viscous@0",)), fit(problem)
+    low, high = find_level(without, "coulomb@0", unnamed=False)
+    assert not low <= 6.0 <= high
+    low, high = find_level(without, "coulomb@0", unnamed=True)
+    assert low <= 6.0 <= high
+    # With its name, friction is as sure as it was.
+    low, high = find_level(complete, "coulomb@0", unnamed=True)
+    assert low <= 6.0 <= high
+    assert high - low < 0.2
+
+
+@pytest.mark.parametrize("runs", [5, 2])
+def test_an_interval_holds_what_differs_by_run_or_by_part_of_few(record, pose, runs):
+    """Coulomb friction that changes every three seconds, far slower than the noise."""
+
+    def wander(t, q, v, a, rng):
+        levels = rng.normal(0.0, 0.5, int(t[-1] // 3) + 1)
+        extra = levels[(t // 3).astype(int)] * np.sign(v[:, 0])
+        return np.column_stack([extra, 0.0 * extra])
+
+    model = fit(pose(record(noise=0.1, extra_torque=wander, runs=runs, seed=2)))
+    narrow, wide = (find_level(model, "coulomb@0", unnamed) for unnamed in (False, True))
+    assert np.ptp(wide) > 1.3 * np.ptp(narrow)
+    assert wide[0] <= 6.0 <= wide[1]
+    # At the other joint nothing differs.
+    narrow, wide = (find_level(model, "coulomb@1", unnamed) for unnamed in (False, True))
+    assert np.ptp(wide) < 0.5
+    assert wide[0] <= 3.0 <= wide[1]
