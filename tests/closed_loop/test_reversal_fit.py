@@ -103,7 +103,7 @@ def test_a_level_that_another_form_would_take_away_is_not_told_from_zero(record,
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
     )
     at = next(k for k, e in enumerate(model.entries) if (e.effect.name, e.joint) == ("coulomb", 0))
-    joint, one = estimate_jointly(model), estimate(model)[at]
+    joint, one = estimate_jointly(model, unnamed=False), estimate(model, unnamed=False)[at]
     level, half, moved = (x[model.spans[at].start] for x in (joint.theta, joint.width, joint.moved))
     assert level > 2.0 * (half - moved)
     low, high = one.intervals["level"]

@@ -5,8 +5,8 @@ elsewhere, as at another temperature, and only test runs show it. They therefore
 name that they refute, or that makes a joint's error larger, is taken out, and the joint goes back towards the
 declared model, which claims nothing. No test run is spent twice on a claim by that:
 
-- A name is `confirmed` where the whole interval of what it removes is above zero. A name that is withdrawn
-  never has such an interval, so that the veto makes no false confirmation likelier.
+- A name is `confirmed` where the whole interval of what it removes at its joints is above zero. A name that
+  harms another joint keeps that status. The veto makes no false confirmation likelier.
 - An error is called `smaller` only where the interval of its change lies below zero. The choice of the
   smaller of two errors alone, which favours the corrected model, reaches no such claim either.
 
@@ -39,7 +39,7 @@ def withdraw_worse(
     sigma: np.ndarray,
     terms: Sequence[ModelTerm],
     marked: Sequence[Marked],
-) -> tuple[Regression, list[bool], list[Impossible], list[ModelTerm]]:
+) -> tuple[Regression, list[str], list[Impossible], list[ModelTerm]]:
     """The corrected model without names that the test runs refute or that make a joint's error larger.
 
     Parameters
@@ -58,15 +58,16 @@ def withdraw_worse(
     -------
     Regression
         `before` itself where no name is left.
-    list of bool
-        Whether each name is in it.
+    list of str
+        Why each name is not in it; empty where it is.
     list of Impossible
         What the fit of the declared effects with the names left out.
     list of ModelTerm
         Inertias of joints that a named body would harm; they are no names.
     """
     start = Regression(base.prepared, base.entries, sigma, base.inertial, base.blocks)
-    kept = [k for k, mark in enumerate(marked) if mark.status != "refuted"]
+    why = ["the test runs refute it" if mark.status == "refuted" else "" for mark in marked]
+    kept = [k for k, reason in enumerate(why) if not reason]
     helped: list[ModelTerm] = []
     while kept:
         model = refit(start, [*base.entries, *helped, *(terms[k] for k in kept)])
@@ -76,15 +77,18 @@ def withdraw_worse(
         here = {k: terms[k] for k in kept}
         j, worse = (-1, impossible) if impossible else _find_worse(base.prepared, before, model, here)
         if not worse and all(_is_possible(model, term) for term in helped):
-            return model, [k in kept for k in range(len(terms))], out, helped
+            return model, why, out, helped
         inertia = ModelTerm(OWN_INERTIA, j, (), (0,))
         if j >= 0 and all(terms[k].effect.spread for k in worse) and inertia not in helped:
             helped.append(inertia)
             continue
         # What removes least of the test runs' error is withdrawn first.
-        kept.remove(min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction)))
+        gone = min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction))
+        kept.remove(gone)
+        larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} larger"
+        why[gone] = larger if worse and j >= 0 else "parameters of the model would be impossible with it"
         helped = []
-    return before, [False] * len(terms), [], []
+    return before, why, [], []
 
 
 def _is_possible(model: Regression, term: ModelTerm) -> bool:

@@ -219,15 +219,15 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
     marked = mark_terms(prepared, proposed, terms)
     aligned, impossible = keep_possible(declared, len(declared.entries))
     before = undo_shifts(aligned, problem.late)
-    after, stays, beyond, helped = withdraw_worse(declared, aligned, search.sigma, terms, marked)
+    after, why, beyond, helped = withdraw_worse(declared, aligned, search.sigma, terms, marked)
     named = [
-        Attribution(term, f.evidence, names, mark, kept)
-        for term, f, names, mark, kept in zip(terms, determined, equivalent, marked, stays, strict=True)
+        Attribution(term, f.evidence, names, mark, withdrawn)
+        for term, f, names, mark, withdrawn in zip(terms, determined, equivalent, marked, why, strict=True)
     ]
     delays = mark_delays(proposed, problem.late)
     named = [*(replace(a, marked=mark) for a, mark in zip(late, delays, strict=True)), *named]
     here = [a.term for a in named if a.kept]
-    gone = [(a.term, a.evidence.share) for a in named if not a.kept]
+    gone = [(a.term, a.evidence.share, a.withdrawn) for a in named if not a.kept]
     states = judge_joints(prepared, after, here, answer.left, answer.dependence, search.policy, gone)
     predicted = predict_runs(prepared, before, after)
     worth = measure_worth(prepared, predicted)

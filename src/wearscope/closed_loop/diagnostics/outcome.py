@@ -34,15 +34,20 @@ class Attribution:
         Other names in its confidence set.
     marked : Marked
         What the test runs say.
-    kept : bool
-        Whether the corrected model has it.
+    withdrawn : str
+        Why the corrected model does not have it; empty where it does.
     """
 
     term: ModelTerm
     evidence: Evidence
     equivalent: list[str]
     marked: Marked
-    kept: bool
+    withdrawn: str
+
+    @property
+    def kept(self) -> bool:
+        """Whether the corrected model has it."""
+        return not self.withdrawn
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def judge_joints(
     left: Mapping[int, Evidence],
     dependence: Mapping[int, Dependence],
     policy: Policy,
-    withdrawn: Sequence[tuple[ModelTerm, float]] = (),
+    withdrawn: Sequence[tuple[ModelTerm, float, str]] = (),
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
@@ -76,8 +76,8 @@ def judge_joints(
     dependence : mapping of int to Dependence
         What depends on the motion, by joint.
     policy : Policy
-    withdrawn : sequence of (ModelTerm, float)
-        What was named and is not in the corrected model, with its share of the held-out loss.
+    withdrawn : sequence of (ModelTerm, float, str)
+        What was named and is not in the corrected model, with its share of the held-out loss, and why.
     """
     theta = after.solve()
     train = prepared.runs_for("train")
@@ -129,15 +129,13 @@ def _rms(parts: list[np.ndarray], keep: list[np.ndarray]) -> float:
 
 
 def _from_withdrawn(
-    prepared: Prepared, withdrawn: Sequence[tuple[ModelTerm, float]], joint: int
+    prepared: Prepared, withdrawn: Sequence[tuple[ModelTerm, float, str]], joint: int
 ) -> list[Seen]:
     """What training runs have by a name that the test runs do not bear out."""
     seen = []
-    for term, share in (one for one in withdrawn if one[0].joint == joint):
+    for term, share, why in (one for one in withdrawn if one[0].joint == joint):
         depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))
-        told = (
-            f"{term.effect.name} fits the training runs and makes the test runs' error larger: it is left out"
-        )
+        told = f"{term.effect.name} fits the training runs, but is left out: {why}"
         seen.append(Seen(share, depends, told))
     return seen
 

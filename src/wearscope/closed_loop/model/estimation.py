@@ -27,7 +27,7 @@ class JointFit:
     theta : ndarray (p,)
         Coefficients, those of the inertial parameters first.
     covariance : ndarray (p + s, p + s)
-        Of the coefficients, then of the free shapes, of the reversals' widths and forms, and of plain friction
+        Of the coefficients, then of the free shapes, the reversals' widths and forms, and plain friction
         without a name.
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
@@ -115,7 +115,7 @@ def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.n
 
 
 def _list_plain(model: Regression) -> list[np.ndarray]:
-    """Columns (M, n, k) by run of plain friction without a name: every joint has it, also where it is small."""
+    """Columns (M, n, k) by run of plain friction without a name, which every joint has, however small."""
     there = [
         [e.effect for e in model.entries if e.joint == j and not e.effect.spread]
         for j in range(model.prepared.n)
