@@ -21,14 +21,12 @@ from wearscope.extras import EXTRAS, need
 @pytest.mark.parametrize(
     ("code", "more"),
     [
-        ("import wearscope", "click rich yaml"),
+        ("import wearscope", "click yaml"),
         ("from wearscope.cli.main import main; main()", ""),
     ],
 )
 def test_import_and_help_load_nothing_heavy(code, more):
-    heavy = (
-        f"numpy pyarrow pandas scipy pybullet pinocchio matplotlib numba sklearn snakemake pydantic {more}"
-    )
+    heavy = f"numpy pyarrow pandas scipy pybullet pinocchio matplotlib numba snakemake pydantic {more}"
     tell = f"print([name for name in {heavy.split()} if name in sys.modules])"
     code = f"import sys; sys.argv[1:] = ['--help']\ntry:\n    {code}\nfinally:\n    {tell}"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

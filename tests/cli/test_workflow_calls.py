@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wearscope.cli.progress import describe, format_seconds
+from wearscope.cli.progress import describe, format_seconds, show_progress
 from wearscope.cli.workflow import Progress, explain_failure, read_setting
 from wearscope.errors import InputError
 
@@ -92,6 +92,18 @@ def test_the_line_says_how_far_a_long_job_is():
     assert describe(progress, 50.0) == "1 of 3 jobs, 50 s, about 1 min 40 s left"
     progress.read("close_loop: forward simulation, r1.csv, model after: ok\n", 60.0)
     assert progress.message == "forward simulation, r1.csv, model after: ok"
+
+
+def test_a_terminal_gets_one_line_that_moves_and_is_gone_at_the_end(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "60")
+    progress = read("total           40", "10 of 40 steps (25%) done", "Job 3: \x1b[2J" + 90 * "x")
+    with show_progress(verbose=False) as watch:
+        watch(progress, 30.0, "")
+    told = capsys.readouterr().err
+    assert "10 of 40 jobs" in told and "\n" not in told and "\x1b[2J" not in told
+    first, last = told.split("\r")[1:]
+    assert len(first.removesuffix("\x1b[K")) < 60 and last == "\x1b[K"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.selection.answer import find_named
 from wearscope.closed_loop.selection.chosen import Chosen
 from wearscope.closed_loop.selection.evidence import Evidence, Found, Refusal
-from wearscope.closed_loop.selection.naming import _is_same, find_confidence_set, name_terms
+from wearscope.closed_loop.selection.naming import _is_same, _keep_columns, find_confidence_set, name_terms
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.closed_loop.selection.search import Search
 from wearscope.effects.base import load_effect
@@ -50,6 +50,24 @@ def test_a_clearly_worse_name_is_dropped_in_either_order():
     made = draw(np.random.default_rng(0), [-3.0, -3.0, -1.0])
     assert names_in(made) == list(NAMES[:2])
     assert names_in(made[::-1]) == [NAMES[1], NAMES[0]]
+
+
+def test_the_set_is_arch_s():
+    from arch.bootstrap import MCS
+
+    rng = np.random.default_rng(6)
+    sizes = set()
+    for k in (2, 4, 9):
+        losses = rng.standard_normal((30, 1)) + 0.5 * rng.standard_normal((30, k)) + 0.2 * np.arange(k)
+        policy = Policy(seed=k)
+        other = MCS(
+            losses, policy.set_level, reps=500, block_size=2, method="R", bootstrap="stationary",
+            seed=np.random.default_rng(k),
+        )  # fmt: skip
+        other.compute()
+        assert sorted(_keep_columns(losses, policy)) == sorted(map(int, other.included))
+        sizes.add(len(other.included))
+    assert len(sizes) > 1
 
 
 def test_a_name_alone_is_its_own_set():

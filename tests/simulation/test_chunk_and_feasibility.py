@@ -325,7 +325,7 @@ model = load_model("medium", Path({str(ROOT / "config" / "robots")!r}))
 cycle = load_cycle({str(ROOT / "tests" / "workflow" / "tiny" / "short_moves.py")!r})
 plan = Plan("medium", "short", dict(f="wear"), 0, 0.004)
 assert not simulate_chunk({str(tmp_path)!r}, "identification", rows, model, cycle, plan, "code").failed
-heavy = ("pandas", "matplotlib", "sklearn", "statsmodels", "seaborn", "SALib", "snakemake", "scipy.optimize")
+heavy = ("pandas", "matplotlib", "statsmodels", "seaborn", "SALib", "snakemake", "scipy.optimize")
 print([name for name in heavy if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -10,8 +10,8 @@ from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.surrogates import selection
-from wearscope.surrogates.kinds import gaussian_process
-from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, _signal, fit_gaussian_process
+from wearscope.surrogates.kinds import gaussian_process, linear
+from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, fit_gaussian_process
 from wearscope.surrogates.kinds.likelihood import Likelihood
 from wearscope.surrogates.kinds.linear import (
     fit_polynomial_chaos,
@@ -94,17 +94,64 @@ def test_left_out_values_of_least_squares_are_those_of_fits_without_the_point():
         assert whole.left_out[k] == pytest.approx(part.predict(Z[[k]])[0][0], rel=1e-8)
 
 
+def kernel_of(columns):
+    """The same covariance without noise, by scikit-learn."""
+    from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct, Matern
+
+    matern = ConstantKernel(1.0) * Matern(np.full(columns, 4.0), nu=2.5)
+    return matern + ConstantKernel(0.1) * DotProduct(1.0) ** 2
+
+
+def condition(process, z, y):
+    """A process of scikit-learn's with the hyperparameters of `process`, on other runs."""
+    from sklearn.gaussian_process import GaussianProcessRegressor
+
+    kernel = kernel_of(z.shape[1]).clone_with_theta(np.array(process.parameters["theta"]))
+    noise = np.exp(process.parameters["log_noise"])
+    return GaussianProcessRegressor(kernel, alpha=noise, optimizer=None).fit(z, y)
+
+
+def test_a_process_predicts_as_scikit_learn_s(process):
+    y = noisy(cubic)
+    other = condition(process, Z, (y - y.mean()) / y.std())
+    mean, deviation = other.predict(NEW, return_std=True)
+    np.testing.assert_allclose(process.predict(NEW)[0], y.mean() + y.std() * mean, rtol=1e-9)
+    np.testing.assert_allclose(process.predict(NEW)[1], y.std() * deviation, rtol=1e-6)
+    covariance = other.predict(NEW[:9], return_cov=True)[1]
+    root = np.linalg.cholesky(covariance + gaussian_process.JITTER * np.eye(9))
+    drawn = (process.draw(NEW[:9], np.random.default_rng(2), 3) - process.predict(NEW[:9])[0]) / y.std()
+    expected = np.random.default_rng(2).standard_normal((3, 9)) @ root.T
+    np.testing.assert_allclose(drawn, expected, rtol=1e-5, atol=1e-7)
+
+
+def test_terms_are_taken_in_the_order_of_scikit_learn_s_least_angle_regression():
+    """Where the constant is the first that it would take."""
+    from sklearn.linear_model import lars_path
+
+    phi = linear.legendre_basis([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2], [3, 0]])(Z[:, :2])
+    for truth in (cubic, quadratic):
+        y = 20.0 + noisy(truth, noise=0.3)
+        order = lars_path(phi, y, method="lar")[1]
+        *_, taken = linear._take_terms(phi, y)
+        assert taken == list(order)
+
+
+def test_terms_that_are_kept_do_not_depend():
+    """A factor of three levels: its cube is a multiple of itself."""
+    z = np.column_stack([2.0 * np.round(Z[:, 0] / 2.0), Z[:, 1]])
+    y = 3.0 + z[:, 0] + z[:, 1] ** 2 + 0.1 * np.random.default_rng(4).standard_normal(len(z))
+    kept = linear.choose_terms(z, y)
+    assert [0, 0] in kept and [0, 2] in kept and ([1, 0] in kept) != ([3, 0] in kept)
+    assert np.linalg.matrix_rank(linear.legendre_basis(kept)(z)) == len(kept)
+
+
 def test_left_out_values_of_a_process_are_those_of_conditioning_without_the_point(process):
     y = noisy(cubic)
     middle, scale = y.mean(), y.std()
     for k in (0, 17, 101):
         seen = np.arange(len(y)) != k
         # Hyperparameters and standardisation of the whole, one run fewer to condition on.
-        from sklearn.gaussian_process import GaussianProcessRegressor
-
-        part = GaussianProcessRegressor(
-            process._process.kernel, alpha=np.exp(process.parameters["log_noise"]), optimizer=None
-        ).fit(Z[seen], (y[seen] - middle) / scale)
+        part = condition(process, Z[seen], (y[seen] - middle) / scale)
         mean, deviation = part.predict(Z[[k]], return_std=True)
         assert process.left_out[k] == pytest.approx(middle + scale * mean[0], rel=1e-6)
         total = np.hypot(scale * deviation[0], process.noise)
@@ -282,7 +329,7 @@ def test_the_likelihood_and_its_gradient_are_scikit_learn_s(columns):
 
     seen, y = Z[:, :columns], noisy(cubic)
     target = (y - y.mean()) / y.std()
-    kernel = _signal(columns) + WhiteKernel(0.01)
+    kernel = kernel_of(columns) + WhiteKernel(0.01)
     other = GaussianProcessRegressor(kernel, optimizer=None).fit(seen, target)
     rng = np.random.default_rng(3)
     for _ in range(3):

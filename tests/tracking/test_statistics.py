@@ -126,6 +126,19 @@ def test_step_is_one_change_point_and_noise_is_none():
     assert np.mean(np.array(several) > 0) < 0.1
 
 
+def test_change_points_are_those_of_ruptures():
+    import ruptures
+
+    rng = np.random.default_rng(7)
+    for length in (2, 9, 40):
+        for _ in range(20):
+            values = 3.0 * np.cumsum(rng.random(length) < 0.2) + rng.normal(size=length)
+            search = ruptures.Pelt(model="l2", min_size=1, jump=1).fit(values[:, None])
+            ends = search.predict(pen=3.0 * np.log(length))[:-1]
+            expected = np.searchsorted(ends, np.arange(length), side="right")
+            np.testing.assert_array_equal(find_segments(values, np.ones(length)), expected)
+
+
 def test_session_without_an_estimate_belongs_to_the_one_before():
     values = np.array([0.0, 0.0, np.nan, 5.0, 5.0])
     np.testing.assert_array_equal(find_segments(values, np.full(5, 0.1)), [0, 0, 0, 1, 1])

@@ -19,7 +19,6 @@ ROOT = Path(__file__).parents[2]
 GIVEN_BY = {
     "vl_convert": "vl-convert-python",
     "yaml": "pyyaml",
-    "sklearn": "scikit-learn",
     "pinocchio": "pin",
     "PIL": "pillow",
 }

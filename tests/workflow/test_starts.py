@@ -12,7 +12,7 @@ import pytest
     [
         ("wearscope.detectors.friction_fit", ["scipy.signal", "scipy.stats", "scipy.interpolate"]),
         ("wearscope.detectors.wear_temperature_fit", ["scipy.signal", "scipy.stats"]),
-        ("wearscope.surrogates.chosen", ["scipy.optimize", "sklearn"]),
+        ("wearscope.surrogates.chosen", ["scipy.optimize"]),
         ("wearscope.reporting.figures.recording", ["seaborn", "statsmodels", "scipy.stats"]),
     ],
 )

@@ -1,14 +1,15 @@
 """One line that says what is done and what time is left."""
 
+import shutil
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-
-from wearscope.cli.workflow import Progress as Done
+from wearscope.cli.say import say
+from wearscope.cli.workflow import Progress
+from wearscope.errors import escape_text
 
 #: Where the output is no terminal, a line is written each so many seconds.
 EVERY = 60.0
@@ -24,7 +25,7 @@ def format_seconds(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-def describe(done: Done, elapsed: float) -> str:
+def describe(done: Progress, elapsed: float) -> str:
     """Text of the line."""
     if not done.total:
         return f"planning, {format_seconds(elapsed)}"
@@ -47,31 +48,25 @@ def show_progress(verbose: bool) -> Iterator[Any]:
     verbose : bool
         Show all that Snakemake says instead.
     """
-    console = Console(stderr=True)
-    if verbose:
-        yield lambda done, elapsed, line: console.print(
-            line.rstrip(), markup=False, highlight=False, soft_wrap=True
-        )
-    elif console.is_terminal:
-        columns = BarColumn(bar_width=20), TextColumn("{task.description}", markup=False)
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task("planning", total=None)
+    last = time.monotonic()
 
-            def move(done: Done, elapsed: float, line: str) -> None:
-                doing = done.message if done.part is None else ""
-                text = describe(done, elapsed) + (f": {doing}" if doing else "")
-                room = console.width - 24
-                bar.update(task, total=done.total or None, completed=done.done, description=text[:room])
-
-            yield move
-    else:
+    def move(done: Progress, elapsed: float, line: str) -> None:
+        nonlocal last
+        moves = sys.stderr.isatty()
+        if not moves and time.monotonic() - last < EVERY:
+            return
         last = time.monotonic()
+        doing = f": {done.message}" if done.message and done.part is None else ""
+        text = describe(done, elapsed) + doing
+        if moves:
+            full = "━" * (20 * done.done // done.total if done.total else 0)
+            text = f"{full:─<20} {escape_text(text)}"[: shutil.get_terminal_size().columns - 1]
+            print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
+        else:
+            say(text, err=True)
 
-        def write(done: Done, elapsed: float, line: str) -> None:
-            nonlocal last
-            if time.monotonic() - last >= EVERY:
-                last = time.monotonic()
-                doing = f": {done.message}" if done.message and done.part is None else ""
-                console.print(describe(done, elapsed) + doing, markup=False, highlight=False, soft_wrap=True)
-
-        yield write
+    try:
+        yield (lambda done, elapsed, line: say(line.rstrip(), err=True)) if verbose else move
+    finally:
+        if sys.stderr.isatty() and not verbose:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

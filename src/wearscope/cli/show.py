@@ -1,17 +1,18 @@
 """Tables and figures in the terminal."""
 
 import glob
+import os
+import shutil
 import sys
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
+from textwrap import wrap
 
 import click
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from wearscope import limits
-from wearscope.cli.say import say
+from wearscope.cli.say import say, say_styled
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
 
@@ -31,13 +32,18 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table as wide as the terminal; nothing where it has no rows."""
     if not rows:
         return
-    console = Console() if sys.stdout.isatty() else Console(width=160)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for header in headers:
-        table.add_column(Text(escape_text(header)), overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(escape_text(one)) for one in row))
-    console.print(table)
+    room = shutil.get_terminal_size().columns if sys.stdout.isatty() else 160
+    lines = [[escape_text(one) for one in line] for line in (headers, *rows)]
+    widest = [max(1, *map(len, column)) for column in zip(*lines, strict=True)]
+    most = room
+    while most > 1 and sum(min(most, width) + 2 for width in widest) - 2 > room:
+        most -= 1
+    widths = [min(most, width) for width in widest]
+    for k, line in enumerate(lines):
+        cells = [wrap(one, width) or [""] for one, width in zip(line, widths, strict=True)]
+        for parts in zip_longest(*cells, fillvalue=""):
+            text = "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True))
+            say_styled([(text.rstrip(), {"bold": True} if k == 0 else {})])
 
 
 def find_results(place: str | None) -> Path:
@@ -146,7 +152,6 @@ def _draw(path: Path) -> None:
     import numpy as np
     from PIL import Image
 
-    console = Console()
     try:
         with Image.open(path, formats=["PNG"]) as opened:  # others may call programs
             if opened.width * opened.height > limits.PIXELS:
@@ -157,13 +162,11 @@ def _draw(path: Path) -> None:
     except Exception as error:  # of a broken picture Pillow raises many kinds
         told = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: is no whole picture ({told}); make it again.") from None
-    width = min(console.width, picture.width)
+    width = min(shutil.get_terminal_size().columns, picture.width)
     height = max(2, 2 * round(picture.height * width / picture.width / 2))
-    pixels = np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
-    for top in range(0, height, 2):
-        line = Text()
-        for x in range(width):
-            colours = (f"rgb({','.join(map(str, pixels[row, x].tolist()))})" for row in (top, top + 1))
-            line.append("▀", style=" on ".join(colours))
-        console.print(line)
+    pixels = np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS)).astype(int)
+    if "COLORTERM" not in os.environ:  # the terminal may know no more than the 256 colours' cube of 6 x 6 x 6
+        pixels = 16 + np.rint(pixels / 51.0).astype(int) @ [36, 6, 1]
+    for upper, lower in zip(pixels[::2].tolist(), pixels[1::2].tolist(), strict=True):
+        say_styled(("▀", {"fg": fg, "bg": bg}) for fg, bg in zip(upper, lower, strict=True))
     say(path)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import ruptures
 import statsmodels.api as sm
 
 #: Penalty of a change point, in the noise's variance times the logarithm of the number of sessions: the
@@ -35,7 +34,7 @@ class Trend:
 
 
 def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Segment (S,) of each session between change points of a level (PELT; Killick et al. 2012).
+    """Segment (S,) of each session between change points of a level (Jackson et al. 2005, IEEE SPL 12).
 
     Parameters
     ----------
@@ -47,12 +46,21 @@ def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
     if known.sum() < 2:
         return segment
     # In the usual noise's unit; sessions that say less than the usual one weigh less.
-    signal = (values[known] / np.maximum(errors[known], np.median(errors[known])))[:, None]
+    signal = values[known] / np.maximum(errors[known], np.median(errors[known]))
+    signal -= signal.mean()
     penalty = _PENALTY * np.log(len(signal))
-    ends = ruptures.Pelt(model="l2", min_size=1, jump=1).fit(signal).predict(pen=penalty)
+    total, squares = (np.concatenate([[0.0], np.cumsum(x)]) for x in (signal, signal**2))
+    least, start = np.zeros(len(signal) + 1), np.zeros(len(signal) + 1, dtype=int)
+    for end in range(1, len(signal) + 1):
+        k = np.arange(end)
+        costs = least[:end] + squares[end] - squares[:end] - (total[end] - total[:end]) ** 2 / (end - k)
+        start[end] = np.argmin(costs)
+        least[end] = costs[start[end]] + penalty
     own = np.zeros(len(signal), dtype=int)
-    for end in ends[:-1]:
-        own[end:] += 1
+    begin = start[-1]
+    while begin > 0:
+        own[begin:] += 1
+        begin = start[begin]
     place = np.maximum.accumulate(np.where(known, np.cumsum(known) - 1, 0))
     return own[place]
 

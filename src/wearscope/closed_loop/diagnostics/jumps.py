@@ -12,7 +12,6 @@ with the residual made white by an autoregression, a step is a lone pulse, which
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.tree import DecisionTreeRegressor
 
 from wearscope.closed_loop.selection.series import average, bend_line, cut_knocks, find_whitening, leave
 
@@ -85,9 +84,18 @@ def find_jumps(t: np.ndarray, x: np.ndarray) -> Jumps | None:
 
 def _fit_levels(x: np.ndarray, jumps: int) -> np.ndarray:
     """Levels (M,) between so many jumps at most, each placed where it leaves least with those before it."""
-    row = np.arange(len(x), dtype=float)[:, None]
-    tree = DecisionTreeRegressor(max_leaf_nodes=jumps + 1, min_samples_leaf=_SHORTEST, random_state=_SEED)
-    return np.asarray(tree.fit(row, x).predict(row))
+    pieces = {(0, len(x)): _place_step(x)}
+    for _ in range(jumps):
+        (begin, end), (place, gain) = max(pieces.items(), key=lambda piece: piece[1][1])
+        if not gain > 0.0:
+            break
+        del pieces[begin, end]
+        for part in ((begin, begin + place), (begin + place, end)):
+            pieces[part] = _place_step(x[slice(*part)])
+    levels = np.empty(len(x))
+    for begin, end in pieces:
+        levels[begin:end] = x[begin:end].mean()
+    return levels
 
 
 def _left(x: np.ndarray, levels: np.ndarray) -> float:
@@ -153,7 +161,9 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
     x = cut_knocks(x)
     if not np.ptp(x) > 0.0:
         return None
-    place, step, share = _place_step(x)
+    place, gain = _place_step(x)
+    before = np.cumsum(x)[place - 1]
+    step = np.where(np.arange(len(x)) < place, before / place, (x.sum() - before) / (len(x) - place))
     whiten = find_whitening(x - step)
     after, level = np.arange(len(x)), np.ones(len(x))
     first, last = max(place - _NEAR, _SHORTEST), min(place + _NEAR, len(x) - _SHORTEST)
@@ -163,15 +173,17 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
     others = [leave(one, x, whiten) for one in (level, *(bend_line(len(x), bends) for bends in _BENDS))]
     variance = max(own / (len(x) - len(whiten) - 1), 1e-300)
     size = float(x[place:].mean() - x[:place].mean())
+    share = gain / float(np.sum((x - x.mean()) ** 2))
     return Shift((min(others) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
 
 
-def _place_step(x: np.ndarray) -> tuple[int, np.ndarray, float]:
-    """Row of the step that leaves least of a residual (M,), the step (M,), and its share of the variance."""
+def _place_step(x: np.ndarray) -> tuple[int, float]:
+    """Row of the step that takes most of a series' (M,) squares, and how much; 0 of too short a series."""
     k = np.arange(_SHORTEST, len(x) - _SHORTEST + 1)
+    if not len(k):
+        return 0, 0.0
     before = np.cumsum(x)[k - 1]
     low, high = before / k, (x.sum() - before) / (len(x) - k)
     gain = (high - low) ** 2 * k * (len(x) - k) / len(x)
     best = int(np.argmax(gain))
-    step = np.where(np.arange(len(x)) < k[best], low[best], high[best])
-    return int(k[best]), step, float(gain[best] / np.sum((x - x.mean()) ** 2))
+    return int(k[best]), float(gain[best])

@@ -1,4 +1,4 @@
-"""Gaussian process surrogate, by scikit-learn: a quadratic and an anisotropic Matern 5/2 part, and noise.
+"""Gaussian process surrogate: a quadratic and an anisotropic Matern 5/2 part, and noise.
 
 Some test quantities change fast where one factor is nominal (detector A's residual all but vanishes where the
 temperature is the one that it learned from): a stationary process would need many runs there. So a process
@@ -7,19 +7,18 @@ added (``root``), or as it is with a narrow and a wide step added (``steps``). W
 chosen by cross-validation like everything else.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_solve
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.spatial.distance import cdist
 
 from wearscope.surrogates.kinds.likelihood import Hyperparameters, Likelihood
 
 Array = NDArray[np.float64]
 GAUSSIAN_PROCESS = "gaussian_process"
 BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
-LENGTHS = (0.1, 100.0)
 #: Widths of the steps at nominal, coded.
 STEP, WIDE_STEP = 0.1, 0.4
 SHAPES = ("root", "steps")
@@ -46,26 +45,26 @@ class GaussianProcess:
     z, y : array (N, n), (N,)
         Training runs.
     parameters : dict
-        ``theta``, the kernel's logarithms for standardised y as scikit-learn orders them, without the noise;
+        ``theta``, logarithms of the `Hyperparameters` for standardised y, without the noise;
         ``log_noise``, of its variance; ``log_lengths``, of the Matern part, by factor; ``bent``, the column
         of the bent factor or None; ``centre``, its nominal level; ``shape``, one of `SHAPES`.
     """
 
     def __init__(self, z: Array, y: Array, parameters: dict[str, Any]) -> None:
-        from sklearn.gaussian_process import GaussianProcessRegressor  # importing it takes a second
-
         bent = parameters["bent"]
         self.kind = GAUSSIAN_PROCESS if bent is None else BENT_GAUSSIAN_PROCESS
         self.parameters = parameters
         self.middle, self.scale = float(y.mean()), float(y.std())
-        variance = float(np.exp(parameters["log_noise"]))
-        self.noise = self.scale * float(np.sqrt(variance))
-        seen = self._see(z)
-        kernel = _signal(seen.shape[1]).clone_with_theta(np.array(parameters["theta"]))
-        self._process = GaussianProcessRegressor(kernel, alpha=variance, optimizer=None)
+        theta = np.array([*parameters["theta"], parameters["log_noise"]])
+        self._given = Hyperparameters.from_logarithms(theta)
+        self.noise = self.scale * float(np.sqrt(self._given.noise))
+        self._seen = self._see(z)
+        covariance = self._covary(self._seen, self._seen)
+        covariance[np.diag_indices_from(covariance)] += self._given.noise
+        self._root = cholesky(covariance, lower=True)
         target = (y - self.middle) / self.scale
-        self._process.fit(seen, target)
-        inverse = cho_solve((self._process.L_, True), np.eye(len(y)))
+        self._weights = cho_solve((self._root, True), target)
+        inverse = cho_solve((self._root, True), np.eye(len(y)))
         free = np.diag(inverse)
         self.left_out = self.middle + self.scale * (target - (inverse @ target) / free)
         self.left_out_deviation = self.scale / np.sqrt(free)
@@ -73,20 +72,28 @@ class GaussianProcess:
     def _see(self, z: ArrayLike) -> Array:
         return _see(z, self.parameters["bent"], self.parameters["centre"], self.parameters["shape"])
 
+    def _covary(self, one: Array, other: Array) -> Array:
+        given = self._given
+        ratio = np.sqrt(5.0) * cdist(one / given.lengths, other / given.lengths)
+        matern = (1.0 + ratio + ratio**2 / 3.0) * np.exp(-ratio)
+        return given.variance * matern + given.quadratic * (np.inner(one, other) + given.offset**2) ** 2
+
+    def _condition(self, seen: Array) -> tuple[Array, Array]:
+        """Mean (M,) at points, and what the runs explain of the prior's covariance, as its root (N, M)."""
+        across = self._covary(seen, self._seen)
+        return across @ self._weights, solve_triangular(self._root, across.T, lower=True)
+
     def predict(self, z: ArrayLike) -> tuple[Array, Array]:
         """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
-        seen = self._see(z)
-        with warnings.catch_warnings():  # variances that round to just below zero are set to it
-            warnings.filterwarnings("ignore", message="Predicted variances smaller than 0")
-            mean, deviation = self._process.predict(seen, return_std=True)
-        return self.middle + self.scale * mean, self.scale * deviation
+        seen, given = self._see(z), self._given
+        mean, known = self._condition(seen)
+        prior = given.variance + given.quadratic * (np.einsum("ij,ij->i", seen, seen) + given.offset**2) ** 2
+        variance = np.maximum(prior - np.einsum("ij,ji->i", known.T, known), 0.0)
+        return self.middle + self.scale * mean, self.scale * np.sqrt(variance)
 
     def predict_mean(self, z: ArrayLike) -> Array:
         """Mean response alone, which is much cheaper: the quadratic part is one form for all runs."""
-        given = Hyperparameters.from_logarithms(
-            np.array([*self.parameters["theta"], self.parameters["log_noise"]])
-        )
-        seen, trained, weights = self._see(z), self._process.X_train_, self._process.alpha_
+        given, seen, trained, weights = self._given, self._see(z), self._seen, self._weights
         form = given.quadratic * (weights * trained.T) @ trained
         line = 2.0 * given.quadratic * given.offset**2 * (weights @ trained)
         level = given.quadratic * given.offset**4 * weights.sum()
@@ -108,7 +115,8 @@ class GaussianProcess:
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
         """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
         seen = self._see(z)
-        mean, covariance = self._process.predict(seen, return_cov=True)
+        mean, known = self._condition(seen)
+        covariance = self._covary(seen, seen) - known.T @ known
         root = np.linalg.cholesky(covariance + JITTER * np.eye(len(mean)))
         return self.middle + self.scale * (mean + rng.standard_normal((draws, len(mean))) @ root.T)
 
@@ -145,28 +153,28 @@ def fit_gaussian_process(
     GaussianProcess or None
         None with too few runs or where y does not vary.
     """
-    # Here, as what reads a chosen surrogate searches for none.
-    from scipy.optimize import minimize
-    from sklearn.gaussian_process.kernels import WhiteKernel
+    from scipy.optimize import minimize  # here, as what reads a chosen surrogate searches for none
 
     scale = float(y.std())
     if len(y) < z.shape[1] + 4 or scale == 0:
         return None
     seen = _see(z, bent, centre, shape)
     known = float(np.clip((noise / scale) ** 2, 1e-7, 0.5))
-    kernel = _signal(seen.shape[1]) + WhiteKernel(known if noise > 0 else 1e-3, (0.25 * known, 1.0))
+    columns = seen.shape[1]
+    first = np.log([1.0, *[4.0] * columns, 0.1, 1.0, known if noise > 0 else 1e-3])
+    bounds = np.log([(1e-3, 1e4), *[(0.1, 100.0)] * columns, (1e-6, 1e3), (0.1, 10.0), (0.25 * known, 1.0)])
     target = (y - y.mean()) / scale
 
     def search(rows: slice, first: Array) -> Any:
         return minimize(
-            Likelihood(seen[rows], target[rows]), first, jac=True, bounds=kernel.bounds, method="L-BFGS-B",
+            Likelihood(seen[rows], target[rows]), first, jac=True, bounds=bounds, method="L-BFGS-B",
             options={"maxiter": ITERATIONS, "ftol": ENOUGH},
         )  # fmt: skip
 
-    starts = _first_hyperparameters(kernel.theta, seen.shape[1], plain)
+    starts = _first_hyperparameters(first, columns, plain)
     if len(starts) > 1:
         # Which start leads to the higher maximum every other run tells, at a seventh of the time.
-        part = slice(None, None, 2 if len(y) >= FEWEST_HALVED * len(kernel.theta) else 1)
+        part = slice(None, None, 2 if len(y) >= FEWEST_HALVED * len(first) else 1)
         starts = [min((search(part, first) for first in starts), key=lambda one: one.fun).x]
     theta = search(slice(None), starts[0]).x
     parameters = {
@@ -191,13 +199,6 @@ def _first_hyperparameters(theta: Array, columns: int, plain: GaussianProcess | 
     # The columns that bending adds come last among the lengths.
     added = theta[len(found) - 3 : 1 + columns]
     return [np.concatenate([found[:-3], added, found[-3:]])]
-
-
-def _signal(columns: int) -> Any:
-    from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct, Matern
-
-    matern = ConstantKernel(1.0, (1e-3, 1e4)) * Matern(np.full(columns, 4.0), LENGTHS, nu=2.5)
-    return matern + ConstantKernel(0.1, (1e-6, 1e3)) * DotProduct(1.0, (0.1, 10.0)) ** 2
 
 
 def _see(z: ArrayLike, bent: int | None, centre: float, shape: str) -> Array:

@@ -18,7 +18,7 @@ DIAGONAL = 1e-10
 
 
 class Hyperparameters(NamedTuple):
-    """Hyperparameters from their logarithms, in scikit-learn's order.
+    """Hyperparameters of the process for standardised y, in the order in which their logarithms are kept.
 
     Attributes
     ----------

@@ -1,11 +1,12 @@
 """Surrogates linear in their coefficients: the full quadratic model, and sparse polynomial chaos.
 
-The terms of the chaos are chosen by OpenTURNS (least-angle regression, corrected leave-one-out error) among
-the products of Legendre polynomials up to a total degree; Blatman and Sudret, Adaptive sparse polynomial
-chaos expansion based on least angle regression, J. Comput. Phys. 230 (2011).
+The terms of the chaos are chosen by least-angle regression (Efron et al. 2004, Ann. Statist. 32(2)) and the
+corrected leave-one-out error among the products of Legendre polynomials up to a total degree; Blatman and
+Sudret 2011, J. Comput. Phys. 230.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ QUADRATIC = "quadratic"
 POLYNOMIAL_CHAOS = "polynomial_chaos"
 DEGREE = 3
 FOLDS = 5
+#: Terms are added until the error is so many times the least, with more than a few of them.
+_WORSE, _FEW = 2.0, 10
 
 
 class LinearSurrogate:
@@ -84,28 +87,49 @@ def legendre_basis(degrees: ArrayLike) -> Basis:
     return evaluate
 
 
-def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
-    """Degrees of the Legendre products that OpenTURNS keeps, the constant among them."""
-    import openturns as ot  # here, because importing it takes two seconds
+def _take_terms(phi: Array, y: Array) -> Iterator[list[int]]:
+    """Columns of phi (N, p) that least-angle regression has taken step by step, from the first one on."""
+    mean, taken = np.zeros(len(y)), [0]
+    for _ in range(min(phi.shape[1], len(y) - 1)):
+        yield taken
+        active, left = phi[:, taken], np.setdiff1d(np.arange(phi.shape[1]), taken)
+        if not len(left):
+            return
+        correlation = phi.T @ (y - mean)
+        largest, others = abs(correlation[taken[-1]]), correlation[left]
+        signs = np.where(correlation[taken] < 0.0, -1.0, 1.0)
+        towards = np.linalg.lstsq(active.T @ active, signs)[0]
+        length = 1.0 / np.sqrt(signs @ towards)
+        along = phi[:, left].T @ active @ towards * length
+        with np.errstate(divide="ignore", invalid="ignore"):  # a column that those taken hold already
+            steps = np.r_[(largest - others) / (length - along), (largest + others) / (length + along)]
+        mean = mean + steps[steps > 0.0].min(initial=largest / length) * length * active @ towards
+        taken = [*taken, int(left[np.argmax(np.abs(phi[:, left].T @ (y - mean)))])]
 
-    ot.Log.Show(ot.Log.NONE)
+
+def _corrected_error(phi: Array, y: Array) -> float:
+    """Mean square leave-one-out error of regressors (N, p), corrected for p; infinite where they depend."""
+    q, r = np.linalg.qr(phi)
+    if np.linalg.matrix_rank(r) < len(r):
+        return np.inf
+    left_out = (y - q @ (q.T @ y)) / np.maximum(1.0 - np.sum(q * q, axis=1), 1e-9)
+    return float(np.mean(left_out**2) * (1.0 + np.sum(np.linalg.inv(r) ** 2)) / (1.0 - len(r) / len(y)))
+
+
+def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
+    """Degrees of the Legendre products with the least corrected error, the constant among them."""
     n = z.shape[1]
-    enumeration = ot.LinearEnumerateFunction(n)
-    basis = ot.OrthogonalProductPolynomialFactory([ot.LegendreFactory()] * n, enumeration)
-    size = enumeration.getStrataCumulatedCardinal(degree)
-    rule = ot.LeastSquaresMetaModelSelectionFactory(ot.LARS(), ot.CorrectedLeaveOneOut())
-    uniform = ot.JointDistribution([ot.Uniform(-CODED_HIGH, CODED_HIGH)] * n)
-    search = ot.FunctionalChaosAlgorithm(
-        ot.Sample(z),
-        ot.Sample(y[:, None]),
-        uniform,
-        ot.FixedStrategy(basis, size),
-        ot.LeastSquaresStrategy(rule),
-    )
-    search.run()
-    degrees = [[int(k) for k in enumeration(int(index))] for index in search.getResult().getIndices()]
-    constant = [0] * n
-    return [constant, *(one for one in degrees if one != constant)]
+    several = [list(combinations_with_replacement(range(n), total)) for total in range(degree + 1)]
+    degrees = np.array([[which.count(k) for k in range(n)] for same in several for which in same])
+    phi = legendre_basis(degrees)(z) * np.sqrt(np.prod(2 * degrees + 1, axis=1))  # orthonormal
+    best, least = [0], np.inf
+    for taken in _take_terms(phi, y):
+        error = _corrected_error(phi[:, taken], y)
+        if error < least:
+            best, least = taken, error
+        elif error > _WORSE * least and len(taken) > _FEW:
+            break
+    return degrees[sorted(best)].tolist()
 
 
 def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> LinearSurrogate | None:
