@@ -79,7 +79,9 @@ def state_tracking(folder: Path) -> tuple[list[str], list[float]]:
     last = outcome["sessions"][-1]
     changes = [one["effect"].replace("_", " ") for one in last["changes"]]
     changes += [f"at {one['joint']}" for one in last["changes"]]
+    unknown = [text.partition(":")[0] for text in last["cannot_tell"] if " changed by " in text]
     quiet = "No change is sure" if last["cannot_tell"] else "Nothing changed"
+    quiet = unknown[0] if unknown else quiet
     return [last["session"], *(changes or [quiet])], [100 * outcome["false_alarm_rate"]]
 
 

@@ -9,7 +9,13 @@ import pytest
 
 from wearscope import tables
 from wearscope.errors import InputError
-from wearscope.reporting.tracking_page import read_tracking, trend_names, trend_table, write_tracking_page
+from wearscope.reporting.tracking_page import (
+    read_tracking,
+    tracking_strip,
+    trend_names,
+    trend_table,
+    write_tracking_page,
+)
 
 ENTRY = {
     "joint": "a", "effect": "coulomb", "parameter": "level", "change": 0.6, "ci95": [0.4, 0.8],
@@ -102,7 +108,25 @@ def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_pat
     assert shares["state"].to_list() == ["healthy, held out"] * 2 + ["change named"] * 2
     level = table[table["what"] == "Coulomb friction of a, level"]
     assert level["value"].to_list() == [6.0, 7.0, 8.0, 9.0] and set(level["joint"]) == {"a"}
-    assert set(table.loc[table["joint"] == "b", "state"]) == {"healthy, held out", "no change named"}
+    other = table.loc[table["joint"] == "b", "state"].to_list()
+    assert other == ["healthy, held out"] * 2 + ["no change named", "changed, cause not told"]
+
+
+def test_a_change_of_unknown_cause_is_the_answer(tmp_path):
+    told = (
+        "The friction of b changed by +30 % (+28 to +32 %), by wear or by its temperature: the reference "
+        "records no temp_b. Record it."
+    )
+    quiet = {"changes": [], "next_measurement": []}
+    sessions = [quiet | {"session": s, "cannot_tell": [told]} for s in ("d3", "d4")]
+    text = re.sub(r"<[^>]+>", "", write(tmp_path, OUTCOME | {"sessions": sessions, "trends": [], "wear": []}))
+    strip = tracking_strip(read_tracking(tmp_path))
+    assert strip.answer == f"Session d4: {told.partition(':')[0]}, since d3." and strip.kind == "unsure"
+    assert (strip.caveat, str(strip.action)) == ("The reference records no temp_b.", "Record it.")
+    assert "No change is sure" not in text and "What cannot be told" not in text
+    table = trend_table(read_tracking(tmp_path))
+    assert set(table.loc[table["joint"] == "b", "state"]) == {"healthy, held out", "changed, cause not told"}
+    assert set(table.loc[table["joint"] == "a", "state"]) == {"healthy, held out", "no change named"}
 
 
 def test_equal_files_give_equal_pages(tmp_path):

@@ -18,6 +18,7 @@ from wearscope.reporting.labels import (
     join_words,
     parameter_name,
     unit_text,
+    upper_first,
     with_unit,
 )
 from wearscope.reporting.page import (
@@ -33,8 +34,10 @@ from wearscope.reporting.page import (
 )
 from wearscope.reporting.page_strip import Strip
 
+_OPEN = "changed, cause not told"
 _STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}
-_TINTS = ("var(--soft)", "var(--after)", "var(--before)")
+_STATES |= {_OPEN: "triangle-up"}
+_TINTS = ("var(--soft)", "var(--after)", "var(--before)", "var(--c5)")
 _SHARE = "friction"
 
 
@@ -58,6 +61,23 @@ class Tracking:
         """Sessions before the last one with a change."""
         last = self.outcome["sessions"][-1]["session"]
         return list(dict.fromkeys(session for session, _ in self.entries() if session != last))
+
+    def open_changes(self, place: int = -1) -> dict[str, str]:
+        """By joint whose friction changed in a session, by wear or by temperature: the sentence on it."""
+        return {
+            joint: text
+            for joint in self.joints
+            for text in self.outcome["sessions"][place]["cannot_tell"]
+            if text.startswith(f"The friction of {joint} changed by ")
+        }
+
+    def open_since(self, joint: str) -> str:
+        """The first of the last sessions without a break in which a joint's friction changed that way."""
+        sessions = self.outcome["sessions"]
+        place = len(sessions) - 1
+        while place > 0 and joint in self.open_changes(place - 1):
+            place -= 1
+        return str(sessions[place]["session"])
 
     def parameters(self) -> dict[str, pd.DataFrame]:
         """Friction of each joint and every other parameter that changed, by name: a row a session, in order.
@@ -141,22 +161,27 @@ def tracking_strip(tracking: Tracking) -> Strip:
         f"{effect_name(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
         for one in last["changes"]
     ]
-    hidden, files = last["cannot_tell"], [one["table"] for one in last["next_measurement"] if "table" in one]
+    hidden, unknown = last["cannot_tell"], tracking.open_changes()
+    files = [one["table"] for one in last["next_measurement"] if "table" in one]
     answer, kind = "Nothing changed since the machine was healthy.", "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
     if hidden:
         answer, kind = "No change is sure, and some cannot be told.", "unsure"
+    caveat = [*hidden, "Only what the recorded motions excite is seen"][0].partition(". ")[0]
+    if unknown and not changes:
+        told = [f"{text.partition(':')[0]}, since {tracking.open_since(j)}." for j, text in unknown.items()]
+        answer, (caveat, _, remedy) = " ".join(told), next(iter(unknown.values())).partition(". ")
+        caveat = upper_first(caveat.partition(": ")[2])
+        action = Markup.escape(remedy) if remedy else action
     if changes:
         answer, kind = f"Changed: {join_words(changes)}.", "bad"
         action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
-    elif passed := tracking.changed_before():
+    elif not unknown and (passed := tracking.changed_before()):
         answer += f" Changes were seen in {join_words(passed)}."
         kind = "unsure"
     if files:
         action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
-    caveat = [*hidden, "Only what the recorded motions excite is seen"][0].partition(". ")[0].rstrip(
-        "."
-    ) + "."
+    caveat = f"{caveat.rstrip('.')}."
     if events := len(last.get("events", [])):
         they = "it is" if events == 1 else "they are"
         caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
@@ -186,10 +211,11 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 def _outcome(tracking: Tracking) -> Markup:
     """Changes of the last session, what it cannot tell, and the test-cycles to record."""
     last = tracking.outcome["sessions"][-1]
-    changes = [tell_entry(entry) for entry in last["changes"]]
+    unknown = [*tracking.open_changes().values()]
+    changes = [*(tell_entry(entry) for entry in last["changes"]), *unknown]
     parts = [render_part(listed=changes or ["No change is sure."])]
-    if last["cannot_tell"]:
-        parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=last["cannot_tell"])]
+    if hidden := [text for text in last["cannot_tell"] if text not in unknown]:
+        parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=hidden)]
     links = [
         Markup('<a href="{0}">{0}</a>').format(one["cycle_file"])
         for one in last["next_measurement"]
@@ -253,6 +279,11 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
     """
     changes = {(session, one["joint"], one["effect"]) for session, one in tracking.entries()}
     at_joint = {(session, joint) for session, joint, _ in changes}
+    unknown = {
+        (one["session"], joint)
+        for place, one in enumerate(tracking.outcome["sessions"])
+        for joint in tracking.open_changes(place)
+    }
     parts = []
     for name, rows in tracking.parameters().items():
         joint, effect = rows["joint"].iloc[0], rows["effect"].iloc[0]
@@ -262,6 +293,11 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
         table = share * rows[[*ends]].rename(columns=ends).astype(float)
         known = at_joint if friction else {(s, j) for s, j, e in changes if e == effect}
         states = ["change named" if (one, joint) in known else "no change named" for one in rows.index]
+        if friction:
+            states = [
+                _OPEN if (one, joint) in unknown else state
+                for one, state in zip(rows.index, states, strict=True)
+            ]
         table["state"] = pd.Series(states, rows.index).mask(rows["healthy"].eq(True), "healthy, held out")
         parts.append(table.reset_index().assign(joint=joint, what=_SHARE if friction else name))
     return pd.concat(parts, ignore_index=True)
@@ -308,6 +344,7 @@ def chart_trend(names: Mapping[str, str]) -> Chart:
         {"trend": Source("trend", {"what": "what", "joint": "joint"})},
         "Friction: RMS torque against that of the healthy machine, along each session's own motion. The 95 % "
         "intervals hold the session's noise, the error of the reference and the scatter of healthy sessions. "
-        "Each healthy session is compared with the other ones. Joints side by side; filter to see one.",
+        "Each healthy session is compared with the other ones. Where the temperature was not recorded, what "
+        "it does is part of the friction. Joints side by side; filter to see one.",
         [Choice("what", "Show", list(names.items()))],
     )

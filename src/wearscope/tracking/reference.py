@@ -14,7 +14,7 @@ from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.vocabulary import plain_friction
 from wearscope.robots.model import RobotModel
 from wearscope.tracking.changes import Change, list_changes, list_measured, plain_term
-from wearscope.tracking.inference import Belief, Estimate, estimate_change, make_sample
+from wearscope.tracking.inference import Belief, Estimate, Sample, estimate_change, make_sample
 from wearscope.tracking.rows import RunRows, make_rows, stack_rows
 from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
 from wearscope.tracking.session_names import Sessions
@@ -88,8 +88,13 @@ def identify_reference(
     held_out: dict[str, dict[str, Estimate]] = {}
     for name, rest, own in split_healthy(made):
         believed = fit_belief(structure, rest, prior)
-        sample = make_sample(stack_rows(structure, changes, own), changes, believed, payload_prior)
-        estimates = {change.key: estimate_change(sample, change) for change in changes}
+        stacked = stack_rows(structure, changes, own)
+        sample = make_sample(stacked, changes, believed, payload_prior)
+        known = make_sample(stacked, changes, believed, payload_prior, structure.of_temperature)
+        estimates = {
+            change.key: estimate_change(choose_sample(structure, change, sample, known), change)
+            for change in changes
+        }
         held_out[name] = {key: e for key, e in estimates.items() if e is not None}
     moving = int(structure.frame.moving.sum())
     scatter = measure_scatter(list(held_out.values()), moving, len(sessions.reference) > 1)
@@ -99,6 +104,15 @@ def identify_reference(
     )
     robot = make_healthy_model(diagnosis, model, structure, belief)
     return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out, robot)
+
+
+def choose_sample(structure: Structure, change: Change, sample: Sample, known: Sample) -> Sample:
+    """The sample that a change is estimated from; `known` is as if what temperature does were known.
+
+    The size of a joint's friction whose temperature was not recorded is shown as it was felt, by whatever
+    cause; an unknown temperature may be all of any change.
+    """
+    return known if not change.asked and np.isnan(structure.temperature[change.joint]) else sample
 
 
 def choose_terms(diagnosis: Diagnosis) -> Regression:

@@ -12,7 +12,7 @@ from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
 from wearscope.tracking.next_session import NextSession, plan_session, tell_plan
-from wearscope.tracking.reference import Reference
+from wearscope.tracking.reference import Reference, choose_sample
 from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
 from wearscope.tracking.scatter import Scatter, relative_change
 from wearscope.tracking.session_names import Sessions
@@ -112,12 +112,15 @@ def assess_runs(
     rows = stack_rows(structure, measured, made)
     sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
     named = name_changes(changes, make_ask(sample, reference.scatter), level)
-    alone = {change.key: estimate_alone(sample, change, named) for change in measured}
-    thermal = np.arange(structure.width) >= structure.count
     held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
     known = make_sample(
-        stack_rows(structure, changes, held), changes, reference.belief, reference.payload_prior, thermal
-    )
+        stack_rows(structure, measured, held), measured, reference.belief, reference.payload_prior,
+        structure.of_temperature,
+    )  # fmt: skip
+    alone = {
+        change.key: estimate_alone(choose_sample(structure, change, sample, known), change, named)
+        for change in measured
+    }
     hidden = explain_hidden(reference, runs, sample, known, named, level)
     known_alone = {key: e for key, e in alone.items() if e is not None}
     worn = identify_wear(reference, made, named)

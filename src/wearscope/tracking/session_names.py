@@ -68,10 +68,13 @@ def read_sessions(dataset: str | Path) -> Sessions:
     path = path if path.suffix in (".yaml", ".yml") else path / "dataset.yaml"
     fields = read_fields(path, [])
     check_fields(path, fields)
-    if not fields.reference:
-        raise InputError(f"{path}: reference is missing; list the sessions in which the machine was healthy.")
     stated = list(dict.fromkeys(run.session for run in fields.runs if run.session is not None))
     order = sort_sessions(stated)
+    if not fields.reference:
+        first = f", e.g. 'reference: [\"{order[0]}\"]'" if order else ""
+        raise InputError(
+            f"{path}: reference is missing; list the sessions in which the machine was healthy{first}."
+        )
     reference = [session for session in order if session in fields.reference]
     later = [session for session in order if session not in fields.reference]
     if not any(run.use == "train" and run.session in reference for run in fields.runs):

@@ -105,6 +105,11 @@ class Structure:
         return len(self.theta)
 
     @property
+    def of_temperature(self) -> np.ndarray:
+        """Which columns (P,) are features of the temperature."""
+        return np.arange(self.width) >= self.count
+
+    @property
     def width(self) -> int:
         """Columns: parameters, then the weights of the temperature's features by joint."""
         return self.count + 2 * count_features() * len(self.thermal)
