@@ -74,6 +74,7 @@ def test_every_command_hands_on_the_path_that_was_named(command, name, tmp_path,
         raise InputError("so far.")
 
     monkeypatch.setattr(stages, "call_snakemake", call)
+    monkeypatch.setattr("wearscope.detection.run.check_recordings", lambda dataset: None)
     _, arguments, key = COMMANDS[command]
     CliRunner().invoke(wearscope, [command, *(one.format(name) for one in arguments)])
     asked = read[key] if key == "dataset" else str(Path(read[key]["model"]).parent)

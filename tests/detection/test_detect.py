@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from wearscope.detection.judgement import judge_recordings
-from wearscope.detection.run import Setting, ask_recordings
+from wearscope.detection.run import Setting, ask_recordings, check_recordings
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
+from wearscope.example import example_dataset
 from wearscope.reporting.detection_page import axis_tables, write_detection_page
 
 C = DetectorSpec("C", "friction_fit")
@@ -166,3 +167,8 @@ def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, duo, tmp_pa
     rows = found.detection[found.detection["fda"] == "S"]
     assert set(rows["verdict"]) == {"failed"} and rows["status"].str.contains("ValueError: no").all()
     assert set(found.detection.loc[found.detection["fda"] == "C", "verdict"]) <= {"no alarm", "unchecked"}
+
+
+def test_what_cannot_be_judged_is_told_before_the_loop_is_closed():
+    with pytest.raises(InputError, match=r"nothing can be judged: runs/sweeps\.parquet is of another motion"):
+        check_recordings(example_dataset())

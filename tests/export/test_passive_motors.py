@@ -101,6 +101,7 @@ def test_limits_are_those_of_the_urdf():
     model = make_axis(("coulomb", COULOMB), lower=[-0.3], upper=[0.4])
     compiled = make_spec(model, take_holdings(model, 50.0)).compile()
     np.testing.assert_allclose(compiled.jnt_range[0], [-2.5, 2.2])
+    np.testing.assert_allclose(compiled.actuator_ctrlrange[-1], [-90.0, 90.0])
 
 
 def test_isaac_lab_gets_static_and_dynamic_friction():
@@ -113,7 +114,8 @@ def test_isaac_lab_gets_static_and_dynamic_friction():
             "friction": 7.0,
             "dynamic_friction": 3.0,
             "viscous_friction": 1.5,
-            "velocity_limit_sim": 1.5,
+            "effort_limit_sim": 90.0,
+            "velocity_limit_sim": 2.0,
         }
     }
     lost = {(one.format, one.effect) for one in held.left}

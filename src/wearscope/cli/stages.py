@@ -265,6 +265,9 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
     Example:
       wearscope detect arm-data --study my-study
     """
+    from wearscope.detection.run import check_recordings
+
+    check_recordings(dataset)  # the loop that comes first takes minutes
     _run_on_dataset("detect", dataset, results="detection", answer="detection.json", **options)
 
 
@@ -316,13 +319,20 @@ def export(model, study, **options):  # type: ignore[no-untyped-def]
     """Write MODEL, a robot or a loop's corrected model, as what people simulate in: URDF, MJCF, a table.
 
     \b
-    Example:
+    Examples:
       wearscope export results/closed_loop/arm/model_after.yaml
+      wearscope export medium --set export.temperature=40
     """
     from wearscope.config import label
 
     place = find_study_or_default(study)
     run_targets(("export",), place, {"export": {"model": _locate(model)}}, **options)
-    if not options["dry_run"]:
-        for file in sorted((place.folder / "results" / "export" / label(model)).glob("*")):
-            say(_shorten(file))
+    if options["dry_run"]:
+        return
+    from wearscope.export.run import FILES, tell_export
+
+    made = place.folder / "results" / "export" / label(model)
+    for told in tell_export(read_json(made / "export.json")):
+        say(told)
+    for name in FILES:
+        say(_shorten(made / name))

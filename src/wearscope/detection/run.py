@@ -163,9 +163,7 @@ def ask_recordings(
             f"detect: a false-alarm rate of {setting.p_f:g} takes {least_runs(setting.p_f)} runs without "
             f"wear, but detect.runs is {setting.runs}; raise it, or detect.p_f."
         )
-    if not isinstance(dataset, Dataset):
-        path = Path(dataset)
-        dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+    dataset = dataset if isinstance(dataset, Dataset) else _read(dataset)
     prepared = prepare(dataset)
     check_plausibility(prepared)
     prepared, events = bridge_events(prepared)
@@ -196,6 +194,22 @@ def ask_recordings(
         prepared, groups, refused, found, results["units"], results["idle"], results["noise"], list(joints),
         model.name, events, {one.name: one.reference for one in detectors},
     )  # fmt: skip
+
+
+def check_recordings(dataset: str | Path) -> None:
+    """Refuse a data set of which nothing can be judged, before anything is computed for it.
+
+    Raises
+    ------
+    InputError
+        As of `ask_recordings`.
+    """
+    sort_recordings(prepare(_read(dataset)))
+
+
+def _read(dataset: str | Path) -> Dataset:
+    path = Path(dataset)
+    return read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
 
 
 @dataclass(frozen=True)
@@ -281,4 +295,4 @@ class _Work:
                     yield "say", f"{group.name}: {number + 1}/{len(draws)} {kind.replace('_', ' ')} runs"
 
 
-__all__ = ["OK", "Asked", "Setting", "Tested", "ask_recordings"]
+__all__ = ["OK", "Asked", "Setting", "Tested", "ask_recordings", "check_recordings"]

@@ -57,7 +57,7 @@ def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
     Its friction is static at rest and dynamic in motion [N m or N]; where friction falls with the speed, the
     static one is that at rest.
     """
-    settings = {}
+    settings, tree = {}, parse_urdf(model.urdf_text)
     for j, name in enumerate(model.joints):
         static = float(held.friction[j]) + sum(level for level, _, _ in held.falling.get(j, []))
         one = {
@@ -66,12 +66,20 @@ def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
             "dynamic_friction": float(held.friction[j]),
             "viscous_friction": float(held.damping[j]),
         }
-        if np.isfinite(model.torque_limit[j]):
-            one["effort_limit_sim"] = float(model.torque_limit[j])
-        if model.drive.speed_limit is not None:
-            one["velocity_limit_sim"] = float(model.drive.speed_limit[j])
-        settings[name] = one
+        limits = zip(("effort_limit_sim", "velocity_limit_sim"), own_limits(model, tree, name), strict=True)
+        settings[name] = one | {key: limit for key, limit in limits if np.isfinite(limit)}
     return json.dumps(settings, indent=2) + "\n"
+
+
+def own_limits(model: RobotModel, tree: Tree, name: str) -> tuple[float, float]:
+    """Torque and speed limit of a joint: the URDF's, as those of a corrected model are the recordings'.
+
+    The model's where the URDF states none; infinite where it has none either.
+    """
+    stated, j = next(joint for joint in tree.joints if joint.name == name), model.joints.index(name)
+    speed = np.inf if model.drive.speed_limit is None else float(model.drive.speed_limit[j])
+    torque = stated.effort if stated.effort < OPEN_LIMIT else float(model.torque_limit[j])
+    return float(torque), float(stated.velocity if stated.velocity < OPEN_LIMIT else speed)
 
 
 def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
@@ -121,7 +129,7 @@ def _add_joint(
     add_gear(spec, body, joint, held, j)
     motor = spec.add_actuator(name=name, target=name)
     motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    limit = float(model.torque_limit[j])
+    limit, _ = own_limits(model, tree, name)
     if np.isfinite(limit):
         motor.ctrllimited, motor.ctrlrange = True, [-limit, limit]
 

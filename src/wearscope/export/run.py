@@ -53,13 +53,10 @@ def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None)
             if not low <= value <= high:
                 low = high = np.nan
             rows.append((entry.joint, effect.name, name, value, low, high, units[name], entry.source))
-    for j, joint in enumerate(model.joints):
-        if model.drive.rotor_inertia is not None:
-            unit = "kg m^2" if model.position_units[j] == "rad" else "kg"
-            value = float(model.rotor_inertia[j])
-            rows.append(
-                (joint, "rotor_inertia", "inertia", value, np.nan, np.nan, unit, "stated by the drive")
-            )
+    for j in np.flatnonzero(model.rotor_inertia).tolist():
+        unit = "kg m^2" if model.position_units[j] == "rad" else "kg"
+        stated = (model.joints[j], "rotor_inertia", "inertia", float(model.rotor_inertia[j]))
+        rows.append((*stated, np.nan, np.nan, unit, "stated by the drive"))
     columns = ["joint", "effect", "parameter", "value", "low", "high", "unit", "source"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -144,6 +141,27 @@ def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[s
         }
         for j, joint in enumerate(model.joints)
     }
+
+
+def tell_export(summary: Mapping[str, Any]) -> list[str]:
+    """What the formats cannot hold, a line each, then how far MuJoCo's torque is from the model's."""
+    grouped: dict[tuple[str, str, str], list[str]] = {}
+    for one in summary["left"]:
+        grouped.setdefault((one["format"], one["effect"], one["reason"]), []).append(one["joint"])
+    said = [
+        f"Not in {format}: {effect} of {', '.join(joints)}, as {reason}."
+        for (format, effect, reason), joints in grouped.items()
+    ]
+    compared = summary["mujoco"] or {}
+    shares = {
+        joint: 100.0 * one["not_held_where_moving"] / max(one["torque_rms"], 1e-12)
+        for joint, one in compared.items()
+    }
+    if shares:
+        worst = max(shares, key=lambda joint: shares[joint])
+        told = "MuJoCo's torque along a motion is the model's to"
+        said.append(f"{told} {shares[worst]:.2g} % or less where joints move, least near at {worst}.")
+    return said
 
 
 def read_verdict_of(path: Path) -> dict[str, Any] | None:
