@@ -1,7 +1,7 @@
 """Errors of any model on any recordings, in torque and in position."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +62,10 @@ class ModelErrors:
 
 
 def evaluate_model(
-    model: RobotModel, dataset: str | Path, progress: Callable[[str], None] = lambda _: None
+    model: RobotModel,
+    dataset: str | Path,
+    progress: Callable[[str], None] = lambda _: None,
+    temperature: float = np.nan,
 ) -> ModelErrors:
     """Errors of a model on the recordings of a data set, none of which it is fitted to.
 
@@ -78,11 +81,13 @@ def evaluate_model(
         The data set's folder, or its ``dataset.yaml``.
     progress : callable
         Called with a line of text at each recording.
+    temperature : float
+        Of the joints where it was not recorded [deg C].
 
     Raises
     ------
     InputError
-        Where the data set breaks the format, or is of other joints.
+        Where the data set breaks the format, is of other joints, or none of it can be simulated.
     """
     path = Path(dataset)
     read = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
@@ -94,11 +99,22 @@ def evaluate_model(
     prepared = prepare_thinned(read)
     torque: list[dict] = []
     rolled: list[dict] = []
-    for run in prepared.runs:
+    for recorded in prepared.runs:
+        run = _with_temperature(recorded, temperature)
         torque += _list_torque_errors(prepared, model, run)
         rolled += _list_rollout_errors(prepared, model, run)
         progress(f"{run.label}: {torque[-1]['outcome']}")
+    if all(one["outcome"] != "ok" for one in torque):
+        more = "" if np.isfinite(temperature) else " One that was not recorded can be given: --temperature."
+        raise InputError(f"{path}: none of it can be simulated; {torque[0]['outcome']}{more}")
     return ModelErrors(pd.DataFrame(torque), pd.DataFrame(rolled))
+
+
+def _with_temperature(run: PreparedRun, temperature: float) -> PreparedRun:
+    """A run with a temperature [deg C] where it has none."""
+    own = run.signals.temperature
+    signals = replace(run.signals, temperature=np.where(np.isfinite(own), own, temperature))
+    return replace(run, signals=signals)
 
 
 def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun) -> list[dict]:
