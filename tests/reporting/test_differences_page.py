@@ -150,3 +150,16 @@ def test_settings_that_folders_record_are_compared(tmp_path):
     (right / ".study.json").write_text("[]")
     with pytest.raises(InputError, match="holds no settings"):
         call("compare", left, right)
+
+
+def test_conclusions_call_detectors_by_their_names(tmp_path):
+    sides = (
+        write_study(tmp_path / "a", {"A": 2.0, "C": 5.5}),
+        write_study(tmp_path / "b", {"A": 7.0, "C": 3.0}),
+    )
+    settings = json.dumps({"detectors": {"A": {"use": "residual_energy"}, "C": "friction_fit"}})
+    for side in sides:
+        (side / ".study.json").write_text(settings)
+    said = call("compare", *sides).output.replace("\n", " ")
+    assert "Ranking: Residual energy (A): rank 2 (2 to 2) against rank 1 (1 to 1)." in said
+    assert "Ranking: Friction fit (C): rank 1" in said

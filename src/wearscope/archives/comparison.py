@@ -53,8 +53,16 @@ def list_results(folder: str | Path) -> list[Path]:
     return found
 
 
-def compare_archives(a: str | Path, b: str | Path) -> pd.DataFrame:
+def compare_archives(
+    a: str | Path, b: str | Path, name_detector: Callable[[str, str], str] = lambda code, use: code
+) -> pd.DataFrame:
     """Compare two studies; each may be an archive or a folder of results.
+
+    Parameters
+    ----------
+    a, b : path-like
+    name_detector : callable
+        What conclusions call a detector, of its code and what it uses.
 
     Returns
     -------
@@ -70,7 +78,7 @@ def compare_archives(a: str | Path, b: str | Path) -> pd.DataFrame:
         one, other = left.describe(key), right.describe(key)
         if one and other:  # what only one records tells no difference
             rows += _compare_mappings(one, other, what, "")
-    rows += _compare_conclusions(left, right)
+    rows += _compare_conclusions(left, right, name_detector)
     for name in sorted(set(left.digests) | set(right.digests)):
         if name.startswith(("logs/", "benchmarks/")) or name in MADE:
             continue
@@ -142,7 +150,7 @@ class Content:
         return tables.to_frame(tables.read_arrow(content, name=where), where)
 
 
-def _conclude(content: Content) -> Iterator[tuple[str, str]]:
+def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Iterator[tuple[str, str]]:
     """Conclusions of a study: what each is about, and what it says."""
     for name, keys, says, tell in _CONCLUSIONS:
         if name not in content.digests:
@@ -163,6 +171,8 @@ def _conclude(content: Content) -> Iterator[tuple[str, str]]:
             named = {key: str(row[key]) for key in keys}
             if "factor" in named:
                 named["factor"] = _name_factor(content, named["factor"])
+            if "fda" in named:
+                named["fda"] = _name_detector(content, named["fda"], name_detector)
             if "axis" in named:
                 named["axis"] = f"axis {row['axis']}"
             yield f"{stem}: {', '.join(named.values())}", said
@@ -175,6 +185,15 @@ def _name_factor(content: Content, code: str) -> str:
     """A factor by its description, by its code where the settings have none."""
     try:
         return str(content.describe("config")["factors"][code]["description"])
+    except (KeyError, TypeError):
+        return code
+
+
+def _name_detector(content: Content, code: str, name: Callable[[str, str], str]) -> str:
+    """A detector by what it is called; by its code where the settings have none."""
+    try:
+        one = content.describe("config")["detectors"][code]
+        return name(code, str(one["use"] if isinstance(one, Mapping) else one))
     except (KeyError, TypeError):
         return code
 
@@ -192,8 +211,10 @@ def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
         yield f"{PurePosixPath(name).parent}: {joint}", ", ".join(sorted(effects)) or "nothing named"
 
 
-def _compare_conclusions(left: Content, right: Content) -> list[dict[str, str]]:
-    a, b = dict(_conclude(left)), dict(_conclude(right))
+def _compare_conclusions(
+    left: Content, right: Content, name_detector: Callable[[str, str], str]
+) -> list[dict[str, str]]:
+    a, b = (dict(_conclude(one, name_detector)) for one in (left, right))
     rows = []
     for item in [*a, *(one for one in b if one not in a)]:
         if a.get(item) != b.get(item):

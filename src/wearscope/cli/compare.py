@@ -75,8 +75,9 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
     """Show what differs; return what writes a page of it."""
     from wearscope.archive import compare_archives
     from wearscope.cli.tables import format_value
+    from wearscope.reporting.labels import detector_name
 
-    found = differences = compare_archives(left, right)
+    found = differences = compare_archives(left, right, detector_name)
     if not everything:
         same = differences["outcome"].isin(["same bytes", "same values"])
         differences = differences[~same]

@@ -48,6 +48,8 @@ KINDS = {
     "judged": ("recorded, judged", "var(--before)"),
 }
 _CELL = ["motion", "joint", "fda"]
+#: Values that tell nothing: a column of them is left out.
+_NOTHING = {"", "nan", "n/a", "None"}
 #: Rows of a table that is shown unfolded.
 _MOST_SHOWN = 40
 
@@ -149,6 +151,11 @@ def chart_axis() -> Chart:
 
 
 def _fold(records: Sequence[Mapping[Any, Any]], caption: str, summary: str, columns: str) -> Markup:
+    """Table of the columns that tell something, folded where it is long."""
+    parts = [one.strip() for one in columns.split(";")]
+    told = {one: {str(row[one.partition("|")[0]]) for row in records} for one in parts}
+    kept = [one for one, seen in told.items() if not seen <= _NOTHING and (one != "motion" or len(seen) > 1)]
+    columns = "; ".join(kept if records else parts)
     by = {"motion": "motion", "joint": "joint", "detector": "fda"}
     by = {name: key for name, key in by.items() if name in columns}
     table = render_table(records, caption, filter_by=by if records else None, columns=columns)
@@ -213,13 +220,15 @@ def _setting(found: Detections) -> Markup:
     setting, summary = found.summary["setting"], found.summary
     measured = setting["nominal"] == "measured"
     fitted = "the nominal recordings" if measured else "simulated runs of the corrected model"
+    worn = any("wear" not in one["factors_that_move_nothing"] for one in summary["motions"].values())
+    runs = f"{setting['runs']} runs without wear" + f" and {setting['worn_runs']} with wear" * worn
     sentences = [
         f"For the recordings the detectors were fitted to {fitted}; for simulated runs, to simulated nominal "
         "runs.",
-        f"{setting['runs']} runs without wear and {setting['worn_runs']} with wear of the model "
-        f"{summary['model']} were simulated along each motion, at the recorded temperatures. Temperature and "
-        f"payload mass error scatter by {setting['sigma']:g} coded units of the study; the torque noise is "
-        f"that of {summary['torque_noise_from']}. Recorded and simulated runs were filtered alike.",
+        f"{runs} of the model {summary['model']} were simulated along each motion, at the recorded "
+        f"temperatures. Temperature and payload mass error scatter by {setting['sigma']:g} coded units of "
+        f"the study; the torque noise is that of {summary['torque_noise_from']}. Recorded and simulated runs "
+        "were filtered alike.",
     ]
     for motion, one in summary["motions"].items():
         sentences.append(
