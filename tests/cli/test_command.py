@@ -70,7 +70,7 @@ def test_words_are_completed(monkeypatch):
         (["diagnose", "nothing"], "nothing: no such file"),
         (["check", "nothing"], "nothing: is no study's folder"),
         (["show", "snr"], "no config/config.yaml is here"),
-        (["show", "x.txt"], "is neither a table nor a figure"),
+        (["show", "x.txt"], "is no table; name"),
         (["new", "robot", "none.urdf"], "none.urdf: no such file"),
         (["new", "detector", "My-Detector"], "use small letters"),
         (["new", "study", "s" * 101], "take at most 100 characters"),
@@ -130,15 +130,6 @@ def test_a_missing_table_or_column_names_those_that_are_there(results):
 
 def test_what_there_is_is_listed(results):
     assert "Q-2" in call("show", "--in", results).output
-
-
-def test_a_picture_fills_the_terminal(results):
-    from PIL import Image
-
-    (results / "figures").mkdir()
-    Image.new("RGB", (200, 100), "red").save(results / "figures" / "one.png")
-    lines = call("show", "one", "--in", results).output.splitlines()
-    assert lines[0] == "▀" * 80 and len(lines) == 21
 
 
 def test_two_loops_are_compared_joint_by_joint(tmp_path):

@@ -130,7 +130,7 @@ SUBJECTS = {
     ),
     "report": Subject(_write(a=write_loop), ("a/report.html",), "report a"),
     **{f"show {kind}": Subject(lambda f, kind=kind: write_shown(f, kind), (f"a.{kind}",), f"show a.{kind} --rows 5")
-       for kind in ("csv", "json", "parquet", "png")},
+       for kind in ("csv", "json", "parquet")},
     "integrity": Subject(
         _write_checked,
         ("results/a/loop/verdict.json", "results/a/.checksums/loop/verdict.json.sha256"), "integrity results/a --set-aside",

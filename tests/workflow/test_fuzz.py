@@ -169,13 +169,12 @@ def test_any_yaml(count):
 
 
 @pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("kind", ["csv", "json", "parquet", "png"])
+@pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
 def test_any_file_that_is_shown(count, kind, tmp_path):
     path = tmp_path / f"a.{kind}"
     frame = pd.DataFrame({"a": [1.0, 2.0], "b": ["x", "\x1b[2J"]})
     good = {
         "csv": frame.to_csv().encode(), "json": frame.to_json().encode(), "parquet": frame.to_parquet(),
-        "png": (ROOT / "docs" / "figures" / "page_study.png").read_bytes()[:3000],
     }[kind]  # fmt: skip
 
     def attempt(content):
@@ -183,7 +182,7 @@ def test_any_file_that_is_shown(count, kind, tmp_path):
         done = CliRunner().invoke(wearscope, ["show", str(path)])
         if done.exception is not None:
             raise done.exception
-        assert kind == "png" or done.output.replace("\n", "").isprintable()
+        assert done.output.replace("\n", "").isprintable()
 
     text = st.text(max_size=60).map(lambda one: one.encode("utf-8", "replace"))
     try_many(count, st.one_of(changed_bytes(good), st.binary(max_size=99), text), attempt, least=0)

@@ -1,7 +1,6 @@
-"""Tables and figures in the terminal."""
+"""Tables in the terminal."""
 
 import glob
-import os
 import shutil
 import sys
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from textwrap import wrap
 import click
 
 from wearscope import limits
-from wearscope.cli.say import say, say_styled
+from wearscope.cli.say import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
 
@@ -43,7 +42,7 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         cells = [wrap(one, width) or [""] for one, width in zip(line, widths, strict=True)]
         for parts in zip_longest(*cells, fillvalue=""):
             text = "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True))
-            say_styled([(text.rstrip(), {"bold": True} if k == 0 else {})])
+            say(text.rstrip(), bold=k == 0)
 
 
 def find_results(place: str | None) -> Path:
@@ -54,7 +53,7 @@ def find_results(place: str | None) -> Path:
 
 
 def find_item(name: str, folder: Path) -> Path:
-    """File of a table or figure, given by its path or by its name in a folder of results.
+    """File of a table, given by its path or by its name in a folder of results.
 
     Raises
     ------
@@ -65,7 +64,7 @@ def find_item(name: str, folder: Path) -> Path:
         if _is_file(path):
             return path
     plain = glob.escape(name.lstrip("/"))
-    patterns = (f"{plain}.parquet", f"*/{plain}.parquet", f"figures/{plain}.png", f"**/{plain}.parquet")
+    patterns = (f"{plain}.parquet", f"*/{plain}.parquet", f"**/{plain}.parquet")
     for pattern in patterns if len(name.encode()) < limits.NAME else ():
         found = sorted(folder.glob(pattern))
         if found:
@@ -73,7 +72,7 @@ def find_item(name: str, folder: Path) -> Path:
     there = (
         ", ".join(sorted({file.stem for file in list_items(folder)})) or "nothing yet; run the study first"
     )
-    raise InputError(f"{folder}: there is no table or figure '{name[:80]}'; there are {there}.")
+    raise InputError(f"{folder}: there is no table '{name[:80]}'; there are {there}.")
 
 
 def _is_file(path: Path) -> bool:
@@ -84,10 +83,8 @@ def _is_file(path: Path) -> bool:
 
 
 def list_items(folder: Path) -> list[Path]:
-    """Tables and figures of a folder of results."""
-    return sorted(
-        [*folder.glob("*.parquet"), *folder.glob("design/*.parquet"), *folder.glob("figures/*.png")]
-    )
+    """Tables of a folder of results."""
+    return sorted([*folder.glob("*.parquet"), *folder.glob("design/*.parquet")])
 
 
 @click.command()
@@ -103,9 +100,9 @@ def list_items(folder: Path) -> list[Path]:
 @click.option("--columns", metavar="A,B", help="These columns only.")
 @click.option("--rows", default=30, show_default=True, help="Largest number of rows; 0 for all.")
 def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-def]
-    """Show a table or figure of a study in the terminal; without ITEM, say which there are.
+    """Show a table of a study in the terminal; without ITEM, say which there are.
 
-    ITEM is a name, or the path of a .parquet, .json, .csv or .png file.
+    ITEM is a name, or the path of a .parquet, .json or .csv file.
 
     \b
     Examples:
@@ -113,7 +110,6 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
       wearscope show ranking
       wearscope show snr --where fda=C --sort -snr --rows 10
       wearscope show sensitivity --in my-study
-      wearscope show scope_w3                     a figure
     """
     from wearscope.cli.tables import frame_rows, read_frame
 
@@ -123,18 +119,14 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
         _list(folder)
         return
     path = find_item(item, folder)
-    if path.suffix == ".png":
-        _draw(path)
-    elif path.suffix in (".parquet", ".csv", ".json"):
+    if path.suffix in (".parquet", ".csv", ".json"):
         frame, units = read_frame(path)
         headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows)
         print_table(headers, cells)
         if left:
             say(f"{left} more rows; --rows 0 shows all, --where COLUMN=VALUE some.", err=True)
     else:
-        raise InputError(
-            f"{path}: is neither a table nor a figure; name a .parquet, .json, .csv or .png file."
-        )
+        raise InputError(f"{path}: is no table; name a .parquet, .json or .csv file.")
 
 
 def _list(folder: Path) -> None:
@@ -145,28 +137,3 @@ def _list(folder: Path) -> None:
     items.sort(key=lambda path: (rank.get(path.stem, len(rank)), path.parent != folder, path.stem))
     rows = [(p.stem, QUESTIONS.get(p.stem, ""), p.relative_to(folder).as_posix()) for p in items]
     print_table(("name", "what it says", "file"), rows)
-
-
-def _draw(path: Path) -> None:
-    """A picture in half blocks: two pixels a character, in the terminal's width."""
-    import numpy as np
-    from PIL import Image
-
-    try:
-        with Image.open(path, formats=["PNG"]) as opened:  # others may call programs
-            if opened.width * opened.height > limits.PIXELS:
-                raise InputError(f"{path}: has more than {limits.PIXELS} pixels; draw it smaller.")
-            picture = opened.convert("RGB")
-    except InputError:
-        raise
-    except Exception as error:  # of a broken picture Pillow raises many kinds
-        told = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: is no whole picture ({told}); make it again.") from None
-    width = min(shutil.get_terminal_size().columns, picture.width)
-    height = max(2, 2 * round(picture.height * width / picture.width / 2))
-    pixels = np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS)).astype(int)
-    if "COLORTERM" not in os.environ:  # the terminal may know no more than the 256 colours' cube of 6 x 6 x 6
-        pixels = 16 + np.rint(pixels / 51.0).astype(int) @ [36, 6, 1]
-    for upper, lower in zip(pixels[::2].tolist(), pixels[1::2].tolist(), strict=True):
-        say_styled(("▀", {"fg": fg, "bg": bg}) for fg, bg in zip(upper, lower, strict=True))
-    say(path)
