@@ -82,7 +82,7 @@ class Plan:
     @cached_property
     def figures(self) -> list[str]:
         """All figures of the study; where it is divided, those that show each cell are the partitions'."""
-        return self.scope_figures if self.study.divide() else ["recording", *self.finding_figures]
+        return self.scope_figures if self.study.divide() else self.finding_figures
 
     @cached_property
     def categories(self) -> dict[str, str]:
@@ -91,7 +91,6 @@ class Plan:
             "sensitivity": "Q-1: which factors matter",
             "snr": "Q-2: which detector is best",
             **dict.fromkeys(self.scope_figures, "Q-3: where it works"),
-            "recording": "What was simulated",
         }
 
     def chunks(self, name: str) -> range:

@@ -12,7 +12,7 @@ from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
-from wearscope.surrogates.validation import fit_table, validate_surrogates
+from wearscope.surrogates.validation import validate_surrogates
 
 
 @pytest.fixture(scope="session")
@@ -31,7 +31,6 @@ def place(tmp_path_factory):
         "test_quantities": points,
         "surrogates": surrogates,
         "validation": validation,
-        "fit_table": fit_table(validation),
         "sensitivity": sensitivity_of([surrogates]),
         "snr": snr,
         "ranking": rank_by_median(snr, draws=50),

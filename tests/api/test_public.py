@@ -89,7 +89,7 @@ def test_tables_are_those_on_disk_with_units(place):
     np.testing.assert_array_equal(rows["snr"], expected["snr"])
     assert study.table("validation", model="full").attrs["units"] == {"fit": "%"}
     assert study.names() == [
-        "design/identification", "fit_table", "ranking", "scope", "sensitivity", "snr", "surrogates",
+        "design/identification", "ranking", "scope", "sensitivity", "snr", "surrogates",
         "test_quantities", "validation",
     ]  # fmt: skip
 

@@ -2,10 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.designs.bases import interaction_terms, linear_names, model_matrix, model_terms
+from wearscope.designs.bases import linear_names, model_matrix, model_terms
 from wearscope.designs.checks import (
     _name_some,
-    alias_table,
     check_design,
     check_estimable,
     defining_relation,
@@ -79,21 +78,6 @@ def test_resolution_of_textbook_fractions():
     assert defining_relation(fractional_factorial(list("abc"), ["c = -a b"]), list("abc")) == [
         (-1, ("a", "b", "c"))
     ]
-
-
-def test_alias_table_says_what_a_left_out_interaction_adds(design):
-    z = design[NAMES].to_numpy()
-    table = alias_table(z, NAMES, "full", order=4)
-    # resolution VI: no three-factor interaction reaches the model, each four-factor one biases one product
-    assert len(table) == 15
-    assert set(map(len, table["alias"].str.split(":"))) == {4}
-    truth = dict.fromkeys(interaction_terms(NAMES, 4), 0.0) | {"w1:w2:w3:w4": 1.0}
-    y = model_matrix(z, NAMES, list(truth)) @ np.array(list(truth.values()))
-    phi = model_matrix(z, NAMES, model_terms("full", NAMES))
-    theta = dict(zip(model_terms("full", NAMES), np.linalg.lstsq(phi, y, rcond=None)[0], strict=True))
-    row = table[table["alias"] == "w1:w2:w3:w4"].iloc[0]
-    assert row["term"] == "f:w5"
-    assert theta["f:w5"] == pytest.approx(row["coefficient"])
 
 
 def test_an_unestimable_design_is_refused_and_the_aliases_are_named():

@@ -16,7 +16,7 @@ from wearscope.evaluation.scope import group_scope, scope_table
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.surrogates.fitting import fit_surrogates
-from wearscope.surrogates.validation import fit_table, validate_surrogates
+from wearscope.surrogates.validation import validate_surrogates
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "site"))
@@ -43,7 +43,6 @@ def written():
         "test_quantities": points,
         "surrogates": surrogates,
         "validation": validation,
-        "fit_table": fit_table(validation),
         "sensitivity": sensitivity_of([surrogates]),
         "snr": snr,
         "ranking": rank_by_median(snr, draws=50),
@@ -59,7 +58,7 @@ def undocumented(columns, described):
 @pytest.mark.parametrize(
     "name",
     [
-        "design/identification", "design/checks", "test_quantities", "surrogates", "validation", "fit_table",
+        "design/identification", "design/checks", "test_quantities", "surrogates", "validation",
         "sensitivity", "snr", "ranking", "scope", "group_scope",
     ],
 )  # fmt: skip

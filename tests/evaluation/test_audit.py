@@ -7,7 +7,6 @@ from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation.audit import (
     audit_answers,
-    audit_summary,
     audit_table,
     audit_verdicts,
     choose_audit_points,
@@ -97,9 +96,9 @@ def test_the_interval_holds_a_simulator_that_is_as_the_surrogate_says(surrogates
 def test_the_interval_does_not_hold_a_simulator_that_differs(surrogates, points):
     audit = audit_table(directly(surrogates, points, noise=0.0, shift=1.0), surrogates, points)
     assert not audit["inside"].any()
-    summary = audit_summary(audit, [])
-    assert (summary["share_inside"] == 0).all() and (summary["median_error"] > 1).all()
-    assert summary["n"].sum() == len(audit)
+    answers = audit_answers(audit)
+    assert (answers["share_inside"] == 0).all() and (answers["answer"] == "withheld").all()
+    assert answers["n"].sum() == len(audit)
 
 
 def test_failed_points_are_counted_and_never_inside(surrogates, points):
@@ -110,9 +109,8 @@ def test_failed_points_are_counted_and_never_inside(surrogates, points):
     assert set(audit.loc[audit["failed"], "status"]) == {"simulation failed: lost"}
     assert audit.loc[audit["fda"] == "B", "failed"].all()
     assert not audit.loc[audit["fda"] == "B", "inside"].any()
-    summary = audit_summary(audit).set_index("fda")
-    assert (summary.loc["B", "n"] == 0).all() and summary.loc["B", "n_failed"].sum() == 12 * 17
-    assert np.isnan(summary.loc["B", "share_inside"]).all()
+    failed = audit_answers(audit).set_index("fda").loc["B"]
+    assert failed["n"] == 0 and np.isnan(failed["share_inside"]) and failed["answer"] == "not audited"
 
 
 def test_verdicts_of_four_runs(surrogates, points):
@@ -156,17 +154,11 @@ def make_audit(**columns):
     return pd.DataFrame(given | columns)
 
 
-def test_errors_are_in_half_widths_of_their_intervals():
-    """Half widths 2, 1, 4 and none, errors 1, 3, 4 and 5: a half, three, one; what failed is left out."""
-    audit = make_audit(
-        low=[8.0, 9.0, 6.0, 10.0, 0.0], high=[12.0, 11.0, 14.0, 10.0, 20.0],
-        y_direct=[11.0, 7.0, 14.0, 15.0, np.nan], inside=[True, False, True, False, False],
-        failed=[False, False, False, False, True],
-    )  # fmt: skip
-    (row,) = audit_summary(audit).to_dict("records")
-    assert (row["n"], row["n_failed"], row["n_inside"], row["share_inside"]) == (4, 1, 2, 0.5)
-    assert row["median_error"] == 1.0
-    # Wilson's interval of one half of four: 1/2 -+ 1.96 sqrt(1/16 + 1.96^2/64) / (1 + 1.96^2/4).
+def test_the_share_inside_has_wilsons_interval():
+    """Of one half of four: 1/2 -+ 1.96 sqrt(1/16 + 1.96^2/64) / (1 + 1.96^2/4); what failed is left out."""
+    audit = make_audit(inside=[True, False, True, False, False], failed=[False] * 4 + [True])
+    (row,) = audit_answers(audit).to_dict("records")
+    assert (row["n"], row["n_inside"], row["share_inside"]) == (4, 2, 0.5)
     assert (row["share_low"], row["share_high"]) == pytest.approx((0.15004, 0.84996), abs=1e-5)
 
 

@@ -25,7 +25,6 @@ from wearscope.evaluation.sampled_scope import (
 from wearscope.evaluation.sampled_snr import draw_snr, quadrature_snr, sampled_snr_table
 from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
 from wearscope.evaluation.snr import answer_rows, exact_snr
-from wearscope.evaluation.snr_sources import snr_sources
 from wearscope.surrogates.fitting import fit_surrogate
 from wearscope.surrogates.selection import ChosenSurrogate, choose_surrogate
 
@@ -228,21 +227,12 @@ def test_a_robot_that_answers_half_as_much_has_half_the_ratio(process):
     assert np.isnan(mismatch_table(asked, ideal.assign(snr_direct=np.nan))["snr_mismatch"].item())
 
 
-def test_sources_of_the_ratio_and_the_direct_value_where_they_disagree():
+def test_the_chosen_surrogate_answers_where_the_paper_s_stands_next_to_it():
     snr = pd.DataFrame({"fda": ["A", "A", "D"], "model": "chosen", "snr_exact": [1.0, 3.0, 30.0]})
     both = pd.concat([snr, snr.assign(model="full", snr_exact=[2.0, 2.0, 9.0])], ignore_index=True)
     assert (
         answer_rows(both).equals(snr) and answer_rows(both[both["model"] == "full"])["model"].eq("full").all()
     )
-    cell = pd.DataFrame({"robot": "r", "cycle": "c", "axis": 1, "fda": ["A", "D"]})
-    told = cell.assign(snr_surrogate=[1.0, 32.0], snr_direct=[1.1, 42.0], agrees=[True, False])
-    table = snr_sources(snr, both[both["model"] == "full"], told, cell.assign(snr_mismatch=[1.2, 4.0]))
-    assert table.set_index("fda").loc["D"].to_dict() == {
-        "median": 30.0, "median_paper": 9.0, "surrogate": 32.0, "direct": 42.0, "answer": 42.0,
-        "mismatch": 4.0,
-    }  # fmt: skip
-    assert table["answer"].tolist() == [1.0, 42.0] and table["median"].tolist() == [2.0, 30.0]
-    assert list(snr_sources(snr)) == ["fda", "median"]
 
 
 def test_runs_drawn_along_a_line_are_those_drawn_along_its_table():

@@ -9,15 +9,12 @@ from reporting.browser import launch_browser
 
 from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.config import load_config
-from wearscope.cycles.base import load_cycle
-from wearscope.cycles.poses import posture_table
 from wearscope.designs.checks import describe_design
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.detectors.run import count_failures
 from wearscope.evaluation.audit import (
-    audit_summary,
     audit_table,
     audit_verdicts,
     choose_audit_points,
@@ -34,7 +31,7 @@ from wearscope.reporting.study import Study
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.validation import fit_table, validate_surrogates
+from wearscope.surrogates.validation import validate_surrogates
 
 WEAR = {"kind": "wear", "range": [0, 50], "unit": "1", "validation": [5, 45]}
 CONFIG = {
@@ -86,7 +83,6 @@ def study():
         factors=factors,
         surrogates=surrogates,
         validation=validation,
-        fits=fit_table(validation),
         sensitivity=sensitivity_of([surrogates]),
         snr=snr,
         ranking=rank_by_median(snr, draws=200),
@@ -94,7 +90,6 @@ def study():
         failures=count_failures(points),
         checks=describe_design(design, factors),
         audit=audit,
-        audit_summary=audit_summary(audit),
         audit_verdicts=audit_verdicts(audit),
     )
 
@@ -153,7 +148,6 @@ def asked(study):
         for one in conclusions
     ]
     robot = load_model("medium")
-    postures = posture_table(robot, load_cycle("point_to_point"), 0.05, frames=12)
     deltas, sigmas = np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.5])
     return replace(
         study,
@@ -164,7 +158,6 @@ def asked(study):
         simulated=simulated_table(cells, runs, study.factors, levels),
         detection=detection_table(cells, levels, ["w3", "w5"], deltas, sigmas, -2.0, [0.01, 0.05, 0.2]),
         friction=friction_curves(robot, (30.0, 70.0), (0.0, 50.0), points=12),
-        postures=postures.assign(cycle="a"),
         units={"A": "-", "B": "-", "C": "N m"},
     )
 

@@ -1,5 +1,5 @@
 import numpy as np
-import pandas as pd
+import pytest
 
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.sensitivity import sensitivity_of
@@ -7,7 +7,6 @@ from wearscope.reporting.answers import (
     best_detector,
     effective_scope,
     relevant_factors,
-    tolerance_table,
     tolerances,
 )
 from wearscope.reporting.trust import audit_outcome, doubts, surrogate_quality
@@ -105,15 +104,13 @@ def test_tolerances_are_read_off_the_grid(study, change):
     assert mine[0].share == rows["passes"].mean() and mine[0].cells == 8
 
 
-def test_scope_in_natural_units_its_end_and_nothing_reached(study, change):
-    table = tolerance_table(change(scope=with_limit(study, 0.09))).set_index(["group", "factor"])
-    assert table.loc[("Residual energy (A)", "temperature")].iloc[-3:].to_list() == [
-        "not reached",
-        "1 °C",
-        "1 °C",
-    ]
-    wide = tolerance_table(change(scope=with_limit(study, 1.0))).set_index(["group", "factor"])
-    assert wide.loc[("Residual energy (A)", "payload error")].iloc[-1] == "≥ 5 %"
+def test_the_end_of_the_scope_and_nothing_reached(study, change):
+    low = tolerances(change(scope=with_limit(study, 0.09)), "w3")
+    mine = [one for one in low if one.group == "Residual energy (A)"]
+    assert np.isnan(mine[0].sigma) and [one.sigma for one in mine[1:]] == pytest.approx([0.1, 0.1])
+    wide = tolerances(change(scope=with_limit(study, 1.0)), "w5")
+    last = [one for one in wide if one.group == "Residual energy (A)"][-1]
+    assert last.largest and last.sigma == study.scope["sigma"].max()
     nothing = effective_scope(change(scope=study.scope.assign(passes=False)))
     assert nothing[0].startswith("With varying temperature: none;") and len(nothing) == 2
 
@@ -186,4 +183,3 @@ def test_answers_for_other_groups(study, change):
     )
     assert relevant_factors(other)[0].startswith("large, axis 1: ")
     assert ", axis " in best_detector(other)[0] and "large, axis 1" in effective_scope(other)[0]
-    assert isinstance(tolerance_table(other), pd.DataFrame)

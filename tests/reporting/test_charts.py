@@ -95,7 +95,7 @@ def test_every_source_of_a_chart_is_a_table_of_the_page(asked):
     page = render_study(asked, [])
     tables = set(re.findall(r'class="data" data-name="(\w+)"', page))
     definitions = re.findall(r'class="definition">(.*?)</script>', page)
-    assert len(definitions) >= 9
+    assert len(definitions) >= 7
     for text in definitions:
         definition = json.loads(text)
         alt.Chart.from_dict(definition["spec"])  # keeps to Vega-Lite's schema

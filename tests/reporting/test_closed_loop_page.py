@@ -20,7 +20,6 @@ from wearscope.reporting.closed_loop import (
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip
 from wearscope.reporting.loop_words import conclude_loop
-from wearscope.reporting.page_strip import unbreak
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
@@ -127,12 +126,6 @@ def write(folder, verdict, light=False, failed=False):
                 {"joint": joint, "run": run, "stage": stage, "seconds": 8.0, "outcome": outcome} | sizes
             )
     tables.write_table(folder / "forward.parquet", pd.DataFrame(rows))
-    series = pd.concat(frames)[["t", "run", "joint", "measured", "counts"]]
-    series = series[series["run"] == "runs/r2.parquet"]
-    series = series.assign(
-        simulated_before=series["measured"] + 1.0, simulated_after=np.nan if failed else series["measured"]
-    )
-    tables.write_table(folder / "forward_series.parquet", series)
 
 
 def page(folder):
@@ -179,9 +172,9 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
     assert "2 → 1 N m RMS, noise floor" in text
     assert "larger by 7 %" in text and text.count("larger by") == 1
-    assert "runs/r2.parquet 15 16 larger" in text and "runs/r2.parquet 20 10 smaller" in text
+    assert "runs/r2.parquet 15 16" in text and "runs/r2.parquet 20 10" in text
     assert "30 % of the rows of a do not count" in text
-    assert "move slowly" in text and "record for longer" in text
+    assert "record for longer" in text
     assert "Stopped. a: the most terms that are asked for (8) are named" in text
     assert "closed by wearscope 1.2.3." in text and "abc" not in text
 
@@ -221,7 +214,7 @@ def test_page_of_none_says_so(tmp_path):
         verdict["joints"][joint]["state"] = "explained"
     write(tmp_path, verdict)
     text = text_of(page(tmp_path))
-    assert "None: the declared model suffices." in text
+    assert "The declared model suffices" in text
     assert text.count(": nothing added") == 2
     assert "Structure that no named effect" not in text and "Stopped" not in text
 
@@ -235,12 +228,9 @@ def test_what_is_left_is_said_and_an_empty_verdict_next_to_it_is_no_none(tmp_pat
     write(tmp_path, verdict)
     html = page(tmp_path)
     text = text_of(html)
-    assert "None: the declared model suffices" not in text
-    said = (
-        "Nothing was named, and the declared model does not suffice: 3 % of the torque is left at b, part of "
-        "it unexplained."
-    )
-    assert f'<div class="alarm">{unbreak(said)}</div>' in html
+    assert "declared model suffices" not in text
+    said = "No effect that the test runs bear out was named, and 3 % of the torque is left at b, part of it"
+    assert said in text
     assert "structure left, 3 % of the torque 0.8 N m RMS of it depends on position of a and time" in text
     loop = read_closed_loop(tmp_path)
     assert loop.foremost() == "b" and dominant_signals(loop, "b")[:2] == ["q_a", "t"]

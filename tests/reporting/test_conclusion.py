@@ -134,7 +134,7 @@ def test_the_page_begins_with_it(asked):
     ("fields", "said"),
     [
         ({}, "Everything is simulated"),
-        ({"sources": {"arm": ["URDF given; friction assumed"]}}, "a robot like arm, not about yours"),
+        ({"sources": {"arm": ["URDF given; friction assumed"]}}, "a robot with the numbers assumed for arm"),
         ({"sources": {"arm": ["assumed"], "medium": ["paper"]}}, "arm has assumed numbers"),
     ],
 )

@@ -1,14 +1,9 @@
 import numpy as np
-import pytest
 
-from benchmarks.planted import PAPER_OPTIONS
-from wearscope.designs.kinds import make_design
 from wearscope.evaluation.scope_counts import count_matrix
 from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr, use_symlog
-from wearscope.reporting.figures.recording import choose_pair, draw_recording
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure
-from wearscope.simulation.recording import Recording
 
 
 def titles(figure):
@@ -68,20 +63,3 @@ def test_scope_has_a_row_a_method_and_a_column_a_detector(study):
     assert len([title for title in titles(figure) if title]) == 3
     only = study.scope[study.scope["method"] == "exact"]
     assert not [ax for ax in draw_scope(only, "w5", study.factors, by=()).axes if "KDE" in ax.get_ylabel()]
-
-
-def test_the_pair_of_recordings_differs_in_wear_only(study):
-    design = make_design("central_composite", study.factors, PAPER_OPTIONS)
-    low, high = choose_pair(design, study.factors)
-    rows = design.set_index("point").loc[[low, high], [factor.name for factor in study.factors]]
-    assert rows["f"].to_list() == [-2, 2] and (rows.drop(columns="f").nunique() == 1).all()
-
-
-def test_recordings_of_unequal_length_are_drawn():
-    t = np.arange(50) / 100.0
-    run = Recording(t, np.sin(t)[:, None], np.cos(t)[:, None], t[:, None])
-    longer = Recording(np.arange(60) / 100.0, *(np.ones((60, 1)) for _ in range(3)))
-    figure = draw_recording(run, longer, 0, "robot, cycle", ("f = 0", "f = 50"))
-    difference = figure.axes[3].lines[0].get_ydata()
-    assert len(difference) == 50 and difference == pytest.approx(1.0 - t)
-    assert figure.axes[2].get_ylabel() == "motor torque [N m]"

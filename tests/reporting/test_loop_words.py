@@ -4,7 +4,14 @@ import pytest
 
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.labels import PARAMETERS, effect_name, parameter_name
-from wearscope.reporting.loop_words import list_alarms, say_share, size_left, tell_left, tell_planted
+from wearscope.reporting.loop_words import (
+    conclude_loop,
+    list_alarms,
+    say_share,
+    size_left,
+    tell_left,
+    tell_planted,
+)
 
 ENTRY = {
     "joint": "axis_2", "effect": "gravity_counterbalance", "equivalent": ["joint_spring"],
@@ -58,15 +65,14 @@ def test_shares_of_the_residual():
 
 def test_an_empty_verdict_says_what_it_means():
     verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": ["axis_1: the most terms are named"]}
-    said = list_alarms(verdict)
-    assert said[0] == ("notice", "Stopped. axis_1: the most terms are named.")
-    assert said[1][0] == "notice" and said[1][1].startswith("None: the declared model suffices")
+    assert list_alarms(verdict) == [("notice", "Stopped. axis_1: the most terms are named.")]
+    assert conclude_loop(verdict)[1].startswith("The declared model suffices")
     verdict["joints"]["axis_2"] |= {"state": "not_judged"}
-    assert list_alarms(verdict)[1] == (
-        "alarm", "Nothing was named; that says nothing of axis_2, which is not judged."
+    assert conclude_loop(verdict) == (
+        "unsure", "No effect that the test runs bear out was named, and axis_2 is not judged.",
     )  # fmt: skip
     verdict["joints"]["axis_1"] |= {"state": "unexplained"}
-    assert "axis_1 keeps something unexplained" in list_alarms(verdict)[1][1]
+    assert "axis_1 keeps something unexplained" in conclude_loop(verdict)[1]
 
 
 def test_what_is_left_at_a_joint():

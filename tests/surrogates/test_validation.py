@@ -12,7 +12,6 @@ from wearscope.surrogates.fitting import fit_surrogate, fit_surrogates
 from wearscope.surrogates.validation import (
     diagnose,
     fault_effect,
-    fit_table,
     lack_of_fit,
     leverage,
     model_fit,
@@ -173,14 +172,6 @@ def test_an_effect_within_its_own_error_is_unclear():
     y = np.random.default_rng(0).normal(size=45)
     y -= Z[:, 0] * (Z[:, 0] @ y) / (Z[:, 0] @ Z[:, 0]) * 0.999
     assert fault_effect(fit_surrogate(Z, y, NAMES, "main")) == "unclear"
-
-
-def test_the_table_like_table_4(validation):
-    table = fit_table(validation)
-    assert list(table.columns) == ["robot", "cycle", "fda", "model", "axis_1", "axis_2", "axis_3"]
-    assert table["model"].tolist() == ["simplified", "full"] * 4
-    row = validation.query("cycle == 'b' and fda == 'A' and model == 'full' and axis == 2").iloc[0]
-    assert table.query("cycle == 'b' and fda == 'A' and model == 'full'")["axis_2"].item() == row["fit"]
 
 
 def test_failed_validation_points_are_counted_and_refused(planted):

@@ -12,10 +12,10 @@ from wearscope import tables
 from wearscope.integrity import find_damage
 
 TABLES = (
-    "test_quantities", "failures", "failed_simulations", "surrogates", "validation", "fit_table", "snr",
+    "test_quantities", "failures", "failed_simulations", "surrogates", "validation", "snr",
     "ranking", "sensitivity", "thresholds", "rankings",
 )  # fmt: skip
-SCOPES = ("scope", "group_scope", "scope_disagreement")
+SCOPES = ("scope", "group_scope")
 #: What has a row for each point, coefficient or grid cell of each robot.
 LARGE = ("test_quantities", "surrogates", "scope")
 

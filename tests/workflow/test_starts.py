@@ -13,7 +13,6 @@ import pytest
         ("wearscope.detectors.friction_fit", ["scipy.signal", "scipy.stats", "scipy.interpolate"]),
         ("wearscope.detectors.wear_temperature_fit", ["scipy.signal", "scipy.stats"]),
         ("wearscope.surrogates.chosen", ["scipy.optimize"]),
-        ("wearscope.reporting.figures.recording", ["seaborn", "statsmodels", "scipy.stats"]),
     ],
 )
 def test_what_only_some_jobs_use_is_not_imported_by_all(imported, spared):

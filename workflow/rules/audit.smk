@@ -1,6 +1,4 @@
-AUDIT_TABLES = [
-    f"{R}/{name}.parquet" for name in ("audit", "audit_summary", "audit_verdicts", "audit_answers")
-]
+AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_verdicts", "audit_answers")]
 
 
 rule audit:
@@ -67,7 +65,6 @@ rule audit_surrogates:
         code=lambda w: code("audit_surrogates"),
     output:
         audit=f"{R}/audit.parquet",
-        summary=f"{R}/audit_summary.parquet",
         verdicts=f"{R}/audit_verdicts.parquet",
         answers=f"{R}/audit_answers.parquet",
     log:
@@ -76,7 +73,6 @@ rule audit_surrogates:
         ENV
     params:
         model=STUDY.scope.model,
-        group_by=STUDY.scope.group_by,
     message:
         "Compare the surrogates with direct simulation"
     script:

@@ -1,6 +1,6 @@
 rule design:
     input:
-        expand("{R}/design/{table}.parquet", R=R, table=[*STUDY_SETS, "checks", "aliases"]),
+        expand("{R}/design/{table}.parquet", R=R, table=[*STUDY_SETS, "checks"]),
 
 
 rule make_design:
@@ -12,7 +12,6 @@ rule make_design:
         validation=f"{R}/design/validation.parquet",
         nominal=f"{R}/design/nominal.parquet",
         checks=f"{R}/design/checks.parquet",
-        aliases=f"{R}/design/aliases.parquet",
     log:
         f"{R}/logs/make_design.log",
     conda:

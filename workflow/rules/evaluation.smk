@@ -13,7 +13,6 @@ rule scope:
     input:
         f"{R}/scope.parquet",
         f"{R}/group_scope.parquet",
-        f"{R}/scope_disagreement.parquet",
 
 
 rule compute_sensitivity:
@@ -95,7 +94,6 @@ rule join_scope:
     output:
         scope=f"{R}/scope.parquet",
         groups=f"{R}/group_scope.parquet",
-        disagreement=f"{R}/scope_disagreement.parquet",
     log:
         f"{R}/logs/join_scope.log",
     priority: 1

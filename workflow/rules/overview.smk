@@ -80,7 +80,6 @@ if PARTITIONS:
             factors=FACTORS,
             robots=ROBOTS,
             pages={robot: f"partitions/{part}/report.html" for robot, part in PARTITION_OF.items()},
-            benchmarks=f"{R}/benchmarks",
             allow_code=STUDY.allow_code,
         message:
             "Write the report: robots and test-cycles at a glance"

@@ -1,6 +1,6 @@
 # A study of many robots: each partition is planned where it runs, by one job, as a study of its own robots, with a
 # report of its own. What is told of each cell is made there, and joined here by one robot at a time.
-JOINED_TABLES = ["surrogates", "validation", "fit_table", "snr"]
+JOINED_TABLES = ["surrogates", "validation", "snr"]
 PARTITION_TABLES = [
     "test_quantities",
     "failed_simulations",
@@ -106,15 +106,12 @@ if PARTITIONS:
             code=lambda w: code("join_audit"),
         output:
             audit=f"{R}/audit.parquet",
-            summary=f"{R}/audit_summary.parquet",
             verdicts=f"{R}/audit_verdicts.parquet",
             answers=f"{R}/audit_answers.parquet",
         log:
             f"{R}/logs/join_audit.log",
         conda:
             ENV
-        params:
-            group_by=STUDY.scope.group_by,
         message:
             "Join the audits of the partitions"
         script:

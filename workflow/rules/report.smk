@@ -7,6 +7,7 @@ TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.ro
 rule report:
     input:
         f"{R}/report.html",
+        [f"{R}/figures/{name}.svg" for name in FIGURES],
         [f"{R}/{table}.parquet" for table in [*JOINED_TABLES, "scope", "test_quantities"]]
         if PARTITIONS
         else f"{R}/findings.parquet",
@@ -28,8 +29,7 @@ rule describe_robots:
             *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
         ),
     output:
-        friction=f"{R}/friction.parquet",
-        postures=f"{R}/postures.parquet",
+        f"{R}/friction.parquet",
     log:
         f"{R}/logs/describe_robots.log",
     priority: -1
@@ -46,39 +46,6 @@ rule describe_robots:
         "Describe the robots: friction, postures along the test-cycles"
     script:
         "../scripts/describe_robots.py"
-
-
-# As soon as its runs are there: left to the end, it is what the report waits for.
-rule draw_recording:
-    input:
-        design=f"{R}/design/identification.parquet",
-        traces=PLAN.traces(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
-        recordings=PLAN.packed(next(iter(ROBOTS)), next(iter(CYCLES)), "identification"),
-        robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
-        code=lambda w: code(
-            "draw_recording",
-            *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
-        ),
-        style=REPORT_FILES,
-    output:
-        **figure_files(["recording"]),
-    log:
-        f"{R}/logs/draw_recording.log",
-    priority: 1
-    conda:
-        ENV
-    params:
-        installed=installed("robots", "effects"),
-        factors=FACTORS,
-        robots=ROBOTS,
-        cycle=next(iter(CYCLES)),
-        axis=STUDY.axes[0],
-        worn=STUDY.worn_axes(),
-        allow_code=STUDY.allow_code,
-    message:
-        "Draw two recordings"
-    script:
-        "../scripts/draw_recording.py"
 
 
 rule draw_findings:
@@ -113,7 +80,6 @@ rule compare_paper:
     input:
         surrogates=f"{R}/surrogates.parquet",
         validation=f"{R}/validation.parquet",
-        fits=f"{R}/fit_table.parquet",
         sensitivity=f"{R}/sensitivity.parquet",
         snr=f"{R}/snr.parquet",
         ranking=f"{R}/ranking.parquet",
@@ -141,7 +107,6 @@ rule write_report:
     input:
         surrogates=f"{R}/surrogates.parquet",
         validation=f"{R}/validation.parquet",
-        fits=f"{R}/fit_table.parquet",
         sensitivity=f"{R}/sensitivity.parquet",
         snr=f"{R}/snr.parquet",
         ranking=f"{R}/ranking.parquet",
@@ -161,9 +126,7 @@ rule write_report:
         simulated=f"{R}/simulated.parquet",
         detection=f"{R}/detection.parquet",
         friction=f"{R}/friction.parquet",
-        postures=f"{R}/postures.parquet",
         findings=f"{R}/findings.parquet",
-        figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
         loop=[
             *(DEMONSTRATION[:1] if TELLS_DEMONSTRATION else []),
             *(LOOP[:1] if STUDY.dataset is not None else []),
@@ -190,7 +153,6 @@ rule write_report:
         config=REPORTED,
         factors=FACTORS,
         robots=ROBOTS,
-        benchmarks=f"{R}/benchmarks",
         allow_code=STUDY.allow_code,
     message:
         "Write the report"

@@ -10,7 +10,6 @@ rule surrogates:
 rule validate:
     input:
         f"{R}/validation.parquet",
-        f"{R}/fit_table.parquet",
 
 
 rule fit_surrogates:
@@ -38,14 +37,12 @@ rule validate_surrogates:
         surrogates=f"{R}/surrogates.parquet",
         code=lambda w: code("validate_surrogates"),
     output:
-        validation=f"{R}/validation.parquet",
-        fit_table=f"{R}/fit_table.parquet",
+        f"{R}/validation.parquet",
     log:
         f"{R}/logs/validate_surrogates.log",
     conda:
         ENV
     params:
-        models=STUDY.surrogates.models,
         max_failed_share=STUDY.max_failed_share,
     message:
         "Validate the surrogates"

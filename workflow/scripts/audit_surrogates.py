@@ -4,7 +4,7 @@ import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.evaluation.audit import audit_answers, audit_summary, audit_table, audit_verdicts
+from wearscope.evaluation.audit import audit_answers, audit_table, audit_verdicts
 from wearscope.surrogates.chosen import read_chosen
 
 with run_job(snakemake) as say:
@@ -19,6 +19,5 @@ with run_job(snakemake) as say:
     for row in answers.itertuples():
         say(f"fda {row.fda}: {row.n_inside} of {row.n} values inside, answer {row.answer}")
     tables.write_table(snakemake.output.audit, table)
-    tables.write_table(snakemake.output.summary, audit_summary(table, snakemake.params.group_by))
     tables.write_table(snakemake.output.verdicts, audit_verdicts(table))
     tables.write_table(snakemake.output.answers, answers)

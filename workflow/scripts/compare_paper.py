@@ -8,7 +8,7 @@ from wearscope.reporting.findings import compare_with_paper, findings_table
 from wearscope.reporting.study import Study
 
 TABLES = (
-    "surrogates", "validation", "fits", "sensitivity", "ranking", "scope", "failures", "checks",
+    "surrogates", "validation", "sensitivity", "ranking", "scope", "failures", "checks",
 )  # fmt: skip
 
 with run_job(snakemake):

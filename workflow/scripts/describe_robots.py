@@ -1,17 +1,15 @@
-"""The robots' friction over speed, and their postures along the test-cycles."""
+"""The robots' friction over speed."""
 
 import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.cycles.base import load_cycle
-from wearscope.cycles.poses import posture_table
 from wearscope.designs.factors import Factor
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
 
 with run_job(snakemake):
-    params, out = snakemake.params, snakemake.output
+    params = snakemake.params
     factors = [Factor(**one) for one in params.factors]
     models = {
         robot: load_model(reference, allow_code=params.allow_code).wearing(params.worn)
@@ -26,12 +24,4 @@ with run_job(snakemake):
         for robot, model in models.items()
     ]
     units = {"temperature": "degC", "wear": "1"}
-    tables.write_table(out.friction, pd.concat(curves, ignore_index=True), units)
-    dwell = [0.0005 * (one.low + one.high) for one in factors if one.kind == "dwell"]
-    postures = [
-        posture_table(model, load_cycle(reference), *(dwell[:1] or [0.05])).assign(robot=robot, cycle=cycle)
-        for robot, model in models.items()
-        for cycle, reference in params.cycles.items()
-    ]
-    units = {"t": "s", "x": "m", "y": "m", "z": "m"}
-    tables.write_table(out.postures, pd.concat(postures, ignore_index=True), units)
+    tables.write_table(snakemake.output[0], pd.concat(curves, ignore_index=True), units)

@@ -4,12 +4,11 @@ import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.evaluation.audit import audit_answers, audit_summary, audit_verdicts
+from wearscope.evaluation.audit import audit_answers, audit_verdicts
 
 with run_job(snakemake):
     out = snakemake.output
     table = pd.concat(list(tables.Parts(snakemake.input.parts)), ignore_index=True)
     tables.write_table(out.audit, table)
-    tables.write_table(out.summary, audit_summary(table, snakemake.params.group_by))
     tables.write_table(out.verdicts, audit_verdicts(table))
     tables.write_table(out.answers, audit_answers(table))

@@ -2,7 +2,7 @@
 
 from job import run_job
 from wearscope import tables
-from wearscope.designs.checks import alias_table, check_design, describe_design
+from wearscope.designs.checks import check_design, describe_design
 from wearscope.designs.factors import Factor
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design, nominal_design, validation_design
@@ -10,7 +10,6 @@ from wearscope.designs.kinds import make_design, nominal_design, validation_desi
 with run_job(snakemake) as say:
     params = snakemake.params
     factors = [Factor(**one) for one in params.factors]
-    names = [factor.name for factor in factors]
     units = {f"{factor.name}_natural": factor.unit for factor in factors}
 
     identification = make_design(params.kind, factors, params.options, params.seed)
@@ -21,9 +20,6 @@ with run_job(snakemake) as say:
             f"{row.model}: {row.terms} terms on {row.points} points, condition number {row.condition:.3g}, "
             f"{row.dof} residual degrees of freedom, resolution {row.resolution or 'full'}"
         )
-    largest = max(params.models, key=lambda model: int(checks.set_index("model").loc[model, "terms"]))
-    aliases = alias_table(identification[names].to_numpy(), names, largest)
-
     tables.write_table(snakemake.output.identification, identification, units)
     validation = validation_design(params.kind, factors, params.options, params.seed)
     tables.write_table(snakemake.output.validation, validation, units)
@@ -40,4 +36,3 @@ with run_job(snakemake) as say:
         tables.write_table(snakemake.output.checking, checking, units)
     tables.write_table(snakemake.output.nominal, nominal_design(factors, params.nominal_runs), units)
     tables.write_table(snakemake.output.checks, checks)
-    tables.write_table(snakemake.output.aliases, aliases)

@@ -1,8 +1,8 @@
-"""Fit (6) of every surrogate on the validation runs, its diagnostics, and the table like Table 4."""
+"""Fit (6) of every surrogate on the validation runs, and its diagnostics."""
 
 from job import run_job
 from wearscope import tables
-from wearscope.surrogates.validation import fit_table, validate_surrogates
+from wearscope.surrogates.validation import validate_surrogates
 
 with run_job(snakemake):
     validation = validate_surrogates(
@@ -11,8 +11,4 @@ with run_job(snakemake):
         snakemake.params.max_failed_share,
     )
     robots = (rows for _, rows in validation.groupby("robot", sort=False))
-    tables.join_tables(snakemake.output.validation, robots, {"fit": "%"})
-    fits = fit_table(validation, tuple(snakemake.params.models))
-    units = {name: "%" for name in fits.columns if name.startswith("axis_")}
-    robots = (rows for _, rows in fits.groupby("robot", sort=False))
-    tables.join_tables(snakemake.output.fit_table, robots, units)
+    tables.join_tables(snakemake.output[0], robots, {"fit": "%"})

@@ -13,7 +13,6 @@ from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.evaluation.overview import sort_worst_first
 from wearscope.plugins import load
-from wearscope.reporting.costs import read_costs
 from wearscope.reporting.overview_page import render_overview
 from wearscope.reporting.study import Study
 from wearscope.robots.model import load_model
@@ -43,7 +42,6 @@ with run_job(snakemake) as say:
         audit=answers,
         audit_answers=answers,
         figures={Path(file).stem: Path(file) for file in given.figures},
-        costs=read_costs(params.benchmarks),
         conclusions=[
             read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text(encoding="utf-8"))
         ],

@@ -13,16 +13,15 @@ from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.evaluation.snr import answer_rows
 from wearscope.plugins import load
-from wearscope.reporting.costs import read_costs
 from wearscope.reporting.findings import read_findings
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 
 TABLES = (
-    "surrogates", "validation", "fits", "sensitivity", "ranking", "scope", "failures",
+    "surrogates", "validation", "sensitivity", "ranking", "scope", "failures",
     "failed_simulations", "checks", "thresholds", "rankings", "responses", "simulated", "detection",
-    "friction", "postures",
+    "friction",
 )  # fmt: skip
 
 with run_job(snakemake):
@@ -55,8 +54,6 @@ with run_job(snakemake):
         direct=tables.read_table(given.direct) if given.get("direct") else None,
         loops={Path(file).parent.name: json.loads(Path(file).read_text()) for file in given.get("loop", [])},
         planted=json.loads(Path(given.truth).read_text()) if given.get("truth") else None,
-        figures={Path(file).stem: Path(file) for file in given.figures},
-        costs=read_costs(params.benchmarks),
         conclusions=[read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text())],
         units={name: name_unit(detector, models.values()) for name, detector in detectors.items()},
         provenance=tell_provenance(),

@@ -46,11 +46,6 @@ def model_terms(model: str, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(terms)
 
 
-def interaction_terms(names: Sequence[str], order: int) -> tuple[str, ...]:
-    """All products of `order` different factors, e.g. ``"f:w1:w2"`` for order 3."""
-    return tuple(":".join(group) for group in combinations(names, order))
-
-
 def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
     """Exponent of each factor in each term, shape (p, n).
 

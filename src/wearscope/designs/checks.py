@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from wearscope.designs.bases import MODELS, interaction_terms, model_matrix, model_terms
+from wearscope.designs.bases import MODELS, model_matrix, model_terms
 from wearscope.designs.factors import Factor, nominal_levels, wear_by_axis
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
@@ -98,39 +98,6 @@ def term_dependencies(phi: ArrayLike, terms: Sequence[str]) -> dict[str, dict[st
                 continue
         kept.append(k)
     return result
-
-
-def alias_table(z: ArrayLike, names: Sequence[str], model: str = "full", order: int = 4) -> pd.DataFrame:
-    """What left-out interactions would add to the coefficients of a model.
-
-    With phi2 the left-out terms, E[theta_hat] = theta + A theta2, A = (Phi'Phi)^-1 Phi'Phi2.
-
-    Parameters
-    ----------
-    z : array (N, n)
-        Coded levels.
-    names : sequence of str, (n,)
-    model : str
-        Estimable on `z`.
-    order : int
-        Highest interaction order looked at; second-order terms that the model lacks are included.
-
-    Returns
-    -------
-    DataFrame
-        ``term``, ``alias``, ``coefficient``: one row a non-zero entry of A.
-    """
-    terms = model_terms(model, names)
-    outside = [term for term in model_terms("full", names) if term not in terms]
-    for degree in range(3, min(order, len(names)) + 1):
-        outside += interaction_terms(names, degree)
-    rows = []
-    if outside:
-        phi = model_matrix(z, names, terms)
-        bias = np.linalg.lstsq(phi, model_matrix(z, names, outside), rcond=None)[0]
-        for i, j in zip(*np.nonzero(np.abs(bias) > _TOLERANCE), strict=True):
-            rows.append({"term": terms[i], "alias": outside[j], "coefficient": round(float(bias[i, j]), 10)})
-    return pd.DataFrame(rows, columns=["term", "alias", "coefficient"])
 
 
 def prediction_variance(z: ArrayLike, names: Sequence[str], model: str, at: ArrayLike) -> NDArray[np.float64]:

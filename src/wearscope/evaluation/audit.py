@@ -17,7 +17,7 @@ from wearscope.designs.factors import (
 )
 from wearscope.designs.kinds import design_table
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import groups_of, wilson_interval
+from wearscope.evaluation.grouping import wilson_interval
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
@@ -189,36 +189,6 @@ def audit_table(
         about = [name for name in _ABOUT if name in points.columns]
         table = table.merge(points[["point", *about]], on="point", how="left", validate="many_to_one")
     return table
-
-
-def audit_summary(audit: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
-    """How often the prediction interval held the direct value.
-
-    Returns
-    -------
-    DataFrame
-        The group columns, ``extrapolated``, ``n``, ``n_failed``, ``n_inside``, ``share_inside`` with its
-        Wilson interval ``share_low``, ``share_high``, ``median_error`` (median absolute error over half the
-        width of the interval).
-    """
-    records = []
-    for key, group in groups_of(audit, by):
-        for extrapolated, rows in group.groupby("extrapolated", sort=True):
-            good = rows[~rows["failed"]]
-            half = (0.5 * (good["high"] - good["low"])).to_numpy(dtype=float)
-            error = np.abs(good["y_direct"] - good["y_surrogate"]).to_numpy(dtype=float)
-            sure = half > 0
-            records.append(
-                {
-                    **dict(zip(by, key, strict=True)),
-                    "extrapolated": bool(extrapolated),
-                    "n": len(good),
-                    "n_failed": len(rows) - len(good),
-                    **_count_inside(good),
-                    "median_error": float(np.median(error[sure] / half[sure])) if sure.any() else np.nan,
-                }
-            )
-    return pd.DataFrame(records)
 
 
 def audit_answers(audit: pd.DataFrame) -> pd.DataFrame:

@@ -244,26 +244,3 @@ def add_group_scopes(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     table = pd.concat(parts, ignore_index=True)
     keys = [name for name in table.columns if name not in ("passes", "cells")]
     return table.groupby(keys, sort=True, observed=True)[["passes", "cells"]].sum().reset_index()
-
-
-def scope_disagreement(scope: pd.DataFrame) -> pd.DataFrame:
-    """Grid cells where the exact and the kernel-density scope disagree.
-
-    Returns
-    -------
-    DataFrame
-        Keys, ``model``, ``factor``, ``delta``, ``sigma``, ``p_d_exact``, ``p_d_kde``, ``passes_exact``,
-        ``passes_kde``.
-
-    Raises
-    ------
-    InputError
-        Where the table lacks one of the methods.
-    """
-    missing = [method for method in METHODS if not (scope["method"] == method).any()]
-    if missing:
-        raise InputError(f"scope: the table has no method '{missing[0]}'; compute both to compare them.")
-    keys = [*CELL, "model", "factor", "delta", "sigma"]
-    halves = [scope.loc[scope["method"] == method, [*keys, "p_d", "passes"]] for method in METHODS]
-    both = halves[0].merge(halves[1], on=keys, suffixes=("_exact", "_kde"), validate="one_to_one")
-    return both[both["passes_exact"] != both["passes_kde"]].reset_index(drop=True)

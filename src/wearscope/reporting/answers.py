@@ -13,7 +13,6 @@ from wearscope.reporting.labels import (
     group_columns,
     group_name,
     join_words,
-    quantity_text,
     split_groups,
     term_factors,
     term_name,
@@ -180,30 +179,6 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
                 Tolerance(name, factor, cells, share, float(grid[k]), value, reached == len(passing))
             )
     return found
-
-
-def tolerance_table(study: Study) -> pd.DataFrame:
-    """Tolerances of every group and factor as a table to read, in natural units too."""
-    records: list[dict[str, object]] = []
-    fault = study.factor("f")
-    for factor in study.config["scope"]["factors"]:
-        unit, name = study.factor(factor).unit, factor_name(study.factor(factor))
-        step = study.factor(factor).step
-        for one in tolerances(study, factor):
-            change = quantity_text(one.delta * fault.step, fault.unit, 3)
-            column = f"σ tolerated, wear changed by {change}"
-            if not records or (records[-1]["group"], records[-1]["factor"]) != (one.group, name):
-                records.append(
-                    {"group": one.group, "factor": name, "cells": one.cells}
-                    | {"verdicts that pass [%]": 100 * one.share}
-                )
-            if np.isnan(one.sigma):
-                text = "not reached"
-            else:
-                text = quantity_text(one.sigma * step, unit)
-                text = f"≥ {text}" if one.largest else text
-            records[-1][column] = text
-    return pd.DataFrame(records)
 
 
 def effective_scope(study: Study) -> list[str]:

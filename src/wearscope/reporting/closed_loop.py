@@ -12,7 +12,7 @@ from wearscope import tables
 from wearscope.reporting.page import interval_text, read_outcome
 
 STAGES = ("before", "after")
-_OPTIONAL = ("signals", "profiles", "forward", "forward_series")
+_OPTIONAL = ("signals", "profiles", "forward")
 #: Signals by their code: name and unit.
 _SIGNALS = {
     "q": ("position", "{position}"),
@@ -39,7 +39,6 @@ class ClosedLoop:
     signals: pd.DataFrame | None = None
     profiles: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
-    forward_series: pd.DataFrame | None = None
 
     @property
     def joints(self) -> list[str]:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
@@ -11,7 +10,6 @@ from wearscope.reporting.charts.loop import (
     chart_against,
     chart_candidates,
     chart_errors,
-    chart_forward,
     charts_over_time,
     loop_filters,
     loop_labels,
@@ -29,7 +27,6 @@ from wearscope.reporting.loop_outcome import (
 from wearscope.reporting.page import (
     JOINT,
     Section,
-    badge,
     embed_chart,
     render_page,
     render_part,
@@ -56,7 +53,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Events", render_events(loop), "events"),
         Section("Residual", _residual(loop), "residual"),
         Section("Candidates", _candidates(drawn.get("candidates")), "candidates"),
-        Section("Simulated forward", _forward(loop, "forward" in drawn), "forward"),
+        Section("Simulated forward", _forward(loop), "forward"),
         Section("What these runs cannot tell", _undetermined(loop), "undetermined"),
         Section("Notes", _notes(loop), "notes"),
     ]
@@ -81,11 +78,7 @@ def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
     for joint, one in loop.verdict["joints"].items():
         for run, values in one.get("relative_error_percent", {}).items():
             before, after = map(number, values)
-            same = not np.isfinite([before, after]).all() or abs(after - before) < 1e-9 * max(before, 1.0)
-            word, kind = ("smaller", "good") if after < before else ("larger", "bad")
-            told = badge("same") if same else badge(word, kind)
-            row = {"joint": joint, "test run": run, "before [%]": before, "after [%]": after, "error": told}
-            relative.append(row)
+            relative.append({"joint": joint, "test run": run, "before [%]": before, "after [%]": after})
     note = "RMS of the residual over RMS of the torque, in the rows that count."
     rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
     return render_part(
@@ -114,7 +107,7 @@ def _candidates(drawn: pd.DataFrame | None) -> Markup:
     return render_part(notes=[text], parts=[embed_chart(chart_candidates(drawn))])
 
 
-def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
+def _forward(loop: ClosedLoop) -> Markup:
     """Both models simulated forward, and the measurement."""
     table = loop.forward
     if table is None:
@@ -136,15 +129,11 @@ def _forward(loop: ClosedLoop, drawn: bool) -> Markup:
         "Motion: its feedforward is the measured torque, and a right model stays on the measured motion."
     )
     note = "RMS error against the measurement on the test runs (95 %)."
-    chart = embed_chart(chart_forward(loop.foremost())) if drawn else ""
-    return render_part(
-        notes=[text],
-        parts=[render_table(records, note, filter_by=JOINT), chart],
-    )
+    return render_part(notes=[text], parts=[render_table(records, note, filter_by=JOINT)])
 
 
 def _undetermined(loop: ClosedLoop) -> Markup:
-    """What the runs could not tell, and motions that would."""
+    """What the runs could not tell, and the motion that would help."""
     grouped: dict[tuple[str, str, str], list[str]] = {}
     for one in loop.verdict.get("undetermined") or []:
         grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
@@ -153,21 +142,12 @@ def _undetermined(loop: ClosedLoop) -> Markup:
         | {"why not": reason, "would help": motion}
         for (effect, reason, motion), joints in grouped.items()
     ]
-    motions = []
-    for one in loop.verdict.get("advice") or []:
-        pairs: dict[str, list[str]] = {}
-        for pair in one["separates"]:
-            joint, _, names = pair.partition(": ")
-            pairs.setdefault(" from ".join(map(effect_name, names.split(" / "))), []).append(joint)
-        said = [f"{names} ({_where(loop, joints)})" for names, joints in pairs.items()]
-        more = [f"{len(said) - MOST_SHOWN} more"] if len(said) > MOST_SHOWN else []
-        motions.append({"motion": one["motion"], "separates": "; ".join([*said[:MOST_SHOWN], *more])})
-    untested = render_table(rows, "What could not be tested.") if rows else Markup("")
-    parts = [render_table(motions, "Motions that would separate effects.")] if motions else []
+    if not rows:
+        return Markup("")
+    untested = render_table(rows, "What could not be tested.")
     if len(rows) <= MOST_SHOWN:
-        return render_part(parts=[untested, *parts]) if rows or parts else Markup("")
-    summary = f"{len(rows)} effects that could not be tested"
-    return render_part(parts=parts, folded=[(summary, False, untested)])
+        return untested
+    return render_part(folded=[(f"{len(rows)} effects that could not be tested", False, untested)])
 
 
 def _where(loop: ClosedLoop, joints: list[str]) -> str:

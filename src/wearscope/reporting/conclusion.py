@@ -71,7 +71,7 @@ def _caveat(study: Study, detector: str) -> str:
     if assumed := trust.assumed_robots(study):
         moved = trust.tell_moved(study, detector)
         if len(assumed) == len(study.sources):
-            return f"The answer is about a robot like {join_words(assumed)}, not about yours. {moved}"
+            return f"It holds for a robot with the numbers assumed for {join_words(assumed)}. {moved}"
         return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
     return SIMULATED
 

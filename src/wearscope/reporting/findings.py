@@ -24,6 +24,7 @@ PAPER_MODULES = {"A": "residual_energy", "B": "distribution_distance", "C": "fri
 """Modules in the place of the paper's confidential detectors."""
 LARGE, EQUAL, SMALL = 0.5, 1.0, 0.25
 """Median |normalised coefficient| that counts as considerable, as much as wear, and insignificant."""
+FEW_CELLS = "This study has too few cells for an interval."
 TABLE_4 = {"full": (83.7, 95.0), "simplified": (64.6, 89.8)}
 
 
@@ -32,7 +33,7 @@ class Finding:
     """One line of the comparison: what the paper says, and what this study's tables say with intervals.
 
     The verdict is agrees, partly, disagrees, undecided (the intervals leave it open), or not asked (the study
-    lacks the detectors or factors).
+    lacks the detectors or factors, or has too few cells for an interval).
     """
 
     question: str
@@ -96,14 +97,15 @@ def _listed(estimates: dict[str, Estimate], names: Sequence[str], unit: str = ""
     return ", ".join(f"{name} {estimate_text(estimates[name], unit)}" for name in names)
 
 
-def _tell_few(estimates: Iterable[Estimate]) -> str:
-    """That some estimates have no interval, as they have so few cells; empty where all have one."""
-    few = [one.n for one in estimates if np.isfinite(one.value) and np.isnan(one.low)]
-    return f" {count_text(min(few), 'cell')}: too few for an interval." if few else ""
+def _are_few(estimates: Iterable[Estimate]) -> bool:
+    """Whether some estimate has no interval, as it has so few cells."""
+    return any(np.isfinite(one.value) and np.isnan(one.low) for one in estimates)
 
 
-def _absent(question: str, paper: str) -> Finding:
-    return Finding(question, paper, "This study lacks the detectors or the factor for it.", "not asked")
+def _absent(
+    question: str, paper: str, why: str = "This study lacks the detectors or the factor for it."
+) -> Finding:
+    return Finding(question, paper, why, "not asked")
 
 
 def _judge(
@@ -122,8 +124,9 @@ def _judge(
     outcomes += [known[name].above(limit) for name in shown] if limit is not None else []
     told = [f"{what}: {_listed(known, shown, units[0])}{note}"]
     told += [f"{name} {estimate_text(gap, units[1])}" for name, gap in gaps]
-    few = _tell_few([*(known[name] for name in shown), *(gap for _, gap in gaps)])
-    return Finding(question, paper, f"{'; '.join(told)}.{few}", decide(outcomes))
+    if _are_few([*(known[name] for name in shown), *(gap for _, gap in gaps)]):
+        return _absent(question, paper, FEW_CELLS)
+    return Finding(question, paper, f"{'; '.join(told)}.", decide(outcomes))
 
 
 def _pairs(names: dict[str, str], pairs: Sequence[str]) -> list[tuple[str, str]]:
@@ -173,7 +176,8 @@ def _quiet_finding(study: Study, names: dict[str, str]) -> Finding:
         for one, known in medians.items()
     ]
     here = f"Median |θ̃| of {'; '.join(parts)}; insignificant up to {SMALL:g}."
-    here += _tell_few(one[name] for one in medians.values() for name in names.values())
+    if _are_few(one[name] for one in medians.values() for name in names.values()):
+        return _absent("Q-1", paper, FEW_CELLS)
     outcomes = [known[name].below(SMALL) for known in medians.values() for name in names.values()]
     return Finding("Q-1", paper, here, decide(outcomes))
 

@@ -137,27 +137,13 @@ def _tell_gain(verdict: Verdict, several: bool) -> str:
 
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
-    """Simulations that failed, searches that stopped, an empty verdict: alarm or notice, and its text."""
+    """Simulations that failed, searches that stopped: alarm or notice, and its text."""
     said = []
     for stage in ("before", "after"):
         outcomes = {one[stage]["outcome"] for one in verdict.get("forward", {}).values()} - {"ok"}
         said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
     said += [("notice", f"Stopped. {text}.") for text in verdict["stopped"]]
-    if verdict["verdict"]:
-        return said
-    left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
-    text = (
-        "None: the declared model suffices. No candidate beat it outside the noise, and no further "
-        "structure was found; the model after is the model before."
-    )
-    if left:
-        text = f"Nothing was named, and the declared model does not suffice: {left}."
-    elif unjudged:
-        which = "which is" if len(unjudged) == 1 else "which are"
-        text = f"Nothing was named; that says nothing of {join_words(unjudged)}, {which} not judged."
-    elif small := tell_unexplained(verdict, small=True):
-        text = f"Nothing was named: {small}. The model after is the model before."
-    return [*said, ("alarm" if left or unjudged else "notice", text)]
+    return said
 
 
 def say_share(entry: Verdict) -> str:

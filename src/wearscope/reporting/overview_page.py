@@ -62,7 +62,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
         Section("Which detector is best?", _rank(study), "q2"),
         Section("Which factors matter?", _weigh(study), "q1"),
         Section("Where does it work?", _draw_scopes(study), "q3"),
-        Section("Costs and provenance", render_provenance(study), "provenance"),
+        Section("Provenance", render_provenance(study), "provenance"),
     ]
     filters = [
         Choice(key, FILTER_LABELS[key], [(str(value), words(value)) for value in sorted(values)])

@@ -30,7 +30,6 @@ class Study:
     factors: Sequence["Factor"]
     surrogates: pd.DataFrame
     validation: pd.DataFrame
-    fits: pd.DataFrame
     sensitivity: pd.DataFrame
     snr: pd.DataFrame
     ranking: pd.DataFrame
@@ -41,7 +40,6 @@ class Study:
         default_factory=lambda: pd.DataFrame(columns=["robot", "cycle", "set", "point", "reason"])
     )
     audit: pd.DataFrame | None = None
-    audit_summary: pd.DataFrame | None = None
     audit_verdicts: pd.DataFrame | None = None
     audit_answers: pd.DataFrame | None = None
     chosen: pd.DataFrame | None = None
@@ -53,7 +51,6 @@ class Study:
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None
     figures: Mapping[str, Path] = field(default_factory=dict)
-    costs: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["stage", "jobs", "seconds"]))
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
     conclusions: Sequence["Conclusion"] = ()
@@ -63,7 +60,6 @@ class Study:
     simulated: pd.DataFrame | None = None
     detection: pd.DataFrame | None = None
     friction: pd.DataFrame | None = None
-    postures: pd.DataFrame | None = None
     units: Mapping[str, str] = field(default_factory=dict)
 
     def factor(self, name: str) -> "Factor":

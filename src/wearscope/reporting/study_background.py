@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 
+import pandas as pd
 import yaml
 from markupsafe import Markup
 
-from wearscope.reporting.charts.questions import chart_fits
-from wearscope.reporting.charts.robots import chart_friction, chart_motion
+from wearscope.reporting.charts.robots import chart_friction
 from wearscope.reporting.findings import PAPER_MODULES, Finding
 from wearscope.reporting.labels import COLUMNS, join_words, unit_text, words
 from wearscope.reporting.page import (
     badge,
     embed_chart,
-    embed_figure,
     format_number,
     render_table,
     render_template,
@@ -22,20 +21,16 @@ from wearscope.reporting.study import Study
 VERDICT_KINDS = {
     "agrees": "good", "partly": "unsure", "disagrees": "bad", "undecided": "unsure", "not asked": "neutral",
 }  # fmt: skip
-_STATES = ("reached", "at ceiling", "short", "constant")
 
 
 def render_trust(study: Study, sentences: Sequence[str]) -> Markup:
-    """Fits, sentences that the conclusion leaves out, failed points, the design."""
-    columns = ["model", "points", "terms", "rank", "condition", "dof", "resolution", "variance_centre"]
-    checks = study.checks[[*columns, "variance_nominal", "nominal_outside"]]
+    """Chosen surrogates, sentences that the conclusion leaves out, failed points."""
     told = (
         (study.failed_simulations, "Every point whose simulation failed."),
         (study.failures, "Every cell and set at a point of which the detector failed."),
     )
     return render_template(
         "study/trust.html",
-        fits=embed_chart(chart_fits(study)),
         chosen=_chosen(study),
         sentences=sentences,
         failures=[
@@ -43,9 +38,6 @@ def render_trust(study: Study, sentences: Sequence[str]) -> Markup:
             for table, text in told
             if len(table)
         ],
-        design=render_table(
-            checks, "The design, checked before anything was simulated; variances in σ² of a run."
-        ),
     )
 
 
@@ -55,16 +47,15 @@ def _chosen(study: Study) -> Markup:
         return Markup("")
     records, cells = [], []
     for fda, rows in study.chosen.groupby("fda", sort=True):
-        states, kinds = rows["state"].value_counts(), rows["kind"].value_counts()
         cells.append({"fda": fda})
         records.append(
-            {"detector": study.detector_name(str(fda)), "cells": len(rows)}
-            | {state: int(states.get(state, 0)) for state in _STATES}
-            | {
+            {
+                "detector": study.detector_name(str(fda)),
+                "cells": _count_values(rows["state"]),
                 "median fit [%]": float(rows["fit"].median()),
                 "worst fit [%]": float(rows["fit"].min()),
                 "median ceiling [%]": float(rows["ceiling"].median()),
-                "kinds": ", ".join(f"{words(kind)} {n}" for kind, n in kinds.items()),
+                "kinds": _count_values(rows["kind"]),
                 "answer": "withheld" if fda in study.withheld() else "given",
             }
         )
@@ -73,6 +64,11 @@ def _chosen(study: Study) -> Markup:
         "ceiling: what the noise of a run, known from replicates, leaves."
     )
     return render_table(records, note, cells=cells)
+
+
+def _count_values(column: pd.Series) -> str:
+    """``3 reached, 1 short``."""
+    return ", ".join(f"{n} {words(value)}" for value, n in column.value_counts().items())
 
 
 def render_findings(findings: Sequence[Finding]) -> Markup:
@@ -87,19 +83,10 @@ def render_findings(findings: Sequence[Finding]) -> Markup:
 
 
 def render_simulated(study: Study) -> Markup:
-    """The robots: motion, friction, two recordings; what was assumed."""
-    recording = Markup("")
-    if "recording" in study.figures:
-        recording = embed_figure(
-            study.figures["recording"],
-            "Position, speed and motor torque of one joint in two runs that differ in wear.",
-            "What a drive records and a detector sees: two runs of one robot and test-cycle.",
-        )
+    """The robots' friction, and what was assumed."""
     return render_template(
         "study/simulated.html",
-        motion=embed_chart(chart_motion(study.postures)) if study.postures is not None else "",
         friction=embed_chart(chart_friction(study.friction)) if study.friction is not None else "",
-        recording=recording,
         assumptions=_assumptions(study),
     )
 
@@ -150,15 +137,12 @@ def _extrapolation(study: Study) -> str:
 
 
 def render_provenance(study: Study) -> Markup:
-    """Costs by stage, facts, configuration, packages."""
-    columns = "stage; jobs; seconds|seconds, all jobs; memory|largest job [MiB]"
-    costs = study.costs.sort_values("seconds", ascending=False, kind="stable")
+    """Facts, configuration, packages."""
     facts = {name: value for name, value in study.provenance.items() if not isinstance(value, dict)}
     rows = [{"what": name, "value": "n/a" if one is None else str(one)} for name, one in facts.items()]
     packages = study.provenance.get("packages") or {}
     return render_template(
         "study/provenance.html",
-        costs=render_table(costs, columns=columns) if len(costs) else "",
         facts=render_table(rows) if rows else "",
         configuration=yaml.safe_dump(dict(study.config), sort_keys=False, allow_unicode=True),
         packages=join_words([f"{name} {one}" for name, one in packages.items()]),

@@ -8,7 +8,6 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Conclusion
-from wearscope.evaluation.snr_sources import snr_sources
 from wearscope.reporting import answers, trust
 from wearscope.reporting.charts.questions import (
     chart_response,
@@ -85,7 +84,7 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
         Section("What the correction changes", _correction(study), "correction"),
         Section("Compared with the paper", render_findings(findings), "paper"),
         Section("What was simulated", render_simulated(study), "simulated"),
-        Section("Costs and provenance", render_provenance(study), "provenance"),
+        Section("Provenance", render_provenance(study), "provenance"),
     ]
     return render_page(
         f"Study {config['study']}",
@@ -191,28 +190,30 @@ def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
 
 
 def _sources(study: Study) -> Markup:
-    """The SNR by source; nothing where there is only one."""
-    table = snr_sources(study.snr, study.paper_snr, study.direct, study.mismatch)
-    if len(table.columns) < 3:
-        return Markup("")
-    names = {
-        "fda": "detector",
-        "median": "median, chosen surrogate",
-        "median_paper": "median, the paper's model (3)",
-        "surrogate": "surrogate there",
-        "direct": "simulated directly",
-        "answer": "answer there",
-        "mismatch": "robot differs from model",
+    """The SNR of each detector by its source, with intervals; nothing where there is only one."""
+    told = {
+        fda: {"detector": study.detector_name(fda), "median, chosen surrogate": median}
+        for fda, median in study.snr.groupby("fda", sort=True)["snr_exact"].median().items()
     }
     note = "Signal-to-noise ratio by its source."
+    if study.paper_snr is not None:
+        for fda, median in study.paper_snr.groupby("fda")["snr_exact"].median().items():
+            told[fda]["median, the paper's model (3)"] = median
     if study.direct is not None and len(study.direct):
-        cell = study.direct.iloc[0]
-        where = f"{cell['robot']}, {words(cell['cycle'])}, axis {cell['axis']}"
-        note += f" There: {where}. Where surrogate and direct simulation disagree, the direct value answers."
-        if "mismatch" in table:
-            note += f" The robot that differs from the detectors' model has {trust.tell_mismatch(study)}."
-    shown = table.assign(fda=table["fda"].map(study.detector_name)).rename(columns=names)
-    return render_table(shown, note, cells=table[["fda"]].to_dict("records"))
+        for row in study.direct.itertuples():
+            told[row.fda]["surrogate there"] = trust.tell_snr(row, "surrogate")
+            told[row.fda]["simulated directly"] = trust.tell_snr(row, "direct")
+        note += (
+            f" There, with the noise of single runs: {trust.tell_cell(study.direct.iloc[0])}. Where the two "
+            "intervals do not overlap, the direct value answers."
+        )
+    if study.mismatch is not None and len(study.mismatch):
+        for row in study.mismatch.itertuples():
+            told[row.fda]["robot differs from model"] = trust.tell_snr(row, "mismatch")
+        note += f" The robot that differs from the detectors' model has {trust.tell_mismatch(study)}."
+    if all(len(one) < 3 for one in told.values()):
+        return Markup("")
+    return render_table(pd.DataFrame(told.values()), note, cells=[{"fda": fda} for fda in told])
 
 
 def _scope(study: Study, sentences: Sequence[str]) -> Markup:
@@ -220,19 +221,11 @@ def _scope(study: Study, sentences: Sequence[str]) -> Markup:
     charts = [chart_scope(study, _first(study))]
     if study.detection is not None:
         charts.append(chart_roc(study, detection_cases(study)[1]))
-    tolerances = answers.tolerance_table(study)
-    codes = {name: code for code, name in study.detector_names().items()}
-    by_detector = len(tolerances) > 0 and set(tolerances["group"]) <= set(codes)
     one = study.conclusions[0] if study.conclusions else None
     table = thresholds_of(study, one) if one and one.detector else None
     return render_template(
         "study/scope.html",
         sentences=sentences,
-        tolerances=render_table(
-            tolerances,
-            "Exact, not by kernel density. σ in natural units; ≥: the end of the grid.",
-            cells=[{"fda": code} for code in tolerances["group"].map(codes)] if by_detector else (),
-        ),
         charts=embed_chart(*charts),
         thresholds=_thresholds(study, table) if table is not None and len(table) else "",
         count=0 if table is None else len(table),

@@ -20,7 +20,7 @@ POOR_FIT = 50.0
 
 def tell_trust(study: Study) -> list[str]:
     """All that says how far the answers can be trusted, what matters most first."""
-    asked = [*audit_outcome(study), *direct_outcome(study), *mismatch_outcome(study)]
+    asked = [*audit_outcome(study), *direct_outcome(study)]
     lost = [*failed_simulations(study), *ask_moved(study)]
     return [surrogate_quality(study), *asked, *lost]
 
@@ -94,31 +94,27 @@ def _share(flags: pd.Series, noun: str = "") -> str:
     return f"{int(flags.sum())} of {count_text(n, noun) if noun else n}{percent}"
 
 
-def _tell_snr(row: Any, kind: str) -> str:
+def tell_snr(row: Any, kind: str) -> str:
     """An SNR of a row with its interval, by what its columns are called."""
     return interval_text(*(getattr(row, name) for name in (f"snr_{kind}", f"{kind}_low", f"{kind}_high")))
 
 
 def direct_outcome(study: Study) -> list[str]:
-    """What direct Monte Carlo and the chosen surrogates say; [] where it was not asked."""
+    """For how many detectors direct simulation agrees with the surrogate; [] where it was not asked."""
     table = study.direct
     if table is None or table.empty:
         return []
     known = table["agrees"].dropna().astype(bool)
-    parts = [
-        f"{study.detector_name(row.fda)} {_tell_snr(row, 'direct')}, by the surrogate "
-        f"{_tell_snr(row, 'surrogate')}"
-        for row in table.itertuples()
-    ]
+    runs = count_text(int(table["runs"].iloc[0]), "simulation")
     return [
-        f"SNR without a surrogate, {_tell_cell(table.iloc[0])}, "
-        f"{count_text(int(table['runs'].iloc[0]), 'simulation')} under each hypothesis, noise of single runs "
-        f"included: {'; '.join(parts)}. The intervals overlap in {int(known.sum())} "
-        f"of {count_text(len(known), 'cell')}; where they do not, the direct value is the answer."
+        f"Simulated directly, {tell_cell(table.iloc[0])}, {runs} under each hypothesis: the interval of the "
+        f"signal-to-noise ratio overlaps the surrogate's for {int(known.sum())} of "
+        f"{count_text(len(known), 'detector')}."
     ]
 
 
-def _tell_cell(row: Mapping[str, Any]) -> str:
+def tell_cell(row: Mapping[str, Any]) -> str:
+    """Robot, test-cycle and axis of a row."""
     return f"{row['robot']}, {words(row['cycle'])}, axis {row['axis']}"
 
 
@@ -133,19 +129,18 @@ def tell_mismatch(study: Study) -> str:
     return join_words(told)
 
 
-def mismatch_outcome(study: Study, detectors: Sequence[str] = ()) -> list[str]:
-    """SNR where the robot differs from the detectors' model; [] where it was not asked."""
+def mismatch_outcome(study: Study, detectors: Sequence[str]) -> list[str]:
+    """SNR of some detectors where the robot differs from their model; [] where it was not asked."""
     table = study.mismatch
     if table is None or table.empty:
         return []
-    rows = table[table["fda"].isin(detectors)] if detectors else table
     parts = [
-        f"{study.detector_name(row.fda)} {_tell_snr(row, 'mismatch')} instead of {_tell_snr(row, 'ideal')}"
-        for row in rows.itertuples()
+        f"{study.detector_name(row.fda)} {tell_snr(row, 'mismatch')} instead of {tell_snr(row, 'ideal')}"
+        for row in table[table["fda"].isin(detectors)].itertuples()
     ]
     return [
         "SNR where the robot's friction differs from the law that the detectors hold, "
-        f"{_tell_cell(table.iloc[0])}: {'; '.join(parts)}."
+        f"{tell_cell(table.iloc[0])}: {'; '.join(parts)}."
     ]
 
 
@@ -197,7 +192,7 @@ def contradicted(study: Study, detector: str) -> str:
     for row in table.itertuples():
         return (
             f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
-            f"{_tell_snr(row, 'direct')}; the surrogate says {format_number(row.snr_surrogate)}. The direct "
+            f"{tell_snr(row, 'direct')}; the surrogate says {format_number(row.snr_surrogate)}. The direct "
             "value is the answer there."
         )
     return ""
@@ -257,5 +252,5 @@ def surrogate_quality(study: Study) -> str:
     )
     text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
     text += f", in {ceiling} more as far as the noise of a run allows" if ceiling else ""
-    text += f"; in {count_text(short, 'cell')} the points were spent before" if short else ""
+    text += f"; in {count_text(short, 'cell')} the points did not suffice" if short else ""
     return f"{text}{missing}."

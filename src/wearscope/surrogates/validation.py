@@ -192,27 +192,3 @@ def validate_surrogates(
                 }
             )
     return pd.DataFrame(records)
-
-
-def fit_table(validation: pd.DataFrame, models: tuple[str, ...] = ("simplified", "full")) -> pd.DataFrame:
-    """Table 4 for every robot and cycle: fit [%], a row for each detector and model, a column for each axis.
-
-    Parameters
-    ----------
-    validation : DataFrame
-        From `validate_surrogates`.
-    models : tuple of str
-        Models in row order.
-
-    Returns
-    -------
-    DataFrame
-        ``robot``, ``cycle``, ``fda``, ``model``, ``axis_1``, ``axis_2``, ...
-    """
-    rows = validation[validation["model"].isin(models)]
-    table = rows.pivot(index=["robot", "cycle", "fda", "model"], columns="axis", values="fit")
-    table.columns = [f"axis_{axis}" for axis in table.columns]
-    table = table.reset_index()
-    order = table["model"].map({model: k for k, model in enumerate(models)})
-    table = table.assign(_order=order).sort_values(["robot", "cycle", "fda", "_order"], ignore_index=True)
-    return table.drop(columns="_order")

@@ -25,7 +25,7 @@ BY_CELL = {key: key for key in CELL_KEYS}
 
 @dataclass(frozen=True)
 class Choice:
-    """Something that a reader chooses, from a list or by a slider, which a button may move on by itself.
+    """Something that a reader chooses, from a list or by a slider.
 
     Options are values with their texts; the first one is the default where none is given.
     """
@@ -35,7 +35,6 @@ class Choice:
     options: Sequence[tuple[Any, str]]
     default: Any = None
     slides: bool = False
-    plays: bool = False
 
     @property
     def place(self) -> int:

@@ -76,11 +76,6 @@ def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
         found["profiles"] = asked.merge(loop.profiles, on=["joint", "signal"]).drop(columns="signal")
     if len(loop.candidates):
         found["candidates"] = _rank_candidates(loop.candidates)
-    if loop.forward_series is not None and len(loop.forward_series):
-        shown = _thin_runs(loop.forward_series)
-        left = {stage: shown[f"simulated_{stage}"] - shown["measured"] for stage in STAGES}
-        counted = {stage: one.where(shown["counts"].astype(bool)) for stage, one in left.items()}
-        found["forward"] = shown[["joint", "run", "t"]].assign(**counted)
     return found
 
 
@@ -190,19 +185,6 @@ def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
     return [torque, residual] if "predicted_after" in loop.residual else [residual]
 
 
-def chart_forward(joint: str) -> Chart:
-    """Torque error of both models simulated forward."""
-    return _over_time(
-        "forward",
-        {stage: stage for stage in STAGES},
-        "error",
-        {"joint": joint},
-        "forward-chart",
-        "Simulated forward less measured",
-        "In PyBullet, at the common bandwidth, on the test runs.",
-    )
-
-
 def _over_time(
     table: str,
     columns: dict[str, str],
@@ -295,5 +277,5 @@ def chart_candidates(table: pd.DataFrame) -> Chart:
         {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
         "In % of the joint's own loss. A bar that ends at 100 % may gain more, at the joints that the first "
         "one moves. The pointer tells its gain, and why it was not taken.",
-        [Choice("step", "Step", [(step, str(step + 1)) for step in steps], default=steps[0])],
+        [Choice("step", "Step", [(step, str(k)) for k, step in enumerate(steps, 1)], default=steps[0])],
     )

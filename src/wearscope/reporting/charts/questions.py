@@ -1,4 +1,4 @@
-"""Charts of a study's questions: factors (Q-1), detectors (Q-2), scope (Q-3), and fits of the surrogates."""
+"""Charts of a study's questions: factors (Q-1), detectors (Q-2) and scope (Q-3)."""
 
 import json
 from collections.abc import Mapping
@@ -277,27 +277,4 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         "Thick: the median of each detector's cells; thin: every cell. Dashed: the study's false-alarm rate. "
         "Filter to a cell: the numbers then list the threshold of each false-alarm rate.",
         [Choice("lines", "Show", [("medians", "medians"), ("cells", "every cell too")]), *choices],
-    )
-
-
-def chart_fits(study: Study) -> Chart:
-    """Fit of every cell's surrogate, by detector."""
-    names = study.detector_names()
-    base = named("fits").encode(
-        y=detector_rows(names),
-        yOffset="robot:N",
-        tooltip=cell_tips("fit:Q|fit [%]|.4; ceiling:Q|ceiling [%]|.4; kind:N"),
-    )
-    points = base.mark_circle(opacity=0.7).encode(
-        x=alt.X("fit:Q", title="fit on runs that no choice saw [%]", scale=alt.Scale(zero=False)),
-        color=detector_tint(names, legend=False),
-    )
-    ceilings = base.mark_tick(color="var(--soft)", thickness=1.5, size=11).encode(x="ceiling:Q")
-    return Chart(
-        "fits",
-        "How well the surrogates fit",
-        alt.layer(ceilings, points).properties(width="container", height={"step": 20}),
-        {"fits": Source("fits", BY_CELL)},
-        "A point is a cell, a row a robot; 100 % is perfect, a constant has 0 %. Ticks: what a perfect "
-        "surrogate would have, as the noise of single runs leaves the rest.",
     )

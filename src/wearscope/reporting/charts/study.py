@@ -65,7 +65,6 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
         .assign(place=places(study.snr)),
         "weights": weight_table(study),
         "scope": scope_cells(study),
-        "fits": fit_cells(study),
     }
     if study.rankings is not None:
         table = study.rankings[["robot", "fda", "median", *ends, "rank"]].rename(columns=ends)
@@ -77,8 +76,6 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
         found["detection"] = detection_cases(study)[0]
     if study.friction is not None:
         found["friction"] = study.friction[["robot", "joint", "speed", "temperature", "wear", "torque"]]
-    if study.postures is not None:
-        found["postures"] = study.postures
     return found
 
 
@@ -181,14 +178,3 @@ def _shorten(values: pd.Series) -> list[float]:
 
 def _nearest(values: list[float], wanted: float) -> float:
     return min(values, key=lambda value: abs(value - wanted))
-
-
-def fit_cells(study: Study) -> pd.DataFrame:
-    """Fit of the surrogate that is asked, by cell: ``fit`` [%], and what a perfect one would have."""
-    model = study.config["scope"]["model"]
-    if model == "chosen" and study.chosen is not None:
-        return study.chosen[[*_KEYS, "fit", "ceiling", "kind"]].assign(
-            kind=study.chosen["kind"].map(words).to_numpy()
-        )
-    rows = study.validation[study.validation["model"] == model]
-    return rows[[*_KEYS, "fit"]].assign(ceiling=np.nan, kind=f"{model} quadratic")

@@ -264,7 +264,6 @@ const wearscope = (() => {
         draw(chart);
       });
     }
-    figure.querySelector(".play")?.addEventListener("click", (event) => play(chart, event.currentTarget));
     for (const button of figure.querySelectorAll("[data-zoom]")) {
       const factor = { in: 0.7, out: 1 / 0.7, reset: null }[button.dataset.zoom];
       button.addEventListener("click", () => zoom(chart, factor));
@@ -281,21 +280,6 @@ const wearscope = (() => {
       if (!chart.sheet.hidden) fillSheet(chart);
     });
     chart.place.addEventListener("keydown", (event) => readOut(chart, event));
-  }
-
-  function play(chart, button) {
-    const slider = button.parentElement.querySelector("input[type=range]");
-    if (chart.playing) {
-      clearInterval(chart.playing);
-      chart.playing = null;
-    } else {
-      chart.playing = setInterval(() => {
-        slider.value = String((Number(slider.value) + 1) % (Number(slider.max) + 1));
-        slider.dispatchEvent(new Event("input"));
-      }, 80);
-    }
-    button.textContent = chart.playing ? "Pause" : "Play";
-    button.setAttribute("aria-pressed", String(Boolean(chart.playing)));
   }
 
   /* ---- tables of the page: sort, filter, export ---- */
