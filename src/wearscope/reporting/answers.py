@@ -35,14 +35,12 @@ _STATUSES = {
 class Tolerance:
     """How much variation of one factor a group of cells tolerates.
 
-    The share is of all verdicts on the grid, those that pass. At the coded change `delta` of the fault, at
-    least half the cells pass up to `sigma`: NaN where not even the smallest is reached, and the largest one
-    where the grid ends.
+    The share is of all verdicts on the grid, those that pass. At the largest coded change `delta` of the
+    fault, at least half the cells pass up to `sigma`: NaN where not even the smallest is reached, and the
+    largest one where the grid ends.
     """
 
     group: str
-    factor: str
-    cells: int
     share: float
     delta: float
     sigma: float
@@ -160,8 +158,8 @@ def _shorten(parts: list[str], most: int = 6) -> str:
     return ", ".join([*parts[:most], *more])
 
 
-def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0, 4.0)) -> list[Tolerance]:
-    """Variation of a factor that half the cells of each group bear, at some changes of the fault."""
+def tolerances(study: Study, factor: str) -> list[Tolerance]:
+    """Variation of a factor that half the cells of each group bear, the one with the largest share first."""
     found = []
     by = list(study.config["scope"]["group_by"])
     asked = study.exact_scope(factor)
@@ -169,16 +167,12 @@ def tolerances(study: Study, factor: str, deltas: tuple[float, ...] = (1.0, 2.0,
     for name, rows in split_groups(asked[~asked["fda"].isin(left_out)], by, study.detector_names()):
         cells = len(rows[["robot", "cycle", "axis", "fda"]].drop_duplicates())
         sigma, grid, count = count_matrix(rows, rows["passes"])
+        passing = count[-1] >= HALF * cells
+        reached = len(passing) if passing.all() else int(np.argmin(passing))
+        value = float(sigma[reached - 1]) if reached else np.nan
         share = float(rows["passes"].mean())
-        for wanted in deltas:
-            k = int(np.argmin(np.abs(grid - wanted)))
-            passing = count[k] >= HALF * cells
-            reached = len(passing) if passing.all() else int(np.argmin(passing))
-            value = float(sigma[reached - 1]) if reached else np.nan
-            found.append(
-                Tolerance(name, factor, cells, share, float(grid[k]), value, reached == len(passing))
-            )
-    return found
+        found.append(Tolerance(name, share, float(grid[-1]), value, reached == len(passing)))
+    return sorted(found, key=lambda one: -one.share)
 
 
 def effective_scope(study: Study) -> list[str]:
@@ -189,26 +183,24 @@ def effective_scope(study: Study) -> list[str]:
         found = tolerances(study, factor)
         if not found:
             continue
-        groups = {one.group: one.share for one in found}
-        ranked = sorted(groups, key=lambda name: -groups[name])
         said = f"With varying {factor_name(study.factor(factor))}:"
-        if all(share == 0 for share in groups.values()):
+        if found[0].share == 0:
             sentences.append(
                 f"{said} none; nowhere on the grid does any cell detect "
                 f"{100 * p_d:g} % of faults at {100 * p_f:g} % false alarms."
             )
             continue
-        listed = _shorten([f"{name} {100 * groups[name]:.0f} %" for name in ranked])
+        listed = _shorten([f"{one.group} {100 * one.share:.0f} %" for one in found])
         sentences.append(
             f"{said} {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
             f"alarms on these shares of the grid, {listed}."
         )
-        sizes.append(_largest_change(study, factor, ranked[0], found))
+        sizes.append(_largest_change(study, factor, found[0]))
     return [*sentences, *sizes] or ["No answer on it stands."]
 
 
-def _largest_change(study: Study, factor: str, group: str, found: list[Tolerance]) -> str:
-    one = max((one for one in found if one.group == group), key=lambda one: one.delta)
+def _largest_change(study: Study, factor: str, one: Tolerance) -> str:
+    group = one.group
     fault, step = study.factor("f"), study.factor(factor).step
     change = f"{format_number(one.delta * fault.step, 2)} {unit_text(fault.unit)}".strip()
     if np.isnan(one.sigma):
