@@ -153,11 +153,12 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
     setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
     assert load_config(told.config | {"direct": {"mismatch": setting}}).direct.mismatch == {path: 100}
     row = {"robot": "arm", "cycle": "a", "axis": 1, "fda": ["C"], "snr_ideal": 9.0, "snr_mismatch": 4.0}
+    row |= {"ideal_low": 8.0, "ideal_high": 10.0, "mismatch_low": 3.0, "mismatch_high": 5.0}
     config = told.config | {"direct": told.config["direct"] | {"mismatch": {path: 100.0}}}
     study = replace(study, mismatch=pd.DataFrame(row), config=config)
     assert study_strip(study).caveat.endswith(
-        "With Coulomb friction changed by +100 %, Friction fit (C) has a signal-to-noise ratio of 4 instead "
-        "of 9 (a, axis 1)."
+        "With Coulomb friction changed by +100 %, Friction fit (C) has a signal-to-noise ratio of 4 (3 to 5) "
+        "instead of 9 (8 to 10), at a, axis 1."
     )
     assert not ask_moved(study)
     given = replace(study, sources={"arm": ["paper"]})

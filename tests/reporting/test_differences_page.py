@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from reporting.browser import open_page
 
 from wearscope import tables
+from wearscope.archive import pack_study
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
 from wearscope.reporting.page import render_page
@@ -163,3 +164,13 @@ def test_conclusions_call_detectors_by_their_names(tmp_path):
     said = call("compare", *sides).output.replace("\n", " ")
     assert "Ranking: Residual energy (A): rank 2 (2 to 2) against rank 1 (1 to 1)." in said
     assert "Ranking: Friction fit (C): rank 1" in said
+
+
+def test_an_archive_answers_as_its_folder_does(tmp_path):
+    side = write_study(tmp_path / "a", {"A": 2.0, "C": 5.5})
+    detectors = {"A": {"use": "residual_energy"}, "C": {"use": "friction_fit"}}
+    (side / ".study.json").write_text(json.dumps({"study": "a", "detectors": detectors}))
+    config = {"study": "a", "detectors": detectors}
+    pack_study(tmp_path / "a.tar", side, [side / "ranking.parquet"], config, [])
+    said = call("compare", side, tmp_path / "a.tar").output
+    assert "Friction fit (C) has the highest median SNR in both." in said and "n/a" not in said

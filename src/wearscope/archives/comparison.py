@@ -72,7 +72,13 @@ def compare_archives(
         (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and
         timings are left out.
     """
-    left, right = Content(a), Content(b)
+    return compare_contents(Content(a), Content(b), name_detector)
+
+
+def compare_contents(
+    left: "Content", right: "Content", name_detector: Callable[[str, str], str] = lambda code, use: code
+) -> pd.DataFrame:
+    """As `compare_archives`, of what was opened."""
     rows = []
     for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
         one, other = left.describe(key), right.describe(key)
@@ -138,6 +144,14 @@ class Content:
             raise InputError(f"{settings}: holds no settings; delete it, or run the study again.")
         return found
 
+    def name_detector(self, code: str, name: Callable[[str, str], str]) -> str:
+        """A detector by what it is called; by its code where the settings have none."""
+        try:
+            one = self.describe("config")["detectors"][code]
+            return name(code, str(one["use"] if isinstance(one, Mapping) else one))
+        except (KeyError, TypeError):
+            return code
+
     def read(self, name: str) -> bytes:
         """Content of a file."""
         return (self.path / name).read_bytes() if self.path.is_dir() else read_member(self.path, name)
@@ -172,7 +186,7 @@ def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Ite
             if "factor" in named:
                 named["factor"] = _name_factor(content, named["factor"])
             if "fda" in named:
-                named["fda"] = _name_detector(content, named["fda"], name_detector)
+                named["fda"] = content.name_detector(named["fda"], name_detector)
             if "axis" in named:
                 named["axis"] = f"axis {row['axis']}"
             yield f"{stem}: {', '.join(named.values())}", said
@@ -185,15 +199,6 @@ def _name_factor(content: Content, code: str) -> str:
     """A factor by its description, by its code where the settings have none."""
     try:
         return str(content.describe("config")["factors"][code]["description"])
-    except (KeyError, TypeError):
-        return code
-
-
-def _name_detector(content: Content, code: str, name: Callable[[str, str], str]) -> str:
-    """A detector by what it is called; by its code where the settings have none."""
-    try:
-        one = content.describe("config")["detectors"][code]
-        return name(code, str(one["use"] if isinstance(one, Mapping) else one))
     except (KeyError, TypeError):
         return code
 

@@ -13,6 +13,8 @@ from wearscope.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from wearscope.archives.comparison import Content
+
 
 @click.command()
 @click.argument("a")
@@ -73,24 +75,26 @@ def _find(place: str) -> Path:
 
 def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], str]:
     """Show what differs; return what writes a page of it."""
-    from wearscope.archive import compare_archives
+    from wearscope.archives.comparison import Content, compare_contents
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import detector_name
 
-    found = differences = compare_archives(left, right, detector_name)
+    sides = Content(left), Content(right)
+    found = differences = compare_contents(*sides, detector_name)
     if not everything:
         same = differences["outcome"].isin(["same bytes", "same values"])
         differences = differences[~same]
-    rankings = [_read_ranking(side / "ranking.parquet") for side in (left, right)]
+    rankings = [_read_ranking(side) for side in sides]
     ranks = [
         dict(zip(one["fda"], one["median"].astype(float), strict=True)) if len(one) else {}
         for one in rankings
     ]
     names = _name(left, right)
     from wearscope.reporting.differences_page import render_study_differences, tell_answers, tell_studies
-    from wearscope.reporting.page_strip import read_strip
+    from wearscope.reporting.page_strip import parse_strip
 
-    strips = [read_strip(side / "report.html") for side in (left, right)]
+    pages = [side.read("report.html") if "report.html" in side.digests else b"" for side in sides]
+    strips = [parse_strip(page.decode("utf-8", "replace")) for page in pages]
     answers = (strips[0].answer if strips[0] else "", strips[1].answer if strips[1] else "")
     _say([*tell_answers(names, answers), *tell_studies(names, (rankings[0], rankings[1]), differences)])
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
@@ -106,25 +110,22 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
     return write
 
 
-def _read_ranking(path: Path) -> "pd.DataFrame":
-    """Detectors, by their full names where the settings tell, by median SNR.
-
-    Empty where the study is packed, or did not come so far.
-    """
+def _read_ranking(side: "Content") -> "pd.DataFrame":
+    """Detectors, by their full names where the settings tell, by median SNR; empty where it is not there."""
     import pandas as pd
 
-    from wearscope import tables
-    from wearscope.checksums import SETTINGS
-    from wearscope.reporting.labels import read_detector_names
+    from wearscope.reporting.labels import detector_name
 
-    if not path.is_file():
+    name = "ranking.parquet"
+    if name not in side.digests:
         return pd.DataFrame()
-    tables.check_unpacked(path)
-    table = tables.read_table(path)
-    for name in ("rank", "median", "median_low", "median_high"):
-        if name not in table or not pd.api.types.is_numeric_dtype(table[name]) or "fda" not in table:
-            raise InputError(f"{path}: is no ranking of detectors (column {name}); run the study again.")
-    return table.assign(fda=table["fda"].astype(str).replace(read_detector_names(path.with_name(SETTINGS))))
+    table = side.table(name)
+    for column in ("rank", "median", "median_low", "median_high"):
+        if column not in table or not pd.api.types.is_numeric_dtype(table[column]) or "fda" not in table:
+            told = f"{side.path}: {name}: is no ranking of detectors (column {column})"
+            raise InputError(f"{told}; run the study again.")
+    codes = table["fda"].astype(str)
+    return table.assign(fda=[side.name_detector(code, detector_name) for code in codes])
 
 
 def _compare_loops(left: Path, right: Path) -> Callable[[], str]:

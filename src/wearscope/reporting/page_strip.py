@@ -57,7 +57,12 @@ def read_strip(page: str | Path) -> Strip | None:
     if not Path(page).is_file():
         return None
     with Path(page).open(encoding="utf-8", errors="replace") as file:
-        found = _DATA.search(file.read(_TOP))
+        return parse_strip(file.read(_TOP))
+
+
+def parse_strip(page: str) -> Strip | None:
+    """As `read_strip`, of a page's text."""
+    found = _DATA.search(page, 0, _TOP)
     try:
         told = load_json(found[1]) if found else {}
     except (ValueError, RecursionError):

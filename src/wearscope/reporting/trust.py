@@ -169,8 +169,8 @@ def tell_moved(study: Study, detector: str) -> str:
     row = next(rows.itertuples())
     return (
         f"With {tell_mismatch(study)}, {study.detector_name(detector)} has a signal-to-noise ratio of "
-        f"{format_number(row.snr_mismatch)} instead of {format_number(row.snr_ideal)} "
-        f"({words(row.cycle)}, axis {row.axis})."
+        f"{tell_snr(row, 'mismatch')} instead of {tell_snr(row, 'ideal')}, at "
+        f"{words(row.cycle)}, axis {row.axis}."
     )
 
 
