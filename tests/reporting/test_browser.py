@@ -188,7 +188,7 @@ def test_keys_read_values_zoom_and_theme(browser, file):
 
 def test_the_pointer_tells_of_a_point(browser, file):
     with open_page(browser, file) as page:
-        page.locator("#snr .view .mark-symbol path").first.hover()
+        page.locator("#snr .view .mark-symbol path").first.hover(force=True)
         page.wait_for_selector("#vg-tooltip-element.visible")
         assert "test-cycle" in page.locator("#vg-tooltip-element").inner_text()
 
