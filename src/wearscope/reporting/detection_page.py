@@ -61,12 +61,12 @@ def write_detection_page(folder: str | Path) -> None:
 
 def render_detection(found: Detections) -> str:
     """Page of the detectors on the recordings of a data set, with nothing from elsewhere."""
-    cells = found.thresholds
+    cells, drawn = found.thresholds, axis_tables(found)
     told = [sentence if kind == "plain" else (kind, sentence) for kind, sentence in conclude(found)]
     outcome = render_part(told=[*told, *tell_scatter(found), *tell_factors(found)])
     sections = [
         Section("Outcome", outcome, "outcome"),
-        Section("Machine and simulator", embed_chart(chart_axis()), "axis"),
+        Section("Machine and simulator", embed_chart(chart_axis(drawn)), "axis"),
         Section("Every test quantity", _values(found), "values"),
         Section("Thresholds, and what they detect", _thresholds(found), "thresholds"),
         Section("Not judged, and why", _refused(found), "refused"),
@@ -83,7 +83,7 @@ def render_detection(found: Detections) -> str:
         f"{count_text(judged, 'recording')} judged by {count_text(detectors, 'detector')} at a false-alarm "
         f"rate of {100 * found.summary['setting']['p_f']:g} %",
         filters=filters,
-        tables=axis_tables(found),
+        tables=drawn,
         labels={"column": {"fda": "detector", "place": "place on the axis", "y": "test quantity"}},
         strip=detection_strip(found),
     )
@@ -114,9 +114,10 @@ def axis_tables(found: Detections) -> dict[str, pd.DataFrame]:
     return {"points": points, "spans": spans}
 
 
-def chart_axis() -> Chart:
-    """Test quantities by cell and kind."""
-    kinds = dict(KINDS.values())
+def chart_axis(drawn: Mapping[str, pd.DataFrame]) -> Chart:
+    """Test quantities by cell and kind, of the tables of `axis_tables`."""
+    known = {kind for table in drawn.values() for kind in table["kind"]}
+    kinds = {name: colour for name, colour in KINDS.values() if name in known}
     look: dict[str, Any] = {
         "y": rows("cell:N"),
         "yOffset": offset("kind:N", kinds),
@@ -131,7 +132,7 @@ def chart_axis() -> Chart:
         named("points")
         .mark_circle(size=45, opacity=0.8)
         .encode(
-            x=symlog("place:Q", "0: healthy, 1: alarm threshold"),
+            x=symlog("place:Q", "1: alarm threshold"),
             tooltip=tips("run:N|recording; cell:N; verdict:N; y:Q||.4; unit:N"),
             **look,
         ),
@@ -143,9 +144,9 @@ def chart_axis() -> Chart:
         "Machine and simulator on one axis",
         alt.layer(*layers).properties(width="container", height={"step": 8}),
         {"points": Source("points", by), "spans": Source("spans", by)},
-        "Each joint and detector, scaled so that 1 is its alarm threshold (dashed). Bars: 95 % of the "
-        "simulated runs, and half of them. Points: recordings; a nominal one is judged by detectors that are "
-        "fitted to the others.",
+        "Each joint and detector, scaled so that 0 is healthy and 1 its alarm threshold (dashed). Bars: 95 % "
+        "of the simulated runs, and half of them. Points: recordings; a nominal one is judged by detectors "
+        "that are fitted to the others.",
         single=["motion"],
     )
 
