@@ -355,3 +355,12 @@ def test_a_parameter_beyond_its_bounds_is_refused(value):
     effect = Effect("own", "k", (Parameter("k", "N m", -2.0, 3.0),), "x", ("q_{joint}",))
     with pytest.raises(InputError, match=r"here: own\.k = .* lies outside \[-2\.0, 3\.0\] N m"):
         effect.check_values({"k": value}, "here")
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_an_effect_whose_columns_change_with_the_directions_says_so(effect, signals):
+    turned = replace(signals, sign=0.5 * np.roll(signals.sign, 100, axis=0))
+    shapes = effect.shapes(signals, 1)
+    shape = shapes[len(shapes) // 2] if len(shapes) else np.zeros(0)
+    columns, other = (effect.columns(s, 1, shape) for s in (signals, turned))
+    assert np.array_equal(columns, other) or effect.follows_direction

@@ -30,7 +30,7 @@ EFFECT = Effect(
     form="level abs(v) (v^2 + speed^2)^((exponent - 1)/2) sign(v)",
     coefficients=(Parameter("level", "{torque} s^b/{position}^b", lower=0.0),),
     source="Carreau 1972, Trans. Soc. Rheol. 16(1); Grotjahn and Heimann 2001: power law, with speed 0",
-    depends_on=("qd_{joint}",),
+    depends_on=("qd_{joint}", "sign_qd_{joint}"),
     row=_row,
     shape=(
         Parameter("exponent", "-", lower=0.05, upper=0.95, default=0.5, estimated=False),

@@ -194,6 +194,12 @@ class Effect:
         return bool({"qd_{joint}", "sign_qd_{joint}"} & set(self.depends_on)) and not self.spread
 
     @property
+    def follows_direction(self) -> bool:
+        """Whether its columns may change with how the direction of motion reverses; an own effect's may."""
+        own = self.empirical or bool(self.reference)
+        return own or any(name.startswith("sign_qd") for name in self.depends_on)
+
+    @property
     def is_plain_friction(self) -> bool:
         """Whether it is friction of a plain joint, which what a model lacks yet can hide or pose as."""
         return self.standard and self.is_friction

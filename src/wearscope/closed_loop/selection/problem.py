@@ -24,8 +24,6 @@ from wearscope.closed_loop.selection.reversal import make_reversal
 from wearscope.effects.base import (
     Effect,
     MeasurementEffect,
-    RigidBodyEffect,
-    TransmissionEffect,
     load_effect,
 )
 from wearscope.effects.vocabulary import candidate_effects, given_effects
@@ -133,7 +131,8 @@ class Problem:
     def remake(self, chosen: Chosen) -> Chosen:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
         made = chosen.candidate
-        if isinstance(made.effect, MeasurementEffect) or made.term(0, chosen.subset).is_deflection:
+        kept = isinstance(made.effect, MeasurementEffect) or made.term(0, chosen.subset).is_deflection
+        if kept or not made.effect.follows_direction:
             return chosen
         again = make_candidate(made.effect, made.joint, self.prepared, np.array(made.shapes))
         return Chosen(replace(again, penalty=made.penalty), chosen.subset)
@@ -265,11 +264,8 @@ class Problem:
 
 
 def _keeps(made: Candidate | None, joint: int, same: set[int]) -> bool:
-    """Whether a candidate at a joint is what it was where only some joints reverse in the same way.
-
-    Neither a gear's deflection nor a body has the direction of motion.
-    """
-    if made is not None and isinstance(made.effect, TransmissionEffect | RigidBodyEffect):
+    """Whether a candidate at a joint is what it was where only some joints reverse in the same way."""
+    if made is not None and not made.effect.follows_direction:
         return True
     alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
     return alone and joint in same

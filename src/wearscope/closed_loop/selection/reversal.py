@@ -251,8 +251,10 @@ def _fit_joints(
 
 
 def reduce_term(chosen: Chosen, runs: list[PreparedRun]) -> np.ndarray:
-    """Columns (M, m) of a term along the signals of runs."""
+    """Columns (M, m) of a term along the signals of runs, in which directions alone have changed."""
     made, shape = chosen.candidate, np.array(chosen.candidate.shapes)
+    if not made.effect.follows_direction:
+        return chosen.rows[0]
     parts = map_runs(partial(reduce_columns, made.effect, made.joint, shape), runs)
     return np.concatenate(parts)[:, list(chosen.subset)]
 
