@@ -18,12 +18,7 @@ inherited = dict(os.environ)
 if os.path.isdir(SRC):
     sys.path.insert(0, SRC)
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
-os.environ.update(
-    OMP_NUM_THREADS="1",
-    OPENBLAS_NUM_THREADS="1",
-    MKL_NUM_THREADS="1",
-    NUMBA_NUM_THREADS="1",
-)
+os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from wearscope.processes import MAIN, STARTER, end_with, identify_process, ignore_settings_here, isolate
 
@@ -41,7 +36,7 @@ from wearscope.planning import Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.sources import ROOT as PACKAGE
 from wearscope.sources import find_script_sources, plugin_file
-from wearscope.tracking.session_names import Tracked, name_sessions
+from wearscope.tracking.session_names import name_sessions
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.
 STUDY_FILE = "config/config.yaml"
@@ -52,9 +47,8 @@ GIVEN = workflow.config_settings.configfiles
 try:
     for file in GIVEN or [STUDY_FILE]:
         if not str(file).endswith(".json"):  # which the command writes
-            read_yaml(
-                Path(file)
-            )  # Snakemake keeps the last of two settings of one name, and may run code in it
+            # Snakemake keeps the last of two settings of one name, and may run code in it.
+            read_yaml(Path(file))
 except InputError as error:
     raise SystemExit(str(error)) from None
 
@@ -272,14 +266,6 @@ def own_effects():
     """Own effects' files that the configuration names and that are there; the loop itself says which is missing."""
     files = [str(plugin_file(reference, "effects")) for reference in STUDY.closed_loop.effects]
     return here([file for file in files if os.path.isfile(file)])
-
-
-def read_tracked(path):
-    """Sessions of a data set, or why there are none to track, which only the target `track` must know."""
-    try:
-        return name_sessions(path)
-    except InputError as error:
-        return Tracked((), {}, str(error))
 
 
 def tracked_files():

@@ -1,7 +1,7 @@
 # What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
 # on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
 if STUDY.dataset is not None:
-    TRACKED = read_tracked(STUDY.dataset)
+    TRACKED = name_sessions(STUDY.dataset)
     TRACK_FOLDER = f"results/tracking/{DATASET.name}"
     TRACK_LEVEL = STUDY.tracking.false_alarm_rate
     TRACK_EFFECTS = {name: LOOP_OPTIONS[name] for name in ("installed", "effects", "allow_code")}

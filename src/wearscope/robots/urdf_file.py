@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.robots.model_file import read_text
 from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
@@ -15,10 +16,6 @@ from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 # A limit that a URDF leaves open (continuous joints, no effort or velocity given).
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
-#: No number of a robot is larger; products of a few such still have a value.
-LARGEST_NUMBER = 1e30
-#: No robot has more links.
-MOST_LINKS = 5000
 
 
 @dataclass(frozen=True)
@@ -80,8 +77,8 @@ def _numbers(element: ET.Element | None, key: str, default: str, count: int, whe
         values = ()
     if len(values) != count or not all(math.isfinite(value) for value in values):
         raise InputError(f'{where}: {key}="{text[:80]}" is not {count} finite number(s); correct the URDF.')
-    if any(abs(value) > LARGEST_NUMBER for value in values):
-        raise InputError(f'{where}: {key}="{text}" is above {LARGEST_NUMBER:g}; correct the URDF.')
+    if any(abs(value) > limits.NUMBER for value in values):
+        raise InputError(f'{where}: {key}="{text}" is above {limits.NUMBER:g}; correct the URDF.')
     return values
 
 
@@ -179,8 +176,8 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
     links: dict[str, Link] = {}
     if robot.find("link") is None:
         raise InputError(f"{source}: has no links; name the robot's URDF.")
-    if len(robot.findall("link")) > MOST_LINKS:
-        raise InputError(f"{source}: has more than {MOST_LINKS} links; name the robot's URDF.")
+    if len(robot.findall("link")) > limits.LINKS:
+        raise InputError(f"{source}: has more than {limits.LINKS} links; name the robot's URDF.")
     for element in robot.findall("link"):
         link = _read_link(element, source)
         if not link.name or link.name in links:

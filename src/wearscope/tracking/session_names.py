@@ -110,14 +110,11 @@ class Tracked:
 
 
 def name_sessions(dataset: str | Path) -> Tracked:
-    """Sessions of a data set, the later ones by a file name of their own.
-
-    Raises
-    ------
-    InputError
-        As `read_sessions`.
-    """
-    sessions = read_sessions(dataset)
+    """Sessions of a data set, the later ones by a file name of their own; or why there are none to track."""
+    try:
+        sessions = read_sessions(dataset)
+    except InputError as error:
+        return Tracked((), {}, str(error))
     return Tracked(sessions.reference, {file_name(session): session for session in sessions.later})
 
 
