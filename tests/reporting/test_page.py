@@ -62,10 +62,12 @@ def make_figure():
     return figure
 
 
-def test_page_is_self_contained_and_has_every_section():
+def test_page_is_self_contained_and_has_every_section(tmp_path):
+    files = [tmp_path / "a.svg", tmp_path / "a.png"]
+    save_figure(make_figure(), *files)
     sections = [
-        Section("First & best", embed_figure(make_figure(), 'a "line"', "x < y"), "first-best"),
-        Section("Second", embed_figure(make_figure(), "the same", kind="png"), "second"),
+        Section("First & best", embed_figure(files[0], 'a "line"', "x < y"), "first-best"),
+        Section("Second", embed_figure(files[1], "the same"), "second"),
         Section("Third", "<p>text</p>", anchor="own"),
     ]
     page = render_page("A <title>", sections, "about", "end")

@@ -90,7 +90,7 @@ def _detect(
         empty = np.full((len(sigmas), len(wanted)), np.nan)
         return empty, np.zeros((len(sigmas), len(deltas), len(wanted)))
     if isinstance(surrogate, ChosenSurrogate):
-        return _detect_tabulated(surrogate, factor, levels, f0, deltas, sigmas, wanted)
+        return _detect_tabulated(Tabulated(surrogate, factor, levels, deltas, f0), sigmas, wanted)
     null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels)
     scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
     fixed = spread(null) <= scale
@@ -99,19 +99,10 @@ def _detect(
     return h, tail_probability(alternatives[:, :, None, :], h[:, None, :])
 
 
-def _detect_tabulated(
-    surrogate: ChosenSurrogate,
-    factor: str,
-    levels: Mapping[str, float],
-    f0: float,
-    deltas: Array,
-    sigmas: Array,
-    wanted: Array,
-) -> tuple[Array, Array]:
-    table = Tabulated(surrogate, factor, levels, deltas, f0)
+def _detect_tabulated(table: Tabulated, sigmas: Array, wanted: Array) -> tuple[Array, Array]:
     mean = table.mean
     h = np.empty((len(sigmas), len(wanted)))
-    p_d = np.empty((len(sigmas), len(deltas), len(wanted)))
+    p_d = np.empty((len(sigmas), len(mean) - 1, len(wanted)))
     for s, sigma in enumerate(sigmas):
         left, share = interpolation(table.nodes, table.centre + sigma * SPREAD)
         y = mean[:, left] + share * (mean[:, left + 1] - mean[:, left])

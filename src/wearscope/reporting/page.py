@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -19,9 +19,6 @@ from wearscope.files import load_json
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page_strip import Strip, unbreak
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
@@ -174,31 +171,21 @@ def embed_chart(*charts: Chart) -> Markup:
     return Markup("").join(render_template("chart.html", chart=one, definition=text) for one, text in drawn)
 
 
-def embed_figure(figure: "Figure | str | Path", alt: str, caption: str = "", kind: str = "svg") -> Markup:
-    """Figure element with its image inside.
+def embed_figure(file: str | Path, alt: str, caption: str = "") -> Markup:
+    """Figure element with an SVG or PNG file inside.
 
     Parameters
     ----------
-    figure : Figure or path-like
-        A figure, or an SVG or PNG file.
+    file : path-like
     alt : str
         What the picture shows, for who does not see it.
     caption : str
         Text or `Markup` under it.
-    kind : {"svg", "png"}
-        For a `Figure`: SVG stays sharp, PNG is smaller where there are many thousands of points.
     """
-    if isinstance(figure, str | Path):
-        content, kind = Path(figure).read_bytes(), Path(figure).suffix.lstrip(".")
-    else:
-        # Here, as a page of files alone does without Matplotlib.
-        from wearscope.reporting.style import figure_bytes
-
-        content = figure_bytes(figure, kind)
-    data = base64.b64encode(content).decode("ascii")
-    return render_template(
-        "figure.html", source=f"data:{_MEDIA[kind]};base64,{data}", alt=alt, caption=caption
-    )
+    path = Path(file)
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    source = f"data:{_MEDIA[path.suffix.lstrip('.')]};base64,{data}"
+    return render_template("figure.html", source=source, alt=alt, caption=caption)
 
 
 def badge(text: str, kind: str = "neutral") -> Markup:

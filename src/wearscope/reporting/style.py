@@ -15,7 +15,7 @@ from wearscope import tables
 #: Okabe and Ito (2008), colours that people with colour-blindness tell apart; yellow, too faint, left out.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-BEFORE, AFTER, NEUTRAL, WARNING = "#D55E00", "#0072B2", "#666666", "#B3261E"
+WARNING = "#B3261E"
 
 _SHEET = Path(__file__).with_name("wearscope.mplstyle")
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
