@@ -13,7 +13,7 @@ from wearscope import tables
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import load_effect
-from wearscope.export.holdings import take_holdings
+from wearscope.export.holdings import FORMATS, take_holdings
 from wearscope.extras import need
 from wearscope.robots.model import RobotModel
 from wearscope.verdicts import read_verdict
@@ -144,7 +144,7 @@ def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[s
 
 
 def tell_export(summary: Mapping[str, Any]) -> list[str]:
-    """What the formats cannot hold, a line each, then how far MuJoCo's torque is from the model's."""
+    """What the formats cannot hold, then how far each is from a motion that it runs again; a line each."""
     grouped: dict[tuple[str, str, str], list[str]] = {}
     for one in summary["left"]:
         grouped.setdefault((one["format"], one["effect"], one["reason"]), []).append(one["joint"])
@@ -152,15 +152,11 @@ def tell_export(summary: Mapping[str, Any]) -> list[str]:
         f"Not in {format}: {effect} of {', '.join(joints)}, as {reason}."
         for (format, effect, reason), joints in grouped.items()
     ]
-    compared = summary["mujoco"] or {}
-    shares = {
-        joint: 100.0 * one["not_held_where_moving"] / max(one["torque_rms"], 1e-12)
-        for joint, one in compared.items()
-    }
-    if shares:
-        worst = max(shares, key=lambda joint: shares[joint])
-        told = "MuJoCo's torque along a motion is the model's to"
-        said.append(f"{told} {shares[worst]:.2g} % or less where joints move, least near at {worst}.")
+    for format in FORMATS if summary["replay"] else ():
+        ends = {joint: one["position"]["2"] for joint, one in summary["replay"][format].items()}
+        joint = max(ends, key=lambda name: ends[name])
+        size = f"{ends[joint]:.2g} {'m' if summary['mujoco'][joint]['unit'] == 'N' else 'rad'}"
+        said.append(f"{format}, run again without feedback: off by {size} after 2 s, at {joint}.")
     return said
 
 
