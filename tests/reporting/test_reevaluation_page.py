@@ -80,6 +80,14 @@ def test_the_page_begins_with_two_short_sentences(one, table):
     assert tell_headline(one) == f"{best} The signal-to-noise ratio changes for none."
 
 
+def test_only_another_best_detector_is_a_change(one, ranking):
+    """Before, either may be the best; after, one of them is."""
+    ranking["before"] = 0.5
+    assert tell_headline(one).startswith("No change of the best detector is sure.")
+    ranking[["before", "after"]] = [[0.99, 0.99], [0.01, 0.01]]
+    assert tell_headline(one).startswith("The best detector stays the same.")
+
+
 def test_each_detector_is_set_beside_the_truth(one):
     assert count_truth(one) == (
         "The corrected model is nearer to the truth for 2 of 2 detectors and axes, farther for none."

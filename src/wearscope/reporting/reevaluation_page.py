@@ -50,8 +50,7 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
 
 def _strip(one: Reevaluation) -> Strip:
     withheld = tell_withheld(one)
-    effects = dict.fromkeys(words(name.partition(" at ")[0]) for name in one.assumed)
-    own = f"Assumed on every side, as no recording shows it: {join_words(list(effects))}."
+    own = f"Assumed on every side, as no recording shows it: {join_words([*_group_assumed(one)])}."
     if not one.assumed:
         own = "It holds for the test-cycles and axes of this study."
     action = Markup('See <a href="#detectors">detector by detector</a>, then study the corrected model.')
@@ -88,12 +87,19 @@ def draw_change(one: Reevaluation) -> Markup:
 
 def _summarise(one: Reevaluation) -> Markup:
     """What is withheld or assumed, and every SNR."""
-    assumed = (
-        f"Assumed on every side, as no data show it: {join_words(one.assumed)}, carried over and scaled to "
-        "the joint's own friction."
-    )
+    told = [f"{name} at {join_words(joints)}" for name, joints in _group_assumed(one).items()]
+    assumed = f"Carried over, scaled to the joint's own friction: {'; '.join(told)}."
     notes = [assumed] if one.assumed else []
     return render_part(notes=notes, parts=[draw_change(one)], listed=tell_withheld(one))
+
+
+def _group_assumed(one: Reevaluation) -> dict[str, list[str]]:
+    """Joints by what was carried over to them."""
+    found: dict[str, list[str]] = {}
+    for name in one.assumed:
+        effect, _, joint = name.partition(" at ")
+        found.setdefault(words(effect), []).append(joint)
+    return found
 
 
 def _values(row: object, sides: list[str], name: str = "{}") -> dict[str, str]:
@@ -149,6 +155,7 @@ def _question(one: Reevaluation, question: str) -> Markup:
 
 def _ranks(one: Reevaluation) -> Markup:
     shown = one.ranking[one.ranking["fda"] < one.ranking["over"]].drop(columns="robot")
+    shown = shown.replace({"fda": dict(one.names), "over": dict(one.names)})
     shown = shown.assign(cycle=shown["cycle"].map(words))
     shown = shown.rename(columns={"fda": "detector", "over": "outranks", "cycle": "test-cycle"})
     shown = shown if one.has_truth else shown.drop(columns="truth")
@@ -165,7 +172,8 @@ def _basis(one: Reevaluation, chosen: pd.DataFrame) -> Markup:
             text += f", {row.left_out} more left out (first: {row.first_reason.rstrip('.')})"
         sentences.append(f"{row.side}: {text}.")
     columns = "robot|side; axis; fda|detector; kind; fit; state; n_points|points"
-    table = render_table(chosen, "Surrogates, with their fit [%] on checking points.", columns=columns)
+    shown = chosen.assign(fda=chosen["fda"].replace(dict(one.names)), kind=chosen["kind"].map(words))
+    table = render_table(shown, "Surrogates, with their fit [%] on checking points.", columns=columns)
     return render_part(listed=sentences) + table
 
 
@@ -194,25 +202,28 @@ def count_truth(one: Reevaluation) -> str:
 
 def tell_headline(one: Reevaluation) -> str:
     """Whether the best detector and the SNR change, in two short sentences."""
-    changed = _compare_best(one)
-    best = f"changes {'; '.join(changed)}" if changed else "stays the same"
+    changed, sure = _compare_best(one)
+    best = "The best detector stays the same" if sure else "No change of the best detector is sure"
+    if changed:
+        best = f"The best detector changes {'; '.join(changed)}"
     rows = one.told[(one.told["question"] == "snr") & (one.told["p_changed"] >= SURE)]
     cells = [
         f"{join_words([one.names.get(fda, fda) for fda in own['fda'].unique()])} on axis {axis}"
         for axis, own in rows.groupby("axis")
     ]
-    return f"The best detector {best}. The signal-to-noise ratio changes for {join_words(cells) or 'none'}."
+    return f"{best}. The signal-to-noise ratio changes for {join_words(cells) or 'none'}."
 
 
-def _compare_best(one: Reevaluation) -> list[str]:
-    """Where the best detectors change, with both sides."""
+def _compare_best(one: Reevaluation) -> tuple[list[str], bool]:
+    """Where none that may be the best before may be it after; whether all others are surely the same."""
     before, after = (best_detectors(one, side) for side in ("before", "after"))
-    parts = []
+    parts, sure = [], True
     for (cycle, axis), names in after.items():
         was, names = ([one.names.get(fda, fda) for fda in side] for side in (before[cycle, axis], names))
-        if set(was) != set(names):
+        if set(was).isdisjoint(names) and (was or names):
             parts.append(
                 f"on axis {axis} ({words(cycle)}): {join_words(was, 'or') or 'none'} before, "
                 f"{join_words(names, 'or') or 'none'} after"
             )
-    return parts
+        sure = sure and was == names and len(names) < 2
+    return parts, sure
