@@ -30,8 +30,7 @@ TAR_HEADER_BYTES = 1_000_000
 MANIFEST_BYTES, ARCHIVE_BYTES, PATH = 50_000_000, 1 << 40, 1000
 #: Longest first line of a CSV file [bytes].
 HEADER_LINE = 100_000
-#: Most pixels of a picture that is shown; longest text of a table's value as it is shown; most problems that
-#: a check lists.
+#: Longest text of a table's value as it is shown; most problems that a check lists.
 CELL, PROBLEMS = 1000, 200
 #: A setting is named that would take longer [s] or more room [bytes]: a year, a terabyte.
 YEAR, TERABYTE = 365.25 * 86400.0, 1e12
