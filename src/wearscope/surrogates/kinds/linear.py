@@ -93,12 +93,12 @@ def _take_terms(phi: Array, y: Array) -> Iterator[list[int]]:
     for _ in range(min(phi.shape[1], len(y) - 1)):
         yield taken
         active, left = phi[:, taken], np.setdiff1d(np.arange(phi.shape[1]), taken)
-        if not len(left):
-            return
         correlation = phi.T @ (y - mean)
         largest, others = abs(correlation[taken[-1]]), correlation[left]
         signs = np.where(correlation[taken] < 0.0, -1.0, 1.0)
         towards = np.linalg.lstsq(active.T @ active, signs)[0]
+        if not len(left) or not signs @ towards > 0.0:
+            return
         length = 1.0 / np.sqrt(signs @ towards)
         along = phi[:, left].T @ active @ towards * length
         with np.errstate(divide="ignore", invalid="ignore"):  # a column that those taken hold already
