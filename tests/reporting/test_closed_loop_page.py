@@ -4,6 +4,7 @@ import copy
 import json
 import re
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -167,7 +168,8 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     named = "a Stribeck friction confirmed Or concave viscous friction: these runs do not tell."
     assert f"{named} It removes 62 % (95 %: 55 to 70) of the residual variance." in text
     refuted = "b Unknown refuted It adds 12 % (95 %: 4 to 20) to the residual variance."
-    assert f"{refuted} No named effect explains it; it depends on position of a and direction of b." in text
+    unnamed = "No named effect explains it; it depends on position of a and direction of b."
+    assert f"{refuted} {unnamed} Left out of the corrected model." in text
     assert "8 heights of a spline −3 to 4" in text
     assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
     assert "2 → 1 N m RMS, noise floor" in text
@@ -270,6 +272,18 @@ def test_effect_of_the_whole_robot_is_said_once_and_of_the_robot(tmp_path):
     assert "of the residual variance at all joints together" in text
     assert "The robot Payload error confirmed It removes" in text
     assert text.count("Payload error") == 1 and text.count(": nothing added") == 2
+
+
+def test_what_the_corrected_model_lacks_is_said_with_its_reason(tmp_path):
+    why = "it makes the test runs' error of a larger"
+    body = {"joint": "b", "effect": "payload_error", "equivalent": [], "in_model": False, "left_out": why}
+    write(tmp_path, VERDICT | {"verdict": [ENTRY | {"equivalent": []}, ENTRY | body]})
+    kind, answer = conclude_loop(read_closed_loop(tmp_path).verdict)
+    assert kind == "unsure"
+    assert "payload error of the robot (left out of the corrected model). With the other one, the" in answer
+    text = unescape(text_of(page(tmp_path)))
+    assert f"Left out of the corrected model: {why}." in text
+    assert text.count("Left out of the corrected model") == 1
 
 
 def test_failed_simulation_is_an_alarm(tmp_path):

@@ -61,6 +61,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
                 "error_reduction_ci95": [_number(v) for v in named.marked.interval],
                 "status": named.marked.status,
                 "in_model": named.kept,
+                "left_out": named.withdrawn or None,
             }
         )
     runs = [p.run for p in diagnosis.predicted]

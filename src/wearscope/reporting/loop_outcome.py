@@ -20,6 +20,7 @@ from wearscope.reporting.loop_words import (
     PROMISED,
     STATUSES,
     conclude_loop,
+    is_in_model,
     is_small,
     joints_in,
     list_alarms,
@@ -69,7 +70,7 @@ def loop_strip(loop: ClosedLoop) -> Strip:
 def _advise(loop: ClosedLoop) -> Markup:
     """What to do next: to record what separates names, else to use the model that is the better one."""
     entries = loop.verdict["verdict"]
-    kept = any(one.get("in_model", one["status"] != "refuted") for one in entries)
+    kept = any(map(is_in_model, entries))
     if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
         text = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
         until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
@@ -188,6 +189,9 @@ def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
         if entry["effect"] == UNKNOWN:
             on = join_words([*map(name_signal, entry["depends_on"])])
             sentences.append(f"No named effect explains it{f'; it depends on {on}' if on else ''}.")
+        if not is_in_model(entry):
+            why = f": {entry['left_out']}" if entry.get("left_out") else ""
+            sentences.append(f"Left out of the corrected model{why}.")
         status = entry["status"]
         told.append(
             {"name": upper_first(effect_name(entry["effect"])), "kind": STATUSES[status]}

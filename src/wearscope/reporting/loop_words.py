@@ -73,18 +73,21 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         if small := tell_unexplained(verdict, small=True):
             return "good", f"The declared model suffices within the noise of a run: {small}."
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
-    named: dict[tuple[str, bool], list[str]] = {}
+    named: dict[tuple[str, str, bool], list[str]] = {}
     for one in held:
         names = [effect_name(name) for name in (one["effect"], *one["equivalent"])]
-        key = join_words(names, "or"), one["status"] == "confirmed"
+        kept = is_in_model(one)
+        doubts = "" if one["status"] == "confirmed" else " (not confirmed)"
+        doubts += "" if kept else " (left out of the corrected model)"
+        key = join_words(names, "or"), doubts, kept
         named.setdefault(key, []).append("" if one["effect"] in list_shared() else one["joint"])
     lacks = "; ".join(
-        f"{name} {_tell_where(verdict, joints)}{'' if confirmed else ' (not confirmed)'}"
-        for (name, confirmed), joints in named.items()
+        f"{name} {_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()
     )
-    text = f"The declared model lacks {lacks}. {_tell_gain(verdict, len(named) > 1)}"
+    text = f"The declared model lacks {lacks}. {_tell_gain(verdict, [kept for *_, kept in named])}"
     grown = _tell_growth(verdict)
-    sure = all(one["status"] == "confirmed" and not one["equivalent"] for one in held) and not grown
+    certain = [one["status"] == "confirmed" and not one["equivalent"] and is_in_model(one) for one in held]
+    sure = all(certain) and not grown
     more = f" {rest.replace('at most', 'At most', 1)}." if said else ""
     return ("good" if sure and not said else "unsure"), f"{text}{grown}.{more}"
 
@@ -121,15 +124,22 @@ def _tell_growth(verdict: Verdict) -> str:
     return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
 
 
-def _tell_gain(verdict: Verdict, several: bool) -> str:
-    """With one effect or several, where the error on the test runs falls most."""
+def is_in_model(entry: Verdict) -> bool:
+    """Whether the corrected model has an effect."""
+    return bool(entry.get("in_model", entry["status"] != "refuted"))
+
+
+def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
+    """Where the error on the test runs falls most with those effects that are kept."""
     found = _changes(verdict)
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
     ratio, joint, before, after, unit = min(found)
     if ratio > 0.995:
         return "On the test runs no joint's error falls by more than half a percent"
-    with_it = "With them" if several else "With it"
+    with_it = "With it" if sum(kept) == 1 else "With them"
+    if not all(kept):
+        with_it = "With the others" if sum(kept) > 1 else "With the other one"
     return (
         f"{with_it}, the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
         f"{format_number(before)} to {format_number(after)} {unit}"
