@@ -104,7 +104,7 @@ def _caveat(loop: ClosedLoop) -> str:
     ]
     if open_names:
         return f"These runs do not separate {'; '.join(open_names)}."
-    if any(one["effect"] == UNKNOWN for one in loop.verdict["verdict"]):
+    if any(one["effect"] == UNKNOWN and is_in_model(one) for one in loop.verdict["verdict"]):
         return "Part of the correction is a curve without a name."
     if small := tell_unexplained(loop.verdict, small=True):
         return f"{upper_first(small)}."
@@ -146,8 +146,8 @@ def render_parameters(loop: ClosedLoop) -> Markup:
     """Parameters of what was added; nothing where nothing was."""
     records = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
     text = (
-        "The models hold them all. The interval of one parameter may hold zero where those of its effect "
-        "together do not."
+        "The corrected model holds them, except those of effects that it leaves out. The interval of one "
+        "parameter may hold zero where those of its effect together do not."
     )
     return render_table(records, text, filter_by=JOINT) if records else Markup("")
 
