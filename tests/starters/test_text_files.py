@@ -1,5 +1,8 @@
 """Text as recorders write it: what stands around the numbers, names, units and shares of a rated torque."""
 
+import gzip
+import zipfile
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +12,7 @@ from wearscope.starters.columns import find_groups, find_time, match_pattern
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
+from wearscope.starters.states import spread_states
 from wearscope.starters.text_files import read_text
 
 T = np.arange(0.0, 14.0, 0.01)
@@ -65,6 +69,104 @@ def test_what_stands_around_the_numbers_is_left_out(kind, tmp_path):
     frame, _ = read_recording(tmp_path / "a.csv")
     got = frame[NAMES].apply(pd.to_numeric, errors="coerce").dropna().to_numpy()[: len(T)]
     np.testing.assert_allclose(got, np.column_stack([T, Q, TAU]), rtol=1e-7, atol=1e-12)
+
+
+def table():
+    return pd.DataFrame(np.column_stack([T, Q, TAU]), columns=NAMES)
+
+
+def by_row(key, names, values=("position", "torque")):
+    """A row for each joint and time."""
+    long = [
+        pd.DataFrame({"time": T, key: name, values[0]: Q[:, k], values[1]: TAU[:, k]})
+        for k, name in enumerate(names)
+    ]
+    return pd.concat(long).sort_values("time", kind="stable").to_csv(index=False)
+
+
+def say_time(form, start="2026-03-11 23:59:55", **options):
+    stamps = pd.Timestamp(start) + pd.to_timedelta(T, unit="s")
+    return table().assign(time=[form(one) for one in stamps]).to_csv(index=False, **options)
+
+
+def say_in_german(x):
+    return f"{x:,.6f}".translate(str.maketrans(",.", ".,"))
+
+
+TABLES = {
+    "joints by name": by_row("joint", ["left_axis", "right_axis"]),
+    "joints by number": by_row("axis", [1, 2], ("position_rad", "torque_Nm")),
+    "signals": table().melt("time", var_name="signal").sort_values("time", kind="stable").to_csv(index=False),
+    "german dates": say_time(
+        lambda one: one.strftime("%d.%m.%Y %H:%M:%S,%f"), sep=";", decimal=","
+    ),
+    "american dates": say_time(lambda one: one.strftime("%m/%d/%Y %I:%M:%S.%f %p")),
+    "times of the day": say_time(lambda one: one.strftime("%H:%M:%S.%f")),
+    "days": table().assign(time=46000.25 + T / 86400.0).to_csv(index=False, float_format="%.15g"),
+    "thousands": table().assign(time=[f"{1000.0 * one:,.1f}" for one in T]).to_csv(index=False),
+    "german thousands": table().assign(time=1000.0 * T).map(say_in_german).to_csv(index=False, sep=";"),
+    "names over kinds": ",left_axis,,right_axis,\ntime" + ",position,torque" * 2 + "\n"
+    + table()[["time", "q_1", "tau_1", "q_2", "tau_2"]].to_csv(index=False, header=False),
+    "kinds over names": "time,position,,torque,\n,1,2,1,2\n".replace("1", "J1").replace("2", "J2")
+    + table().to_csv(index=False, header=False),
+    "torque and force": "left_axis pos [deg],left_axis torque [Nm],right_axis pos [deg],"
+    + "right_axis force [kN],data.t\n"
+    + table().assign(q_1=np.degrees(Q[:, 0]), q_2=np.degrees(Q[:, 1]), tau_2=TAU[:, 1] / 1000.0)[
+        ["q_1", "tau_1", "q_2", "tau_2", "time"]
+    ].to_csv(index=False, header=False),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_tables_of_other_forms_are_the_same_recording(kind, tmp_path):
+    (tmp_path / "r.urdf").write_text(URDF)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for file in files:
+        file.write_text(TABLES[kind])
+    made = convert_recordings(files, tmp_path / "r.urdf", Mapped())
+    frame = made.runs[0].frame
+    t = frame["t"].to_numpy()
+    assert len(frame) == len(T) and np.allclose(t - t[0], T, atol=1e-5)
+    for k, joint in enumerate(made.joints):
+        assert np.allclose(frame[f"q_{joint}"], Q[:, k], atol=1e-6)
+        assert np.allclose(frame[f"tau_{joint}"], TAU[:, k], atol=1e-5)
+
+
+def pack(path, name, text, more=()):
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+        return path
+    with zipfile.ZipFile(path, "w") as archive:
+        for one in (name, *more):
+            archive.writestr(one, text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.csv.gz", "a.zip"])
+def test_a_packed_table_is_read_and_what_is_none_is_told(name, tmp_path):
+    frame, _ = read_recording(pack(tmp_path / name, "inner/a.csv", HEADER + rows()))
+    assert list(frame.columns) == NAMES and np.allclose(frame[["q_1", "q_2"]], Q)
+    with pytest.raises(InputError, match=rf"{name}: is a single line"):
+        read_recording(pack(tmp_path / name, "a.csv", HEADER))
+    (tmp_path / name).write_bytes(b"PK\x03\x04 no archive")
+    with pytest.raises(InputError, match=rf"{name}: cannot be read as a table"):
+        read_recording(tmp_path / name)
+
+
+def test_packed_files_that_are_several_large_or_no_table_are_told(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="holds 2 files; unpack it"):
+        read_recording(pack(tmp_path / "a.zip", "a.csv", HEADER, ["b.csv"]))
+    with pytest.raises(InputError, match=r"holds 'a\.pdf', which is no table"):
+        read_recording(pack(tmp_path / "a.zip", "a.pdf", HEADER))
+    monkeypatch.setattr("wearscope.limits.TABLE_BYTES", 2000)
+    with pytest.raises(InputError, match="larger than a table may be when unpacked"):
+        read_recording(pack(tmp_path / "a.csv.gz", "a.csv", HEADER + "1,1,1,1,1\n" * 1000))
+
+
+def test_a_state_that_changes_is_no_joint(tmp_path):
+    frame = table().assign(channel_mode=np.where(np.sin(T) > 0, "a", "b"), joint=np.arange(len(T)) // 700)
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    assert list(spread_states(read_recording(tmp_path / "a.csv")[0]).columns) == list(frame.columns)
 
 
 def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):

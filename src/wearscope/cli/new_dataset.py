@@ -44,7 +44,9 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @click.option("--servo", metavar="NAME[,X=...]",
               help="Servo, or its constants: its torque is that of the drive's law.")  # fmt: skip
 @click.option("--time", metavar="NAME", help="Column of the time.")
-@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Told by the step if left out.")
+@click.option(
+    "--time-unit", type=click.Choice(["s", "ms", "us", "ns", "d"]), help="Told by the step if left out."
+)
 @click.option(
     "--rate", type=click.FloatRange(min=0.0, min_open=True), help="Samples a second, where there is no clock."
 )

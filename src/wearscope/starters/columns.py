@@ -87,6 +87,10 @@ _SUFFIX = re.compile(r"_([A-Za-z]+)$")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
 
+#: Columns by their words, and by joint.
+_Taken = dict[tuple[str, ...], dict[int, str]]
+
+
 @dataclass(frozen=True)
 class Group:
     """Columns of one kind, one a joint.
@@ -226,7 +230,7 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
         Measured before unmarked before commanded values.
     """
     names = _own_words(joints)
-    by_name: dict[tuple[str, ...], dict[int, str]] = {}
+    by_name: _Taken = {}
     by_number = _number(columns, kind)
     for column in columns:
         words = split_name(_without_unit(column, kind))
@@ -242,8 +246,28 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
         alone = not matches and not numbers and len(joints) == 1 and kind != "bare"
         if alone and _is_kind(words, kind, column):
             by_name.setdefault(tuple(words), {})[0] = column
+    found = _complete(by_number, by_name, len(joints))
+    if not found:
+        # Of a joint that slides the torque is a force.
+        found = _complete(_merge(by_number), _merge(by_name), len(joints))
+    if kind == "position" and not found:
+        return [Group(kind, one.columns) for one in find_groups(columns, joints, "bare")]
+    ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
+    return [Group(kind, chosen) for chosen in ranked]
+
+
+def _merge(taken: _Taken) -> _Taken:
+    """Columns by their words, in which all words of a kind are one; a joint has one column of each."""
+    merged: _Taken = {}
+    for words, own in taken.items():
+        other = merged.setdefault(tuple(_KIND.get(word, word) for word in words), {})
+        other |= {joint: column for joint, column in own.items() if joint not in other}
+    return merged
+
+
+def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """Sets of columns that have one for each joint, with their words."""
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
-    n = len(joints)
     for rest, taken in by_number.items():
         first = 0 if 0 in taken else 1
         if all(first + k in taken for k in range(n)) and len(taken) == n:
@@ -255,15 +279,12 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
             # Numbered from 0 where the joints are from 1: the numbers count, as one column has no joint.
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
-    if kind == "position" and not found:
-        return [Group(kind, one.columns) for one in find_groups(columns, joints, "bare")]
-    ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
-    return [Group(kind, chosen) for chosen in ranked]
+    return found
 
 
-def _number(columns: Sequence[str], kind: str) -> dict[tuple[str, ...], dict[int, str]]:
+def _number(columns: Sequence[str], kind: str) -> _Taken:
     """Columns of a kind by their words and their numbers."""
-    by_number: dict[tuple[str, ...], dict[int, str]] = {}
+    by_number: _Taken = {}
     for column in columns:
         words = split_name(_without_unit(column, kind))
         numbers = [word for word in words if word.isdigit()]
@@ -358,7 +379,8 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
         return seconds[0], nanos[0]
     exact = [c for c, w in words.items() if w and (w[0] in _TIME or w[0] in _SECONDS) and len(w) <= 2]
     loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
-    return tuple([*exact, *loose][:1])
+    last = [c for c, w in words.items() if w[-1:] == ["t"]]
+    return tuple([*exact, *loose, *last][:1])
 
 
 def says_time(name: str) -> bool:

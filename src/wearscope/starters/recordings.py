@@ -1,9 +1,14 @@
 """Recordings as tables: text of any separator, Parquet, and ROS 2 bags with joint states."""
 
 import csv
+import gzip
+import tempfile
+import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import pandas as pd
 import pyarrow as pa
@@ -20,10 +25,12 @@ from wearscope.starters.states import spread_states
 from wearscope.starters.text_files import read_text
 from wearscope.tables import check_unpacked, to_frame
 
+_BROKEN = (OSError, EOFError, ValueError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile)
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _BAGS = (".mcap", ".db3", ".bag")
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
+_PACKED = (".gz", ".zip")
 
 
 def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, list[str]]:
@@ -55,19 +62,53 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
         if kind == ".parquet":
             check_unpacked(path)
             return to_frame(pq.read_table(path, partitioning=None), path), []
+        if kind in _PACKED:
+            with tempfile.TemporaryDirectory() as folder:
+                inner = _unpack(path, Path(folder))
+                try:
+                    return _read(inner, topic)
+                except InputError as error:
+                    raise InputError(str(error).replace(str(inner), str(path))) from None
         if kind in _TEXT:
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
             return read_text(path)
     except (InputError, MemoryError):
         raise
-    except (OSError, ValueError, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
+    except (*_BROKEN, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
         told = " ".join(str(error).split())[:200].rstrip(".")
         if told.endswith("out of memory"):  # as pandas says it
             raise MemoryError from None
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(
-        f"{path}: is no recording that is known; give {', '.join(_TEXT)}, .parquet, .mcap or a bag."
+        f"{path}: is no recording that is known; give {', '.join(_TEXT)} (or one of them as "
+        f"{' or '.join(_PACKED)}), .parquet, .mcap or a bag."
     )
+
+
+def _unpack(path: Path, folder: Path) -> Path:
+    """The one file that is packed in another, as far as one may be large."""
+    check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
+    with ExitStack() as stack:
+        name = path.stem
+        if path.suffix.lower() == ".zip":
+            archive = stack.enter_context(zipfile.ZipFile(path))
+            inner = [one for one in archive.namelist() if not one.endswith("/") and "__MACOSX" not in one]
+            if len(inner) != 1:
+                raise InputError(f"{path}: holds {len(inner)} files; unpack it, and give the recordings.")
+            packed: IO[bytes] = stack.enter_context(archive.open(inner[0]))
+            name = Path(inner[0]).name
+        else:
+            packed = cast(IO[bytes], stack.enter_context(gzip.GzipFile(path)))
+        if Path(name).suffix.lower() not in (*_TEXT, ".parquet"):
+            raise InputError(f"{path}: holds '{name}', which is no table; unpack it, and give a recording.")
+        target = stack.enter_context((folder / name).open("wb"))
+        left = limits.TABLE_BYTES
+        while block := packed.read(1 << 20):
+            left -= len(block)
+            if left < 0:
+                raise InputError(f"{path}: is larger than a table may be when unpacked; split it.")
+            target.write(block)
+    return folder / name
 
 
 def open_recordings(

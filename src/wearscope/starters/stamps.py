@@ -1,5 +1,9 @@
 """Time stamps of any unit and origin as seconds, and the rate that they have."""
 
+import re
+import warnings
+from typing import Literal
+
 import numpy as np
 import pandas as pd
 
@@ -8,13 +12,15 @@ from wearscope.robots.spatial import Array
 from wearscope.starters.columns import says_time, split_name
 
 #: Seconds in units that recorders write.
-UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_DAY = 86400.0
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": _DAY}
 #: What else a column's name calls them.
 _NAMES = {
     "s": {"sec", "secs", "seconds"},
     "ms": {"msec", "msecs", "millis", "milliseconds"},
     "us": {"usec", "usecs", "micros", "microseconds", "µs"},
     "ns": {"nsec", "nsecs", "nanosec", "nanos", "nanoseconds"},
+    "d": {"days"},
 }
 #: Sampling rates of robots [Hz]: a unit that gives another is not the clock's.
 _SLOWEST, _FASTEST = 5.0, 20_000.0
@@ -56,14 +62,13 @@ def to_seconds(
         stamps = numbers
     if not pd.api.types.is_numeric_dtype(stamps):
         try:
-            dates = pd.to_datetime(stamps, format="mixed", utc=True)
+            since = _read_dates(stamps, "raise")
         except (ValueError, TypeError) as error:
             told = " ".join(str(error).split())[:120]
             raise InputError(
                 f"{where}: is no number and no date ({told}); name the time with --time."
             ) from None
-        since = (dates - dates.iloc[0]).dt.total_seconds()
-        return since.to_numpy(dtype=float), [f"{where}: read as dates."]
+        return since - since[0], [f"{where}: read as dates."]
     # Large integers keep their last digits when the origin goes first.
     first = stamps.dropna().iloc[0] if stamps.notna().any() else 0
     t = (stamps - first).to_numpy(dtype=float)
@@ -74,6 +79,24 @@ def to_seconds(
     if abs(float(first)) * UNITS[unit] > 1e8:
         notes.append(f"{where}: counts since the epoch.")
     return t * UNITS[unit], notes
+
+
+def _read_dates(stamps: pd.Series, errors: Literal["raise", "coerce"]) -> Array:
+    """Dates, or times of a day that may end among them, in seconds (N,) from any origin."""
+    text = stamps.astype(str).str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
+    # Day or month first: the one by which the recording is shorter.
+    orders = (False, True) if re.match(r"\d{1,2}[./-]\d{1,2}[./-]\d", text.iloc[0]) else (False,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of days that cannot be months
+        tried = [
+            pd.to_datetime(text, format="mixed", utc=True, errors=errors, dayfirst=one) for one in orders
+        ]
+    dates = min(tried, key=lambda one: one.max() - one.min())
+    since = (dates - dates.min()).dt.total_seconds().to_numpy(dtype=float)
+    if text.str.fullmatch(r"\d{1,2}:[\d:.]+").all():
+        back = np.diff(since, prepend=since[:1])
+        since = since + _DAY * np.cumsum((back < -0.5 * _DAY).astype(float) - (back > 0.5 * _DAY))
+    return np.asarray(since)
 
 
 def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
@@ -108,8 +131,7 @@ def find_restarts(stamps: pd.Series) -> list[int]:
     """
     numbers = pd.to_numeric(stamps, errors="coerce")
     if numbers.notna().sum() <= _NUMBERS * len(stamps):
-        dates = pd.to_datetime(stamps, format="mixed", utc=True, errors="coerce")
-        numbers = (dates - dates.min()).dt.total_seconds()
+        numbers = pd.Series(_read_dates(stamps, "coerce"))
     rows = np.flatnonzero(np.isfinite(numbers.to_numpy(dtype=float)))
     t, starts = numbers.to_numpy(dtype=float)[rows], [0]
     for k in (np.flatnonzero(np.diff(t) < 0.0) + 1).tolist():

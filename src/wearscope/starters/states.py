@@ -8,10 +8,15 @@ import pandas as pd
 
 from wearscope import limits
 from wearscope.errors import InputError
+from wearscope.starters.columns import find_time, split_name
 
 #: Cells that are a list, and names of columns with a number at their end.
 _LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
 _NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
+
+#: Words of a column that names a row's joint; share of rows in which it is another one's than in the last.
+_JOINT = set("joint joints axis axes achse jnt motor actuator gelenk name id signal channel variable".split())
+_TURNS = 0.8
 
 
 def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
@@ -46,7 +51,32 @@ def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
         cells = cells.iloc[:, : int(cells.iloc[0].notna().sum())]
         cells.columns = pd.Index([f"{name}_{k}" for k in range(cells.shape[1])])
         parts.append(cells)
-    return _take_names(pd.concat(parts, axis=1)) if parts else frame
+    return _pivot(_take_names(pd.concat(parts, axis=1))) if parts else frame
+
+
+def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
+    """Table with joints side by side, where each row is of one joint that a column names or numbers."""
+    time = find_time([str(column) for column in frame.columns])
+    for key in [str(column) for column in frame.columns if str(column) not in time]:
+        counts = frame[key].value_counts()
+        # Joints take turns, and each comes as often as the others; a state or a recording's name does not.
+        named = bool(set(split_name(key)) & _JOINT) and frame[key].notna().all()
+        turns = named and np.mean(frame[key].to_numpy()[1:] != frame[key].to_numpy()[:-1]) > _TURNS
+        if not turns or not 1 < len(counts) <= limits.JOINTS or counts.min() < _TURNS * counts.max():
+            continue
+        values = [column for column in frame.columns if column != key and str(column) not in time]
+        whole = frame.assign(**{column: pd.to_numeric(frame[column], errors="coerce") for column in values})
+        values = [column for column in values if whole[column].notna().any()]
+        # Rows of one stamp are one sample; where each row has its own, a joint's rows are counted.
+        own = len(time) == 1 and frame[time[0]].nunique() < 1.5 * counts.max()
+        own = own and not frame.duplicated([time[0], key]).any()
+        sample = frame[time[0]] if own else frame.groupby(key).cumcount()
+        parts = [whole.groupby(sample, sort=False)[list(time)].first()]
+        for one, rows in whole.groupby(key, sort=False):
+            named_so = {column: str(one) if len(values) == 1 else f"{column}_{one}" for column in values}
+            parts.append(rows.set_index(sample[rows.index])[values].rename(columns=named_so))
+        return pd.concat(parts, axis=1).reset_index(drop=True)
+    return frame
 
 
 def _take_names(frame: pd.DataFrame) -> pd.DataFrame:

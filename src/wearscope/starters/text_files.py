@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,8 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
         told = f"has {layout.cells} columns, more than {limits.COLUMNS}"
         raise InputError(f"{path}: {told}; leave out what is unused.")
     names, units, notes = _name_columns(path, layout)
-    point = "," if layout.separator != "," and _has_decimal_commas(lines[layout.begin :]) else "."
+    commas = layout.separator != "," and _has_decimal_commas(lines[layout.begin :], layout.separator)
+    point = "," if commas else "."
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # values that no name has
         frame = pd.read_csv(
@@ -147,28 +149,53 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
     wide = [k for k, one in enumerate(above) if len(one) >= layout.cells - 1] or [len(above) - 1]
     told = [len({cell for cell in above[k] if cell}) for k in wide]
     header = wide[int(np.argmax(told))]
-    names = [cell or f"column {k + 1}" for k, cell in enumerate(above[header])]
+    names, joined = above[header], set[int]()
+    # Names that stand several times are those of joints, or of kinds: the other is in the row next to them.
+    for k in (header + 1, header - 1):
+        if k in wide and len(set(names)) < len(names):
+            upper, lower = (above[one] for one in sorted((header, k)))
+            both = _join_names(upper, lower)
+            if len(set(both)) == len(both) and not any(map(_is_number, both)):
+                names, joined = both, {header, k}
+    names = [cell or f"column {k + 1}" for k, cell in enumerate(names)]
     names += [f"column {k + 1}" for k in range(len(names), layout.cells)]
     units = [""] * len(names)
     for k in wide:
-        if k > header and not any(_is_number(cell.replace(",", ".")) for cell in above[k]):
+        numbers = any(_is_number(cell.replace(",", ".")) for cell in above[k])
+        if k > header and k not in joined and not numbers:
             units = [*(cell.strip("[]()") for cell in above[k]), *units][: len(names)]
     notes = []
     if any(units):
         notes.append(f"{path.name}: the row below the columns' names is read as their units.")
-    if header:
+    if joined:
+        notes.append(f"{path.name}: the columns' names are those of two rows.")
+    if header := min({header, *joined}):
         notes.append(f"{path.name}: {header} lines above the columns' names are left out.")
     return names, units, notes
 
 
-def _has_decimal_commas(lines: list[str]) -> bool:
-    some = [line for line in lines if line.strip()]
-    return sum("," in line for line in some) > sum("." in line for line in some)
+def _join_names(upper: list[str], lower: list[str]) -> list[str]:
+    """Names of two rows in one; an empty cell of the upper row goes on with the one before it."""
+    names, last = [], ""
+    for k, below in enumerate(lower):
+        last = (upper[k] if k < len(upper) else "") or last
+        names.append(f"{last} {below}".strip())
+    return names
+
+
+def _has_decimal_commas(lines: list[str], separator: str) -> bool:
+    """Whether more cells are numbers with a comma at last than with a point."""
+    cells = [cell for line in lines if line.strip() for cell in _split(line, separator)]
+    forms = [re.compile(rf"[+-]?[\d.,]*{mark}\d*(e[+-]?\d+)?", re.IGNORECASE) for mark in (",", r"\.")]
+    commas, points = (sum(form.fullmatch(cell) is not None for cell in cells) for form in forms)
+    return commas > points
 
 
 def _to_numbers(column: pd.Series, point: str) -> pd.Series:
-    """Numbers of a column in which a few cells are none, as in a line of sums at its end."""
-    text = column.astype(str).str.replace(point, ".", regex=False) if point != "." else column
+    """Numbers of a column in which a few cells are none, as in a line of sums, or have marks by thousands."""
+    mark, text = "." if point == "," else ",", column.astype(str).str.strip()
+    grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
+    text = text.where(~grouped, text.str.replace(mark, "", regex=False)).str.replace(point, ".", regex=False)
     numbers = pd.to_numeric(text, errors="coerce")
     return numbers if numbers.notna().sum() > _NUMBERS * column.notna().sum() else column
 
